@@ -1,0 +1,6 @@
+"""Element laws (bodies), one per file."""
+
+from mbdae.elements.point_mass import PointMass
+from mbdae.elements.rigid_body import RigidBody
+
+__all__ = ["PointMass", "RigidBody"]

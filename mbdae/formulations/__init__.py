@@ -1,0 +1,8 @@
+"""Forms: which equations are integrated."""
+
+from mbdae.formulations.base import Form
+from mbdae.formulations.ggl import GGL
+from mbdae.formulations.index3 import Index3
+from mbdae.formulations.ode import ODE
+
+__all__ = ["GGL", "ODE", "Form", "Index3"]

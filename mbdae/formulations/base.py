@@ -1,0 +1,24 @@
+"""A form: which equations of a scene are integrated."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from mbdae.system.assembly import FormSpec
+from mbdae.system.model import Model
+from mbdae.system.numbering import Row
+
+
+class Form(ABC):
+    """Base of the forms. A form turns laws into equations and says which multipliers are unknowns."""
+
+    label: ClassVar[str]
+
+    @abstractmethod
+    def spec(self) -> FormSpec:
+        """What the assembly needs to know."""
+
+    def refusal(self, model: Model, rows: list[Row]) -> str | None:
+        """Why this form cannot describe the scene, or None."""
+        return None

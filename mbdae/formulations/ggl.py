@@ -1,0 +1,39 @@
+"""Stabilised index-2 form of Gear, Gupta and Leimkuhler."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mbdae.formulations.base import Form
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, state_rows, velocity
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembly import FormSpec
+
+
+def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """q' = H (u + G^T mu), M u' + G^T lambda = f, G u + g_t = 0, g = 0."""
+    if isinstance(d.law, Element):
+        return [*kinematics(d), *dynamics(d)]
+    return [*dynamics(d), *correction(d), *velocity(d), *position(d), *state_rows(d)]
+
+
+@dataclass(frozen=True)
+class GGL(Form):
+    """Positions and velocities both satisfy the joints; no drift.
+
+    By default the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1 system with
+    every unknown in the error test, the one form in which BDF was reliable. `algebraic=True` keeps them as algebraic
+    unknowns (index 2), for Radau IIA.
+    """
+
+    algebraic: bool = False
+    label: ClassVar[str] = "GGL"
+
+    def spec(self) -> FormSpec:
+        k = 2 if self.algebraic else 1
+        rows = {"q": "q", "u": "u", "s": "s", "gd": "lambda", "g": "mu"}
+        index = {"q": 1, "v": 1, "s": 1, "lambda": k, "mu": k}
+        return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index)

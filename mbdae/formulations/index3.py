@@ -1,0 +1,32 @@
+"""Index-3 form: position constraints only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mbdae.formulations.base import Form
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target, dynamics, kinematics, position, state_rows
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembly import FormSpec
+
+
+def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """q' = H u, M u' + G^T lambda = f, g = 0."""
+    if isinstance(d.law, Element):
+        return [*kinematics(d), *dynamics(d)]
+    return [*dynamics(d), *position(d), *state_rows(d)]
+
+
+@dataclass(frozen=True)
+class Index3(Form):
+    """The constrained equations of motion as they stand; for mbdae's own integrators (IDA refuses it)."""
+
+    label: ClassVar[str] = "Index3"
+
+    def spec(self) -> FormSpec:
+        rows = {"q": "q", "u": "u", "s": "s", "g": "lambda"}
+        index = {"q": 1, "v": 2, "s": 1, "lambda": 3}
+        return FormSpec(self.label, index3_outputs, rows, ("lambda",), False, index)

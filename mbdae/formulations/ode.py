@@ -1,0 +1,27 @@
+"""Ordinary differential equations: scenes without constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from mbdae.formulations.base import Form
+from mbdae.formulations.index3 import index3_outputs
+from mbdae.system.assembly import FormSpec
+from mbdae.system.model import Model
+from mbdae.system.numbering import Row
+
+
+@dataclass(frozen=True)
+class ODE(Form):
+    """q' = H u, M u' = f: where no constraint exists."""
+
+    label: ClassVar[str] = "ODE"
+
+    def spec(self) -> FormSpec:
+        return FormSpec(self.label, index3_outputs, {"q": "q", "u": "u", "s": "s"}, (), False, {"q": 1, "v": 1, "s": 1})
+
+    def refusal(self, model: Model, rows: list[Row]) -> str | None:
+        if not rows:
+            return None
+        return f"form ODE needs a scene without constraints; this one has {len(rows)} rows, the first is {rows[0].name}; use mb.GGL()"

@@ -1,0 +1,6 @@
+"""Derivation -> compiled kernel."""
+
+from mbdae.kernels.compile import Kernel
+from mbdae.kernels.plan import LinearisedPlan, Plan, linearised_plan, plan
+
+__all__ = ["Kernel", "LinearisedPlan", "Plan", "linearised_plan", "plan"]

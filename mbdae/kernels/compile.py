@@ -1,0 +1,77 @@
+"""Symbolic expressions to numeric kernels: symengine with LLVM, and sympy.lambdify as the oracle of the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.symbolic.vectors import Expr
+
+#: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
+_OPTIMISE_BELOW = 400
+
+
+class Kernel:
+    """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous."""
+
+    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr]) -> None:
+        self.symbols, self.expressions = list(symbols), list(expressions)
+
+    @cached_property
+    def compiled(self) -> Callable[..., Any]:
+        """The LLVM function, compiled on first use."""
+        level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
+        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)  # type: ignore[no-any-return]
+
+    @cached_property
+    def operations(self) -> int:
+        """Number of distinct subexpressions: the length of the compiled kernel."""
+        return len(se.cse(self.expressions)[0]) + len(self.expressions)
+
+    def __call__(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        self.compiled(x, out=out)
+
+    def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Outputs (..., outputs) for inputs (..., inputs)."""
+        x = np.ascontiguousarray(x, dtype=float)
+        out = np.empty((*x.shape[:-1], len(self.expressions)))
+        if out.size:
+            self(x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1]))
+        return out
+
+    def once(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Like `values`, without compiling: for constants that are evaluated once."""
+        if not self.expressions:
+            return np.empty((*x.shape[:-1], 0))
+        if not self.symbols:
+            return np.broadcast_to([float(e) for e in self.expressions], (*x.shape[:-1], len(self.expressions)))
+        interpreted = se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
+        return np.asarray(interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
+
+    @cached_property
+    def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:
+        """The same kernel by sympy.lambdify into numpy, complex-safe (complex step): slow, for tests."""
+        import sympy
+
+        expressions = [sympy.sympify(e) for e in self.expressions]
+        names = [sympy.Symbol(str(s)) for s in self.symbols]
+        modules: list[Any] = [{"atan2": complex_atan2, "floor": lambda a: np.floor(np.real(a))}, "numpy"]
+        function = sympy.lambdify(names, expressions, modules=modules, cse=True)
+
+        def evaluate(x: NDArray[Any]) -> NDArray[Any]:
+            columns = function(*np.moveaxis(x, -1, 0))
+            return np.stack([np.broadcast_to(c, x.shape[:-1]) for c in columns], axis=-1)
+
+        return evaluate
+
+
+def complex_atan2(y: Any, x: Any) -> Any:
+    """atan2 that carries imaginary parts to first order, as complex step needs."""
+    real = np.arctan2(np.real(y), np.real(x))
+    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
+    return real + 1j * slope

@@ -1,0 +1,103 @@
+"""What has to be evaluated of a law, and how often: constants once, linear rows by a weight, the rest by a kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.kernels.compile import Kernel
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
+from mbdae.symbolic.vectors import Expr
+
+Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: which outputs of a law a form needs
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Columns of a kernel's input: unknowns by target, parameters by name."""
+
+    unknowns: tuple[Target, ...]
+    parameters: tuple[str, ...]
+    symbols: tuple[Expr, ...]
+
+
+class Plan:
+    """The outputs of a law, without derivatives."""
+
+    def __init__(self, d: Derived, outputs: Outputs) -> None:
+        entries = list(outputs(d))
+        self.derived, self.targets = d, [target for target, _ in entries]
+        self.stated = [e for _, e in entries]
+        self.inserted = insert(d, self.stated)
+        self._unknown = {symbol: target for target, symbol in input_symbols(d)}
+
+    def inputs(self, expressions: Sequence[Expr]) -> Inputs:
+        """The unknowns and parameters some expressions depend on, in a fixed order."""
+        used = set().union(*(e.free_symbols for e in expressions)) if expressions else set()
+        unknowns = [(s, t) for s, t in self._unknown.items() if s in used]
+        parameters = sorted((s for s in used if s not in self._unknown), key=str)
+        symbols = tuple(s for s, _ in unknowns) + tuple(parameters)
+        return Inputs(tuple(t for _, t in unknowns), tuple(map(str, parameters)), symbols)
+
+    @cached_property
+    def all_inputs(self) -> Inputs:
+        """Inputs of all outputs."""
+        return self.inputs(self.inserted)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """All outputs in one kernel."""
+        return Kernel(self.all_inputs.symbols, self.inserted)
+
+
+class LinearisedPlan(Plan):
+    """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
+
+    A derivative that depends on parameters only is a constant; an output with constant derivatives only and no
+    clock is linear: it needs no kernel.
+    """
+
+    def __init__(self, d: Derived, outputs: Outputs) -> None:
+        super().__init__(d, outputs)
+        partials = [derivatives(d, e) for e in self.stated]
+        places = [(i, target) for i, row in enumerate(partials) for target in row]
+        values = insert(d, [value for row in partials for value in row.values()])
+        clock = {symbol for pair in d.variation.clock.items() for symbol in pair}
+        varying = set(self._unknown) | clock
+        constant = [not (value.free_symbols & varying) for value in values]
+        curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
+        curved |= {i for i, e in enumerate(self.inserted) if e.free_symbols & clock}
+        self.nonlinear = [i for i in range(len(self.inserted)) if i in curved]
+        linear = [i for i in range(len(self.inserted)) if i not in curved]
+        zero = dict.fromkeys(self._unknown, se.Integer(0))
+        self.constant_places = [p for p, fixed in zip(places, constant, strict=True) if fixed]
+        self.offset_places = linear
+        self.constants = Kernel(*self._with_inputs(
+            [v for v, fixed in zip(values, constant, strict=True) if fixed] + [self.inserted[i].subs(zero) for i in linear]))
+        self.jacobian_places = [p for p, fixed in zip(places, constant, strict=True) if not fixed]
+        varying_values = [v for v, fixed in zip(values, constant, strict=True) if not fixed]
+        self.residual = Kernel(*self._with_inputs([self.inserted[i] for i in self.nonlinear]))
+        self.jacobian = Kernel(*self._with_inputs(varying_values))
+        self.residual_inputs = self.inputs(self.residual.expressions)
+        self.jacobian_inputs = self.inputs(varying_values)
+        self.constant_inputs = self.inputs(self.constants.expressions)
+
+    def _with_inputs(self, expressions: list[Expr]) -> tuple[Any, list[Expr]]:
+        return self.inputs(expressions).symbols, expressions
+
+
+@lru_cache(maxsize=512)
+def plan(d: Derived, outputs: Outputs) -> Plan:
+    """The plan of a derived law for some outputs; made once per process."""
+    return Plan(d, outputs)
+
+
+@lru_cache(maxsize=512)
+def linearised_plan(d: Derived, outputs: Outputs) -> LinearisedPlan:
+    """The plan with derivatives; made once per process."""
+    return LinearisedPlan(d, outputs)

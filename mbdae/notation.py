@@ -1,0 +1,41 @@
+"""The table of symbols: name, LaTeX, unit and meaning of every quantity that appears in a message, a report or an axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One physical quantity: LaTeX letter, SI unit, meaning."""
+
+    latex: str
+    unit: str
+    meaning: str
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "time": Quantity("t", "s", "time"),
+    "position": Quantity("r", "m", "position, inertial frame"),
+    "velocity": Quantity("v", "m/s", "velocity, inertial frame"),
+    "angular_velocity": Quantity(r"\omega", "rad/s", "angular velocity, inertial frame"),
+    "rotation": Quantity("R", "", "rotation matrix, body to inertial frame"),
+    "angle": Quantity(r"\varphi", "rad", "relative angle of a joint, positive about its axis"),
+    "rate": Quantity(r"\dot\varphi", "rad/s", "rate of the relative angle of a joint"),
+    "displacement": Quantity("s", "m", "relative displacement of a joint along its axis"),
+    "speed": Quantity(r"\dot s", "m/s", "rate of the relative displacement of a joint"),
+    "force": Quantity("F", "N", "force of a joint on body l, inertial frame"),
+    "torque": Quantity("M", "N m", "torque of a joint on body l about the joint, inertial frame"),
+    "power": Quantity("P", "W", "power a joint delivers to the bodies"),
+    "kinetic": Quantity("T", "J", "kinetic energy"),
+    "potential": Quantity("V", "J", "potential energy"),
+    "dissipated": Quantity("D", "J", "energy dissipated since the start"),
+    "work": Quantity("W", "J", "work of drives and applied loads since the start"),
+    "balance": Quantity(r"\Delta E", "J", "energy balance error: T + V + dissipated - work, change since the start"),
+}
+
+
+def axis_label(name: str, quantity: str) -> str:
+    """Label of a plot axis: the sensor's name with its unit."""
+    unit = QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
+    return f"{name} [{unit}]" if unit else name

@@ -1,0 +1,79 @@
+"""What a scene consists of: plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.symbolic.law import Law
+
+Array = NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class Body:
+    """A body as drawn. `inertia` (3, 3) about the centre of mass in body axes, None for a point mass or the ground."""
+
+    name: str
+    mass: float
+    inertia: Array | None
+    position: Array  #: centre of mass as drawn, m
+    rotation: Array  #: (3, 3) body to inertial as drawn
+    velocity: Array  #: m/s, of the centre of mass
+    angular_velocity: Array  #: rad/s, inertial frame
+    given_velocity: bool = False  #: whether the user stated a velocity
+    outline: Array = field(default_factory=lambda: np.zeros((0, 3)))  #: points for drawing, inertial as drawn
+    is_point: bool = False
+    is_ground: bool = False
+    principal_plane: bool = False  #: inertia given as one number: about z only
+
+    def at(self, point: Any) -> Place:
+        """A place fixed to the body, given as drawn (inertial coordinates, m); `at(s)` with 0..1 along a link."""
+        if np.ndim(point) == 0:
+            return Place(self, self._along(float(point)))
+        p = np.zeros(3)
+        p[: len(point)] = point
+        return Place(self, p)
+
+    def _along(self, s: float) -> Array:
+        points = self.outline
+        if len(points) < 2:
+            raise ValueError(f"'{self.name}' has no length to measure along; give a point")
+        lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A point fixed to a body, by its position as drawn."""
+
+    body: Body
+    point: Array
+
+
+@dataclass(eq=False)
+class Connection:
+    """A joint or force element: its laws, and what the user fixed of its start."""
+
+    name: str
+    kind: str
+    k: Any
+    l: Any
+    laws: list[Law]
+    is_joint: bool = False
+    hold: float | None = None  #: start value of the coordinate
+    hold_rate: float | None = None
+    prescribed: Any = None  #: expression of time, or None
+
+    @property
+    def joint(self) -> Law:
+        """The law that carries the constraints."""
+        return self.laws[0]
+
+
+@dataclass(frozen=True)
+class Kinematic:
+    """Joint model: constraints between absolute nodes; two rotation rows, a third where the angle is prescribed."""

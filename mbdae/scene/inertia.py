@@ -1,0 +1,43 @@
+"""Mass properties: slender rods, inertia matrices and what makes them impossible."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.scene.components import Array
+
+
+def of_rods(points: Array, mass: float) -> tuple[Array, Array]:
+    """Centre of mass (3,) and inertia (3, 3) about it, kg m^2, of a polyline of slender rods of one mass per length."""
+    ends = np.stack([points[:-1], points[1:]], axis=1)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    masses = mass * lengths / lengths.sum()
+    middles = ends.mean(axis=1)
+    center = (masses[:, None] * middles).sum(axis=0) / mass if mass else middles.mean(axis=0)
+    J = np.zeros((3, 3))
+    for m, (a, b), c in zip(masses, ends, middles, strict=True):
+        for direction, weight in (((b - a), m / 12), (c - center, m)):
+            J += weight * (direction @ direction * np.eye(3) - np.outer(direction, direction))
+    return center, J
+
+
+def matrix(value: Array) -> Array:
+    """Inertia matrix from one number (about z), 3 principal values or 3x3."""
+    if value.ndim == 0:
+        return np.diag([0.0, 0.0, float(value)])
+    return np.diag(value) if value.shape == (3,) else np.asarray(value, dtype=float)
+
+
+def problems(name: str, J: Array, planar: bool) -> list[str]:
+    """What is wrong with an inertia matrix, one sentence each."""
+    if J.shape != (3, 3):
+        return [f"body '{name}': inertia has shape {J.shape}; give one number, 3 values or 3x3 (kg m^2)"]
+    if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
+        return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2)"]
+    moments = np.linalg.eigvalsh(J)
+    if moments[0] < -1e-12 * max(moments[-1], 1e-300):
+        return [f"body '{name}': inertia has the negative principal moment {moments[0]:.6g} kg m^2"]
+    if not planar and moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+        return [f"body '{name}': principal moments {moments[0]:.6g}, {moments[1]:.6g}, {moments[2]:.6g} kg m^2 violate the "
+                f"triangle inequality (the two smaller must reach the largest)"]  # fmt: skip
+    return []

@@ -1,0 +1,327 @@
+"""The scene: what the user says, as data. Nothing is derived or solved here.
+
+Statements are collected as they come; every mistake found is kept in `problems` and reported together by `check`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import SceneError
+from mbdae.forces import AppliedForce, AppliedTorque, Bushing, JointDamper, JointForce, JointSpring, JointTorque, PointSpring
+from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.scene import inertia as mass_properties
+from mbdae.scene import timed
+from mbdae.scene.components import Array, Body, Connection, Kinematic, Place
+from mbdae.symbolic.law import Force, Joint, Law
+
+
+class SceneData:
+    """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
+
+    def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
+        """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
+        self.name, self.space = name, space
+        self.problems: list[str] = []
+        self.gravity = self._vector("scene", "gravity", gravity, "m/s^2")
+        if space not in ("auto", "planar", "spatial"):
+            self.problems.append(f"scene: space={space!r} is unknown; use 'auto', 'planar' or 'spatial'")
+        eye, zero = np.eye(3), np.zeros(3)
+        self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True)
+        self.bodies: list[Body] = []
+        self.connections: list[Connection] = []
+
+    # -- bodies
+
+    def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
+                   velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0)) -> Body:  # fmt: skip
+        """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
+        principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
+        `angular_velocity` rad/s in the inertial frame."""
+        return self._body(name, mass, inertia, at, rotation, velocity, angular_velocity)
+
+    def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0)) -> Body:
+        """A mass point: no orientation, rotation rows of joints on it fall away."""
+        where, speed = self._vector(name, "at", at, "m"), self._vector(name, "velocity", velocity, "m/s")
+        body = Body(name, self._number(name, "mass", mass, "kg"), None, where, np.eye(3), speed, np.zeros(3),
+                    given_velocity=bool(np.any(speed)), outline=where[None], is_point=True)  # fmt: skip
+        return self._add_body(body)
+
+    def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None) -> Body:
+        """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m."""
+        outline = np.array([self._vector(name, f"point {i + 1}", p, "m") for i, p in enumerate(points)])
+        if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
+            self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
+            outline = np.array([np.zeros(3), np.eye(3)[0]])
+        if (mass is None) == (mass_per_length is None):
+            self.problems.append(f"link '{name}': give either mass (kg) or mass_per_length (kg/m)")
+            mass, mass_per_length = 1.0, None
+        length = float(np.sum(np.linalg.norm(np.diff(outline, axis=0), axis=1)))
+        total = self._number(name, "mass", mass if mass is not None else mass_per_length * length, "kg")  # type: ignore[operator]
+        center, J = mass_properties.of_rods(outline, total)
+        body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline)
+        return self._add_body(body)
+
+    def _body(self, name: str, mass: float, J: Any, at: Any, rotation: Any, velocity: Any, angular_velocity: Any) -> Body:
+        R = np.eye(3) if rotation is None else self._array(name, "rotation", rotation, (3, 3))
+        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+            self.problems.append(f"body '{name}': rotation is not a rotation matrix (R R^T differs from 1 by "
+                                 f"{np.max(np.abs(R @ R.T - np.eye(3))):.2g}, det {np.linalg.det(R):.3g})")  # fmt: skip
+            R = np.eye(3)
+        v = self._vector(name, "velocity", velocity, "m/s")
+        w = self._vector(name, "angular_velocity", angular_velocity, "rad/s")
+        matrix, planar = np.zeros((3, 3)), np.ndim(J) == 0
+        if J is None:
+            self.problems.append(f"body '{name}': inertia is missing; give one number (about z), 3 principal values or 3x3, kg m^2")
+        else:
+            matrix = mass_properties.matrix(self._array(name, "inertia", J, None))
+            self.problems += mass_properties.problems(name, matrix, planar)
+        where = self._vector(name, "at", at, "m")
+        body = Body(name, self._number(name, "mass", mass, "kg"), matrix, where, R, v, w,
+                    given_velocity=bool(np.any(v) or np.any(w)), outline=where[None], principal_plane=planar)  # fmt: skip
+        return self._add_body(body)
+
+    def _add_body(self, body: Body) -> Body:
+        if body.mass < 0:
+            self.problems.append(f"body '{body.name}': mass = {body.mass:g} kg is negative")
+        self._claim(body.name)
+        self.bodies.append(body)
+        return body
+
+    # -- joints
+
+    def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
+                 angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
+                 damper: float | None = None, torque: Any = None) -> Connection:  # fmt: skip
+        """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
+
+        `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
+        `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis."""
+        return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque)
+
+    def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
+                  rate0: float | None = None, spring: float | None = None, damper: float | None = None,
+                  force: Any = None, model: Any = None) -> Connection:  # fmt: skip
+        """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
+        `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis."""
+        return self._joint("prismatic", Prismatic, name, k, l, at, axis, model, position, position0, rate0, spring, damper, force)
+
+    def spherical(self, name: str, k: Any, l: Any, at: Any) -> Connection:
+        """The points of k and l at `at` stay together."""
+        return self.add(Spherical(name, k, l, at))
+
+    def weld(self, name: str, k: Any, l: Any, at: Any = None) -> Connection:
+        """l moves with k."""
+        return self.add(Weld(name, k, l, at if at is not None else self._place_of(l)))
+
+    def distance(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any) -> Connection:
+        """Two points keep their distance: a massless rod with ball ends."""
+        a, b = self._vector(name, "at_k", at_k, "m"), self._vector(name, "at_l", at_l, "m")
+        length = float(np.linalg.norm(b - a))
+        if length == 0:
+            self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")
+            length = 1.0
+        joint = Distance(name, k, l, a, length=length)
+        joint.at_l = b
+        return self.add(joint)
+
+    def fixed_orientation(self, name: str, k: Any, l: Any) -> Connection:
+        """l does not turn relative to k."""
+        return self.add(FixedOrientation(name, k, l, self._place_of(l)))
+
+    def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
+               start: float | None, rate0: float | None, spring: float | None, damper: float | None, load: Any) -> Connection:  # fmt: skip
+        if model is not None and not isinstance(model, Kinematic):
+            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic()")
+        where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
+        place: dict[str, Any] = {"k": k, "l": l, "at": where, "axis": direction}
+        laws: list[Law] = [law(name, drive=self._timed(name, "prescribed value", drive), **place)]
+        turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
+        if spring is not None:
+            stiffness = self._number(name, "spring", spring, "N m/rad")
+            laws.append(JointSpring(name, stiffness=stiffness, rest=0.0, turns=turns, joint=law, **place))
+        if damper is not None:
+            laws.append(JointDamper(name, damping=self._number(name, "damper", damper, "N m s/rad"), joint=law, **place))
+        if load is not None:
+            value = self._timed(name, "torque" if law is Revolute else "force", load)
+            laws.append(JointTorque(name, torque=value, **place) if law is Revolute else JointForce(name, force=value, **place))
+        for value, what in ((start, "start value"), (rate0, "rate0")):
+            if value is not None:
+                self._number(name, what, value, "")
+            if value is not None and drive is not None:
+                self.problems.append(f"{kind} '{name}': a prescribed value fixes the start; leave out {what} = {value}")
+        return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))  # type: ignore[attr-defined]
+
+    # -- forces
+
+    def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
+               length: float | None = None) -> Connection:  # fmt: skip
+        """Spring (N/m) and damper (N s/m) between two points; natural `length` m (default: as drawn)."""
+        a, b = self._vector(name, "at_k", at_k, "m"), self._vector(name, "at_l", at_l, "m")
+        natural = float(np.linalg.norm(b - a)) if length is None else self._number(name, "length", length, "m")
+        damping = self._number(name, "damping", damping, "N s/m")
+        law = PointSpring(name, k, l, a, at_l=b, stiffness=self._number(name, "stiffness", stiffness, "N/m"),
+                          damping=damping or None, length=natural or None)  # fmt: skip
+        return self._connect(Connection(name, "spring", k, l, [law]))
+
+    def bushing(self, name: str, k: Any, l: Any, at: Any, stiffness: Any, damping: Any = (0, 0, 0)) -> Connection:
+        """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes."""
+        values: dict[str, Any] = {}
+        for what, entries, names in (("stiffness", stiffness, ("k", "r")), ("damping", damping, ("c", "s"))):
+            numbers = self._array(name, what, entries, None).ravel()
+            if numbers.size not in (3, 6):
+                self.problems.append(f"bushing '{name}': {what} has {numbers.size} values; give 3 (translation) or 6 (and rotation)")
+                continue
+            for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
+                if part.size and (np.any(part) or letter == "k"):
+                    values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
+        return self._connect(Connection(name, "bushing", k, l, [Bushing(name, k, l, self._vector(name, "at", at, "m"), **values)]))
+
+    def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
+        """Applied force, N, three numbers or expressions of mb.t, in the inertial frame or along the body's axes."""
+        return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
+
+    def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
+        """Applied torque, N m, three numbers or expressions of mb.t."""
+        return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
+
+    def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
+              frame: str) -> Connection:  # fmt: skip
+        if frame not in ("inertial", "body"):
+            self.problems.append(f"{kind} '{name}': frame={frame!r} is unknown; use 'inertial' or 'body'")
+        entries = list(value) if np.ndim(np.asarray(value, dtype=object)) == 1 else [value]
+        if len(entries) == 2:
+            entries.append(0.0)
+        if len(entries) != 3:
+            self.problems.append(f"{kind} '{name}': value has {len(entries)} components, needs 3")
+            entries = [0.0, 0.0, 0.0]
+        if isinstance(body, Place):
+            body, at = body.body, at if at is not None else body.point
+        components = {n: self._timed(name, f"value[{i}]", v) or None for i, (n, v) in enumerate(zip(names, entries, strict=True))}
+        where = self._place_of(body) if at is None else self._vector(name, "at", at, "m")
+        following = frame == "body"
+        return self._connect(Connection(name, kind, self.ground, body, [law(name, self.ground, body, where, following=following, **components)]))
+
+    def add(self, law: Joint | Force) -> Connection:
+        """Add a joint or force law, the package's or the user's own."""
+        is_joint = isinstance(law, Joint)
+        law.at = self._vector(law.name, "at", law.at if law.at is not None else self._place_of(law.l), "m")
+        law.axis = self._axis(law.name, law.axis)
+        for key, parameter in law.params.items():
+            value = getattr(law, key)
+            if value is not None:
+                setattr(law, key, self._timed(law.name, key, value, parameter.unit))
+        kind = type(law).__name__.lower()
+        return self._connect(Connection(law.name, kind, law.k, law.l, [law], is_joint))
+
+    def _connect(self, item: Connection) -> Connection:
+        item.k, item.l = self._resolve(item, item.k), self._resolve(item, item.l)
+        for law in item.laws:
+            law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
+        if item.k is item.l:
+            self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself")
+        self._claim(item.name)
+        self.connections.append(item)
+        return item
+
+    # -- access
+
+    @property
+    def joints(self) -> list[Connection]:
+        """The joints, in the order of their statement."""
+        return [c for c in self.connections if c.is_joint]
+
+    def __getitem__(self, name: str) -> Any:
+        for item in [self.ground, *self.bodies, *self.connections]:
+            if item.name == name:
+                return item
+        raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
+
+    def _names(self) -> str:
+        names = [item.name for item in [*self.bodies, *self.connections]]
+        return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+
+    # -- reading what the user wrote
+
+    def _claim(self, name: str) -> None:
+        if not isinstance(name, str) or not name:
+            self.problems.append(f"an item has the name {name!r}; names are non-empty strings")
+        if name == "ground" or any(item.name == name for item in [*self.bodies, *self.connections]):
+            self.problems.append(f"two items have the name '{name}'; give each its own")
+
+    def _resolve(self, item: Connection, body: Any) -> Body:
+        if isinstance(body, Place):
+            body = body.body
+        if isinstance(body, str):
+            for candidate in [self.ground, *self.bodies]:
+                if candidate.name == body:
+                    return candidate
+        if isinstance(body, Body) and (body is self.ground or body in self.bodies):
+            return body
+        name = body.name if isinstance(body, Body) else body
+        known = ", ".join(repr(b.name) for b in [self.ground, *self.bodies][:12])
+        self.problems.append(f"{item.kind} '{item.name}': body {name!r} is not in this scene; it has {known}")
+        return self.ground if item.k is not self.ground else Body("?", 0.0, np.eye(3), *(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)))
+
+    def _place_of(self, body: Any) -> Array:
+        if isinstance(body, Place):
+            return body.point
+        if isinstance(body, str):
+            body = next((b for b in self.bodies if b.name == body), self.ground)
+        return body.position if isinstance(body, Body) else np.zeros(3)
+
+    def _number(self, item: str, option: str, value: Any, unit: str) -> float:
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            self.problems.append(f"'{item}': {option} = {value!r} is not a number{f' ({unit})' if unit else ''}")
+            return 0.0
+        if not math.isfinite(number):
+            self.problems.append(f"'{item}': {option} = {number} {unit} is not finite")
+            return 0.0
+        return number
+
+    def _array(self, item: str, option: str, value: Any, shape: tuple[int, ...] | None) -> Array:
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            self.problems.append(f"'{item}': {option} = {value!r} is not an array of numbers")
+            return np.zeros(shape or 3)
+        if shape is not None and array.shape != shape:
+            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs {shape}")
+            return np.eye(3) if shape == (3, 3) else np.zeros(shape)
+        if not np.all(np.isfinite(array)):
+            self.problems.append(f"'{item}': {option} = {array.tolist()} is not finite")
+            return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
+        return array
+
+    def _vector(self, item: str, option: str, value: Any, unit: str) -> Array:
+        array = self._array(item, option, value.point if isinstance(value, Place) else value, None)
+        if array.shape == (2,):
+            array = np.append(array, 0.0)
+        if array.shape != (3,):
+            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs 2 or 3 numbers ({unit})")
+            return np.zeros(3)
+        return array
+
+    def _axis(self, item: str, axis: Any) -> Array:
+        direction = self._vector(item, "axis", axis, "")
+        length = float(np.linalg.norm(direction))
+        if length == 0:
+            self.problems.append(f"'{item}': axis = {np.asarray(axis).tolist()} has length zero; give a direction")
+            return np.array([0.0, 0.0, 1.0])
+        return direction / length
+
+    def _timed(self, item: str, option: str, value: Any, unit: str = "") -> Any:
+        """None, a float, or an expression of time."""
+        if value is None:
+            return None
+        try:
+            e = timed.expression(value)
+        except (TypeError, ValueError) as error:
+            self.problems.append(f"'{item}': {option}: {error}")
+            return 0.0
+        return e if e.free_symbols else self._number(item, option, e, unit)

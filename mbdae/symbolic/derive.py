@@ -1,0 +1,180 @@
+"""From the statement of a law to everything the equations need of it, by one rule: delta a = delta psi x a.
+
+Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
+from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
+from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+Side = tuple[NodeKind, Axes]
+_ZERO = se.Integer(0)
+Pair = tuple[Vec, Vec]  #: (translational, rotational) part of a covector, inertial components
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """A law derived for given kinds of nodes. Expressions are in the symbols of its frames."""
+
+    law: Any
+    frames: tuple[Frame, ...]
+    rows: tuple[str, ...]  #: constraint rows that do not vanish
+    vanished: tuple[str, ...]  #: rows that vanish identically, or need axes a point does not have
+    g: tuple[Expr, ...]
+    G: tuple[dict[str, Pair], ...]  #: per row and side
+    force: dict[str, Pair]  #: left-hand side, without multipliers
+    energy: Expr
+    dissipated_power: Expr
+    work_power: Expr
+    coordinate: Expr
+    states: tuple[str, ...]
+    state_rates: tuple[Expr, ...]
+    state_starts: tuple[Expr, ...]
+    variation: Variation
+
+    @property
+    def multipliers(self) -> list[Expr]:
+        """Symbols of the multipliers lambda."""
+        return [se.Symbol(f"lambda_{row}") for row in self.rows]
+
+    @property
+    def stabilisers(self) -> list[Expr]:
+        """Symbols of the stabilising multipliers mu."""
+        return [se.Symbol(f"mu_{row}") for row in self.rows]
+
+
+@lru_cache(maxsize=512)
+def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
+    """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
+    frames = tuple(make_frame(s, *side) for s, side in zip("kl" if len(sides) == 2 else "b", sides, strict=True))
+    return _Derivation(cls.symbolic(structure), Variation(frames, _clock(structure.timed))).run()
+
+
+def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
+    clock: dict[Expr, Expr] = {}
+    for name in sorted(timed):
+        p, d, dd = (se.Symbol(name + suffix) for suffix in ("", "_dot", "_ddot"))
+        clock |= {p: d, d: dd}
+    return clock
+
+
+class _Derivation:
+    """The steps from a statement to a `Derived`."""
+
+    def __init__(self, law: Any, variation: Variation) -> None:
+        self.law, self.variation, self.frames = law, variation, variation.frames
+
+    def run(self) -> Derived:
+        rows, vanished, g, G = self._constraints()
+        force, powers = self._forces()
+        resolve = self.variation.resolve
+        energy, dissipated, work = map(resolve, powers)
+        states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
+        return Derived(
+            self.law, self.frames, tuple(rows), tuple(vanished), tuple(g), tuple(G), force, energy, dissipated, work,
+            resolve(self._coordinate()), states, rates, starts, self.variation,
+        )  # fmt: skip
+
+    def _coordinate(self) -> Expr:
+        stated = self.law.coordinate(*self.frames) if isinstance(self.law, Joint) and self._oriented() else None
+        return _ZERO if stated is None else self.variation.name(stated)
+
+    def _oriented(self) -> bool:
+        return all(f.kind.oriented for f in self.frames)
+
+    def _undefined(self, e: Expr) -> bool:
+        return any(se.sympify(e).free_symbols & f.undefined for f in self.frames)
+
+    def _constraints(self) -> tuple[list[str], list[str], list[Expr], list[dict[str, Pair]]]:
+        """Rows that remain for these frames, names of the others, and the rows' gradients."""
+        rows: list[str] = []
+        vanished: list[str] = []
+        g: list[Expr] = []
+        G: list[dict[str, Pair]] = []
+        stated = self.law.constraints(*self.frames) if isinstance(self.law, Joint) else {}
+        for name, statement in stated.items():
+            if self._undefined(statement):
+                vanished.append(name)
+                continue
+            c = self.variation.name(statement)
+            if self._vanishes(self.variation.resolve(c)):
+                vanished.append(name)
+                continue
+            rows.append(name)
+            g.append(self.variation.resolve(c))
+            G.append({f.side: self._in_plane(self.variation.gradient(f, c), f, f"row '{name}'") for f in self.frames})
+        return rows, vanished, g, G
+
+    def _vanishes(self, e: Expr) -> bool:
+        """Whether an expression is zero for every value of its symbols (three random points)."""
+        if e == 0:
+            return True
+        if not any(f.kind.flat for f in self.frames):
+            return False
+        e = e.subs(self.variation.insertion())
+        rng = random.Random(7)
+        symbols = sorted(e.free_symbols, key=str)
+        return max(abs(float(e.subs({s: rng.uniform(0.3, 0.9) for s in symbols}))) for _ in range(3)) < 1e-12
+
+    def _in_plane(self, pair: Pair, f: Frame, what: str) -> Pair:
+        """The pair with the structure of the frames inserted; a planar node must feel nothing out of the plane."""
+        move, turn = (Vec(*map(self.variation.resolve, part)) for part in pair)
+        if not f.kind.flat:
+            return move, turn
+        if not all(self._vanishes(e) for e in (move[2], turn[0], turn[1])):
+            raise LawError(f"{type(self.law).__name__} is not planar: {what} acts out of the plane")
+        return Vec(move[0], move[1], 0), Vec(0, 0, turn[2])
+
+    def _forces(self) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
+        """Left-hand-side forces per side; energy, dissipated power and power of applied loads."""
+        law, v = self.law, self.variation
+        if isinstance(law, Element):
+            return {}, (v.name(law.kinetic_energy(self.frames[0])), _ZERO, _ZERO)
+        if not isinstance(law, Force):
+            return {}, (_ZERO, _ZERO, _ZERO)
+        stated = [law.energy(*self.frames), law.dissipation(*self.frames), *(law.wrench(*self.frames) or (ZERO, ZERO))]
+        if any(self._undefined(e) for part in stated for e in (part if isinstance(part, Vec) else (part,))):
+            raise LawError(f"{type(law).__name__} needs axes on both sides; a point mass has none")
+        energy, rayleigh = v.name(stated[0]), v.name(stated[1])
+        wrench = (Vec(*map(v.name, stated[2])), Vec(*map(v.name, stated[3])))
+        force: dict[str, Pair] = {}
+        dissipated, work = _ZERO, sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
+        for f in self.frames:
+            drag, load = v.velocity_gradient(f, rayleigh), self._wrench_on(f, wrench)
+            dissipated += _power(drag, f)
+            work -= _power(load, f)
+            total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
+            force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
+        return force, (energy, dissipated - work, _ZERO) if law.dissipative else (energy, dissipated, work)
+
+    def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
+        """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""
+        force, torque = wrench
+        sign = -1 if f.side == "l" else 1
+        if not f.kind.turns:
+            return sign * force, ZERO
+        return sign * force, sign * (torque + (self.frames[1].r - f.center).cross(force))
+
+    def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
+        """Internal states the statement really uses for these frames, their rates and start values."""
+        used = set().union(*(e.free_symbols for e in used_in))
+        names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
+        rates, starts = (self.law.rates(*self.frames), self.law.initial(*self.frames)) if names else ({}, {})
+        ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
+        return names, ready[0], ready[1]
+
+
+def _power(pair: Pair, f: Frame) -> Expr:
+    return pair[0] @ f.center_velocity + pair[1] @ f.w

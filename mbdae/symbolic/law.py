@@ -1,0 +1,147 @@
+"""The Law contract: one symbolic statement per joint, force or element.
+
+A law declares its parameters with units and states one or more of
+
+    constraints(k, l)  -> {row name: expression}   rows g = 0; reactions follow by virtual work
+    energy(k, l)       -> expression               potential energy, J
+    dissipation(k, l)  -> expression               Rayleigh function (half the dissipated power), W
+    wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
+    kinetic_energy(b)  -> expression               elements only, J
+
+on abstract frames (`symbolic/frames.py`). Everything else is derived: generalised forces, constraint Jacobian
+and its rate, Jacobians, planar and grounded variants, kernels. A parameter left at None is absent from the
+statement; a parameter may be a number or a function of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.vectors import Expr, Vec
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a law: unit and meaning."""
+
+    unit: str
+    meaning: str = ""
+
+
+def params(**units: str | tuple[str, str]) -> dict[str, Parameter]:
+    """Declare parameters: `params(pitch="m/rad")` or `params(pitch=("m/rad", "travel per turn"))`."""
+    return {name: Parameter(*((spec,) if isinstance(spec, str) else spec)) for name, spec in units.items()}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What distinguishes two statements of one law class beside numbers: options, absent and timed parameters."""
+
+    absent: frozenset[str] = frozenset()
+    timed: frozenset[str] = frozenset()
+    options: tuple[tuple[str, Any], ...] = ()
+
+
+class Law:
+    """A law with its parameter values. Attributes named in `params` and `options` hold them."""
+
+    params: ClassVar[Mapping[str, Parameter]] = {}
+    options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags)
+    states: ClassVar[Mapping[str, Parameter]] = {}
+    axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
+    dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
+
+    def __init__(self, name: str, **values: Any) -> None:
+        self.name = name
+        known = {*self.params, *self.options}
+        unknown = sorted(set(values) - known)
+        if unknown:
+            raise LawError(f"{type(self).__name__} '{name}': unknown parameter {unknown[0]!r}; it has {sorted(known)}")
+        for key in known:
+            setattr(self, key, values.get(key))
+
+    def structure(self, timed: frozenset[str] = frozenset()) -> Structure:
+        """Which of the parameters are absent, which depend on time, and the options."""
+        absent = frozenset(key for key in self.params if getattr(self, key) is None)
+        return Structure(absent, timed, tuple((key, getattr(self, key)) for key in self.options))
+
+    @classmethod
+    def symbolic(cls, structure: Structure) -> Any:
+        """The law with symbols for values: what is derived."""
+        law = object.__new__(cls)
+        law.name = cls.__name__
+        for key in cls.params:
+            setattr(law, key, None if key in structure.absent else se.Symbol(key))
+        for key in cls.states:
+            setattr(law, key, se.Symbol(f"state_{key}"))
+        for key, value in structure.options:
+            setattr(law, key, value)
+        return law
+
+    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Time derivative of every internal state."""
+        return {}
+
+    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Start value of every internal state."""
+        return {}
+
+
+class Joint(Law):
+    """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
+
+    coordinate_unit: ClassVar[str] = ""
+    frees: ClassVar[int | None] = None
+
+    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), **values: Any) -> None:
+        super().__init__(name, **values)
+        self.k, self.l, self.at, self.axis = k, l, at, axis
+
+    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Rows that vanish, by name."""
+        raise LawError(f"joint law {type(self).__name__} does not state `constraints(self, k, l)`")
+
+    def coordinate(self, k: Frame, l: Frame) -> Expr | None:
+        """The relative motion the joint leaves free (angle in rad or displacement in m), 0 as drawn; None if several."""
+        return None
+
+    def angle(self, k: Frame, l: Frame) -> Expr:
+        """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
+        from mbdae.symbolic.frames import angle
+
+        return angle(k, l)
+
+
+class Force(Law):
+    """A law between two bodies stated by `energy`, `dissipation` or `wrench`."""
+
+    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
+                 **values: Any) -> None:  # fmt: skip
+        super().__init__(name, **values)
+        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
+
+    def energy(self, k: Frame, l: Frame) -> Expr:
+        """Potential energy, J."""
+        return se.Integer(0)
+
+    def dissipation(self, k: Frame, l: Frame) -> Expr:
+        """Rayleigh dissipation function: half the dissipated power, W."""
+        return se.Integer(0)
+
+    def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec] | None:
+        """Force (N) on l at l.r and torque (N m) on l, inertial frame."""
+        return None
+
+
+class Element(Law):
+    """A body: its node's frame carries a kinetic energy."""
+
+    def kinetic_energy(self, b: Frame) -> Expr:
+        """Kinetic energy in `b.center_velocity` and `b.spin` (body components), J."""
+        raise LawError(f"element law {type(self).__name__} does not state `kinetic_energy(self, b)`")

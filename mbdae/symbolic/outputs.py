@@ -1,0 +1,209 @@
+"""What a derived law contributes to the equations: outputs with the place they belong to, and their derivatives.
+
+A target names a place: ("u", side, i) dynamics row i of a node, ("q", side, i) its kinematic row, ("g", row),
+("gd", row), ("gdd", row) a constraint and its rates, ("s", j) an internal state.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.derive import Derived, Pair
+from mbdae.symbolic.frames import Frame, NodeKind, rotation_columns_of_q
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.quaternions import rate_from_body_spin, rate_from_spatial_spin
+from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+Target = tuple[Any, ...]
+
+
+
+def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Expr]]:
+    """Entries of a covector in the velocity coordinates of a node: v inertial, spin in body components."""
+    move, turn = pair
+    n = 2 if f.kind.flat else 3
+    entries = [] if not f.kind.moves else [((role, f.side, i), move[i]) for i in range(n)]
+    if f.kind is NodeKind.PLANAR:
+        entries.append(((role, f.side, 2), turn[2]))
+    elif f.kind is NodeKind.SPATIAL:
+        entries += [((role, f.side, 3 + i), c) for i, c in enumerate(f.to_body(turn))]
+    return [(target, e) for target, e in entries if e != 0]
+
+
+def weighted(d: Derived, weights: list[Expr], side: str) -> Pair:
+    """G^T weights on one side."""
+    pairs = [row[side] for row in d.G]
+    move = sum((w * p[0] for w, p in zip(weights, pairs, strict=True)), ZERO)
+    return move, sum((w * p[1] for w, p in zip(weights, pairs, strict=True)), ZERO)
+
+
+def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
+    """Rows of M u' + G^T lambda + ... = 0 this law adds to."""
+    if isinstance(d.law, Element):
+        return _inertia(d)
+    out: list[tuple[Target, Expr]] = []
+    for f in d.frames:
+        pair = weighted(d, d.multipliers, f.side) if d.rows else (ZERO, ZERO)
+        if f.side in d.force:
+            pair = (pair[0] + d.force[f.side][0], pair[1] + d.force[f.side][1])
+        out += scatter_pair(f, pair)
+    return out
+
+
+def loads(d: Derived) -> list[tuple[Target, Expr]]:
+    """The left-hand side without multipliers and accelerations: - f."""
+    if isinstance(d.law, Element):
+        acceleration = {a: 0 for a in _accelerations(d.frames[0])}
+        return [(t, e) for t, e in ((t, e.subs(acceleration)) for t, e in _inertia(d)) if e != 0]
+    return [entry for f in d.frames if f.side in d.force for entry in scatter_pair(f, d.force[f.side])]
+
+
+def _accelerations(b: Frame) -> list[Expr]:
+    return [se.Symbol(f"{b.side}_up{i + 1}") for i in range(b.kind.sizes[1])]
+
+
+def _inertia(d: Derived) -> list[tuple[Target, Expr]]:
+    """d/dt dT/dv, and d/dt dT/dOmega + Omega x dT/dOmega in body components."""
+    (b,), up = d.frames, _accelerations(d.frames[0])
+    momentum = [se.diff(d.energy, u) for u in _kinetic_arguments(b)]
+    rate = [sum((se.diff(p, u) * a for u, a in zip(_kinetic_arguments(b), up, strict=True)), se.Integer(0)) for p in momentum]
+    if b.kind is NodeKind.SPATIAL:
+        gyro = b.spin.cross(Vec(*momentum[3:]))
+        rate[3:] = [r + c for r, c in zip(rate[3:], gyro, strict=True)]
+    return [(("u", b.side, i), e) for i, e in enumerate(rate) if e != 0]
+
+
+def _kinetic_arguments(b: Frame) -> list[Expr]:
+    return [*list(b.center_velocity)[:2], b.spin[2]][: b.kind.sizes[1]] if b.kind.flat else list(b.u)
+
+
+def kinematics(d: Derived) -> list[tuple[Target, Expr]]:
+    """q' - H(q) u of the node of an element."""
+    (b,) = d.frames
+    nq = b.kind.sizes[0]
+    qp = [se.Symbol(f"{b.side}_qp{i + 1}") for i in range(nq)]
+    right = list(b.u) if nq != 7 else [*b.u[:3], *rate_from_body_spin(b.q[3:], b.spin)]
+    return [(("q", b.side, i), p - r) for i, (p, r) in enumerate(zip(qp, right, strict=True))]
+
+
+def correction(d: Derived) -> list[tuple[Target, Expr]]:
+    """- H(q) G^T mu: the stabilising correction on the kinematic rows."""
+    out: list[tuple[Target, Expr]] = []
+    for f in d.frames if d.rows else ():
+        move, turn = weighted(d, d.stabilisers, f.side)
+        if f.kind is NodeKind.SPATIAL:
+            quaternion = rate_from_spatial_spin(f.q[3:], turn)
+            out += [(("q", f.side, i), -c) for i, c in enumerate([*move, *quaternion]) if c != 0]
+        else:
+            out += [(t, -e) for t, e in scatter_pair(f, (move, turn), "q")]
+    return out
+
+
+def position(d: Derived) -> list[tuple[Target, Expr]]:
+    """g = 0."""
+    return [(("g", i), c) for i, c in enumerate(d.g)]
+
+
+def velocity(d: Derived) -> list[tuple[Target, Expr]]:
+    """dg/dt = G u + g_t = 0."""
+    return [(("gd", i), c) for i, c in enumerate(_velocity(d))]
+
+
+def _velocity(d: Derived) -> list[Expr]:
+    rows = []
+    for c, G in zip(d.g, d.G, strict=True):
+        total = sum((d.variation.diff(c, p) * dp for p, dp in d.variation.clock.items()), se.Integer(0))
+        for f in d.frames:
+            if f.kind.moves:
+                total += G[f.side][0] @ f.center_velocity + G[f.side][1] @ f.w
+        rows.append(d.variation.resolve(total))
+    return rows
+
+
+def acceleration(d: Derived) -> list[tuple[Target, Expr]]:
+    """gamma = d2g/dt2 at zero accelerations (d2g/dt2 = G u' + gamma)."""
+    return [(("gdd", i), d.variation.resolve(d.variation.rate(row))) for i, row in enumerate(_velocity(d))]
+
+
+def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
+    """Entries of G: target ("G", row, side, column)."""
+    return [(("G", i, t[1], t[2]), e) for i in range(len(d.rows)) for f in d.frames for t, e in scatter_pair(f, d.G[i][f.side])]
+
+
+def reaction(d: Derived) -> list[tuple[Target, Expr]]:
+    """Force and torque (about l.r) on body l, inertial components: minus the covector of side l."""
+    l = d.frames[-1]
+    side = l if l.kind.moves else d.frames[0]
+    sign = -1 if side is l else 1
+    pair = weighted(d, d.multipliers, side.side) if d.rows else (ZERO, ZERO)
+    if side.side in d.force:
+        pair = (pair[0] + d.force[side.side][0], pair[1] + d.force[side.side][1])
+    force = sign * pair[0]
+    resolve = d.variation.resolve
+    torque = sign * pair[1] - (l.r - side.center).cross(force) if side.kind.turns else ZERO
+    return [(("reaction", i), resolve(c)) for i, c in enumerate([*force, *torque])]
+
+
+def state_rows(d: Derived) -> list[tuple[Target, Expr]]:
+    """s' - rate = 0 of internal states."""
+    return [(("s", j), se.Symbol(f"statep_{n}") - r) for j, (n, r) in enumerate(zip(d.states, d.state_rates, strict=True))]
+
+
+
+
+def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
+    """Every unknown a law may see, with where it lives."""
+    out: list[tuple[Target, Expr]] = []
+    for f in d.frames:
+        nq, nu = f.kind.sizes
+        out += [(("q", f.side, i), f.q[i]) for i in range(nq)] + [(("u", f.side, i), f.u[i]) for i in range(nu)]
+    if isinstance(d.law, Element):
+        b = d.frames[0]
+        out += [(("qp", b.side, i), se.Symbol(f"{b.side}_qp{i + 1}")) for i in range(b.kind.sizes[0])]
+        out += [(("up", b.side, i), a) for i, a in enumerate(_accelerations(b))]
+    out += [(("lambda", i), s) for i, s in enumerate(d.multipliers)]
+    out += [(("mu", i), s) for i, s in enumerate(d.stabilisers)]
+    out += [(("s", j), se.Symbol(f"state_{n}")) for j, n in enumerate(d.states)]
+    out += [(("sp", j), se.Symbol(f"statep_{n}")) for j, n in enumerate(d.states)]
+    return out
+
+
+def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
+    """Partial derivatives of an output by every unknown it depends on."""
+    result: dict[Target, Expr] = {}
+    for f in d.frames:
+        if f.kind.moves:
+            result |= _node_derivatives(d.variation, f, e)
+    for target, symbol in input_symbols(d):
+        if target[0] not in ("q", "u"):
+            result[target] = d.variation.diff(e, symbol)
+    resolve = d.variation.resolve
+    return {t: r for t, r in ((t, resolve(r)) for t, r in result.items()) if r != 0}
+
+
+def _node_derivatives(v: Variation, f: Frame, e: Expr) -> dict[Target, Expr]:
+    nq, nu = f.kind.sizes
+    n = 2 if f.kind.flat else 3
+    move, turn = v.gradient(f, e)
+    out: dict[Target, Expr] = {("q", f.side, i): move[i] for i in range(n)}
+    columns = rotation_columns_of_q(f)
+    for i in range(n, nq):
+        out["q", f.side, i] = se.diff(e, f.q[i]) + sum((turn[a] * columns[a][i - n] for a in range(3)), se.Integer(0))
+    for i in range(nu):
+        out["u", f.side, i] = v.diff(e, f.u[i])
+    if f.kind is NodeKind.SPATIAL:
+        _, dw = v.velocity_gradient(f, e)
+        for i, c in enumerate(f.to_body(dw)):
+            out["u", f.side, 3 + i] += c
+    return out
+
+
+def insert(d: Derived, expressions: list[Expr]) -> list[Expr]:
+    """Expressions in unknowns and parameters only."""
+    table = d.variation.insertion()
+    if not expressions or not table:
+        return expressions
+    return list(se.Matrix(1, len(expressions), expressions).subs(table))

@@ -1,0 +1,154 @@
+"""Differentiation along motions: the rule delta a = delta psi x a, with named intermediates.
+
+A law may name an intermediate with `let(e)` and ask for a time derivative with `rate(e)`; angles (atan2) and turn
+counts (floor) are named by themselves. Names keep second derivatives small (without them the stiffness of an angle
+is a thousand times larger) and are what a report prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+_LET, _RATE = se.Function("let"), se.Function("rate")
+_ZERO = se.Integer(0)
+
+
+def let(e: Expr) -> Expr:
+    """Name an intermediate result."""
+    return _LET(se.sympify(e))
+
+
+def rate(e: Expr) -> Expr:
+    """Time derivative of an expression in positions and attached vectors, by the motion of both frames."""
+    return _RATE(se.sympify(e))
+
+
+def nearest_turn(principal: Expr, reference: Expr) -> Expr:
+    """The angle principal + 2 pi n nearest to `reference`; the turn count n is constant in differentiation."""
+    return principal + 2 * se.pi * se.floor((reference - principal) / (2 * se.pi) + se.Rational(1, 2))
+
+
+class Variation:
+    """Derivatives of the expressions of one law by the motion of its frames."""
+
+    def __init__(self, frames: tuple[Frame, ...], clock: dict[Expr, Expr]) -> None:
+        self.frames, self.clock = frames, clock
+        self.values: dict[Expr, Expr] = {}  #: name -> value, inner names first
+        self.constant: set[Expr] = set()  #: names that are not differentiated
+        self._names: dict[Expr, Expr] = {}
+        self._gradients: dict[tuple[str, str, Expr], tuple[Vec, Vec]] = {}
+        self._structure = {symbol: value for f in frames for symbol, value in f.structure.items()}
+
+    def resolve(self, e: Any) -> Expr:
+        """The expression with the zeros and ones of the frames inserted."""
+        return se.sympify(e).subs(self._structure) if self._structure else se.sympify(e)
+
+    # -- naming
+
+    def name(self, statement: Any) -> Expr:
+        """The statement with its intermediates replaced by names."""
+        e = se.sympify(statement)
+        while pending := self._innermost(e):
+            e = e.subs({atom: self._name(atom) for atom in pending})
+        return e
+
+    @staticmethod
+    def _innermost(e: Expr) -> list[Expr]:
+        atoms = _intermediates(e)
+        return sorted((a for a in atoms if not any(_intermediates(arg) for arg in a.args)), key=str)
+
+    def _name(self, atom: Expr) -> Expr:
+        if atom not in self._names:
+            kind = atom.get_name() if isinstance(atom, se.FunctionSymbol) else type(atom).__name__
+            if kind == "rate":
+                value = self.rate(atom.args[0])
+            elif kind == "let":
+                value = atom.args[0]
+            else:
+                value = atom.func(*(self._symbol(arg) for arg in atom.args))
+            symbol = self._symbol(value)
+            self._names[atom] = symbol
+            if isinstance(atom, se.floor):
+                self.constant.add(symbol)
+        return self._names[atom]
+
+    def _symbol(self, value: Expr) -> Expr:
+        if value.is_Number or isinstance(value, se.Symbol):
+            return value
+        symbol = se.Symbol(f"named{len(self.values) + 1}")
+        self.values[symbol] = value
+        return symbol
+
+    # -- differentiation
+
+    def _chain(self, e: Expr) -> Iterable[tuple[Expr, Expr]]:
+        """(de/dname, value of name) for every differentiable name in e."""
+        for name in sorted(e.free_symbols, key=str):
+            if name in self.values and name not in self.constant:
+                yield se.diff(e, name), name
+
+    def diff(self, e: Expr, symbol: Expr) -> Expr:
+        """Partial derivative by an unknown or a parameter, through names."""
+        total = _diff(e, symbol)
+        for factor, name in self._chain(e):
+            total += factor * self.diff(self.values[name], symbol)
+        return total
+
+    def gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
+        """(de/dr, sum a x de/da): e changes by the first on a translation, by the second on a rotation (inertial)."""
+        if not f.kind.moves:
+            return ZERO, ZERO
+        move = Vec(*(_diff(e, c) for c in f.center))
+        turn = Vec(0, 0, _diff(e, f.heading))
+        for a in f.attached:
+            turn = turn + a.cross(Vec(*(_diff(e, c) for c in a)))
+        return self._through_names("gradient", f, e, move, turn)
+
+    def velocity_gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
+        """(de/dv, de/dw)."""
+        if not f.kind.moves:
+            return ZERO, ZERO
+        move, turn = Vec(*(_diff(e, c) for c in f.center_velocity)), Vec(*(_diff(e, c) for c in f.w))
+        return self._through_names("velocity_gradient", f, e, move, turn)
+
+    def _through_names(self, rule: str, f: Frame, e: Expr, move: Vec, turn: Vec) -> tuple[Vec, Vec]:
+        for factor, name in self._chain(e):
+            key = (rule, f.side, name)
+            if key not in self._gradients:
+                inner = getattr(self, rule)(f, self.values[name])
+                self._gradients[key] = tuple(Vec(*map(self.resolve, part)) for part in inner)
+            dm, dt = self._gradients[key]
+            move, turn = move + factor * dm, turn + factor * dt
+        return move, turn
+
+    def rate(self, e: Expr) -> Expr:
+        """de/dt at constant velocities: motion of all frames and the clock of timed parameters."""
+        total = sum((self.diff(e, p) * dp for p, dp in self.clock.items()), _ZERO)
+        for f in self.frames:
+            move, turn = self.gradient(f, e)
+            total += move @ f.center_velocity + turn @ f.w
+        return total
+
+    def insertion(self) -> dict[Expr, Expr]:
+        """Every name and frame symbol as a function of unknowns and parameters."""
+        table: dict[Expr, Expr] = {}
+        for f in self.frames:
+            for symbol, value in f.meaning.items():
+                table[symbol] = value.subs(table)
+        for name, value in self.values.items():
+            table[name] = self.resolve(value).subs(table)
+        return table
+
+
+def _intermediates(e: Expr) -> set[Expr]:
+    return e.atoms(se.FunctionSymbol) | e.atoms(se.floor) | e.atoms(se.atan2)
+
+
+def _diff(e: Expr, symbol: Expr) -> Expr:
+    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO

@@ -1,0 +1,73 @@
+"""The System interface: what every solver sees, and all it sees.
+
+A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A scene in a form
+(`formulations/`) is one, a textbook DAE (`system/dae.py`) is another.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class System:
+    """F(t, y, y') = 0 with n unknowns.
+
+    n         number of unknowns
+    names     name of each unknown (used in messages)
+    equations name of each row of F (used in messages)
+    kinds     kind of each unknown: "q" position, "v" velocity, "z" algebraic element unknown,
+              "s" internal state, "lambda" multiplier, "mu" stabilising multiplier, "y" anything else
+    index     (n,) index of each unknown as in RADAU5: 1 differential (or index-1 algebraic), 2, 3
+    scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
+    t0, y0, yp0  consistent start
+    sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
+    label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")
+    """
+
+    n: int
+    names: tuple[str, ...]
+    equations: tuple[str, ...]
+    kinds: tuple[str, ...]
+    index: NDArray[np.int_]
+    scale: Array
+    t0: float
+    y0: Array
+    yp0: Array
+    sparsity: Any
+    label: str = ""
+
+    #: optional parts of the interface; a system that has none of them leaves them None
+    rhs: Any = None
+    partition: Any = None
+    guards: Any = None
+
+    WHY_INDEX: ClassVar[str] = ""
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """out[:] = F(t, y, yp), all arrays (n,)."""
+        raise NotImplementedError
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        """out = dF/dy + cj dF/dy': (n, n) where `sparsity` is None, else (nnz,) CSC data."""
+        raise NotImplementedError
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        """out[i] = F(t[i], y[i], yp[i]) for s points at once: t (s,), the others (s, n)."""
+        for i in range(len(t)):
+            self.residual(t[i], y[i], yp[i], out[i])
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' apart, each shaped like the `out` of `jacobian`."""
+        shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
+        fy, both = np.zeros(shape), np.zeros(shape)
+        self.jacobian(t, y, yp, 0.0, fy)
+        self.jacobian(t, y, yp, 1.0, both)
+        return fy, both - fy
+
+    def accept(self, t: float, y: Array) -> None:
+        """Called by the step loop after every accepted step (memory lives here, never in a residual)."""

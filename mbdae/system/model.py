@@ -1,0 +1,226 @@
+"""From a scene to nodes and groups of equal laws: what the scene requires, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.elements import PointMass, RigidBody
+from mbdae.errors import LawError, SceneError
+from mbdae.forces import Gravity
+from mbdae.scene.components import Array, Body
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Law, Structure
+
+FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
+
+
+@dataclass(frozen=True)
+class Node:
+    """A moving node: its body and kind, and where its unknowns start in q and u."""
+
+    body: Body
+    kind: NodeKind
+    q: int
+    u: int
+
+
+@dataclass
+class Instance:
+    """One law of the scene between nodes (None: ground), with its numbers."""
+
+    law: Any
+    nodes: tuple[Node | None, ...]
+    numbers: dict[str, float]
+    timed: dict[str, Any]  #: parameter -> expression of time
+    item: str
+
+
+@dataclass
+class Group:
+    """Laws of one class and structure between nodes of the same kinds: one kernel for all of them."""
+
+    key: tuple[type[Law], Structure, tuple[Side, ...]]
+    instances: list[Instance] = field(default_factory=list)
+
+    @property
+    def derived(self) -> Derived:
+        """The derivation all instances share."""
+        return derive(*self.key)
+
+
+@dataclass(frozen=True)
+class Model:
+    """Nodes and groups of a scene in the plane or in space."""
+
+    scene: SceneData
+    planar: bool
+    why: str  #: why the scene is planar, or not
+    nodes: list[Node]
+    groups: list[Group]
+    length: float  #: size of the scene, m
+    vanished: list[str]
+
+    @property
+    def nq(self) -> int:
+        """Number of position unknowns."""
+        return sum(n.kind.sizes[0] for n in self.nodes)
+
+    @property
+    def nu(self) -> int:
+        """Number of velocity unknowns."""
+        return sum(n.kind.sizes[1] for n in self.nodes)
+
+    def node(self, body: Body) -> Node | None:
+        """The node of a body, None for the ground."""
+        return next((n for n in self.nodes if n.body is body), None)
+
+
+def build(scene: SceneData) -> Model:
+    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails."""
+    if scene.space != "spatial":
+        reason = out_of_plane(scene)
+        if reason is None:
+            try:
+                return _assemble(scene, True, "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it")
+            except LawError as error:
+                reason = str(error)
+        if scene.space == "planar":
+            raise SceneError([f"scene '{scene.name}': space='planar' is not possible: {reason}; use space='auto' or 'spatial'"])
+        return _assemble(scene, False, reason)
+    return _assemble(scene, False, "space='spatial' was asked for")
+
+
+def scene_length(scene: SceneData) -> float:
+    """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
+    points = [p for b in scene.bodies for p in (b.position, *b.outline)]
+    points += [law.at for c in scene.connections for law in c.laws]  # type: ignore[attr-defined]
+    points += [law.at_l for c in scene.connections for law in c.laws if getattr(law, "at_l", None) is not None]
+    extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
+    return extent if extent > 0 else 1.0
+
+
+def out_of_plane(scene: SceneData) -> str | None:
+    """The first thing that leaves the plane z = 0, or None."""
+    tolerance = FLAT * scene_length(scene)
+    if abs(scene.gravity[2]) > 0:
+        return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
+    for b in scene.bodies:
+        points = np.array([b.position, *b.outline])
+        if np.max(np.abs(points[:, 2])) > tolerance:
+            return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
+        if np.max(np.abs(b.rotation[2] - [0, 0, 1])) > 1e-12:
+            return f"body '{b.name}' is rotated out of the plane"
+        if abs(b.velocity[2]) > 0 or np.max(np.abs(b.angular_velocity[:2])) > 0:
+            return f"body '{b.name}' starts with a velocity out of the plane"
+        if b.inertia is not None and np.max(np.abs(b.inertia[2, :2])) > 1e-12 * np.abs(b.inertia).max(initial=1e-300):
+            return f"body '{b.name}' has products of inertia with z"
+    for c in scene.connections:
+        for law in c.laws:
+            for point in (law.at, getattr(law, "at_l", None)):  # type: ignore[attr-defined]
+                if point is not None and abs(point[2]) > tolerance:
+                    return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
+    return None
+
+
+def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
+    nodes, q, u = [], 0, 0
+    for b in scene.bodies:
+        kind = (NodeKind.PLANAR_POINT if b.is_point else NodeKind.PLANAR) if planar else (NodeKind.POINT if b.is_point else NodeKind.SPATIAL)
+        nodes.append(Node(b, kind, q, u))
+        q, u = q + kind.sizes[0], u + kind.sizes[1]
+    by_body = {n.body: n for n in nodes}
+    groups: dict[Any, Group] = {}
+    vanished: list[str] = []
+    for law, bodies, item in _laws(scene):
+        ends = tuple(by_body.get(b) for b in bodies)
+        sides, numbers = _sides(law, bodies, ends, planar)
+        values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+        timed = {p: v for p, v in values.items() if not isinstance(v, float)}
+        numbers |= {p: v for p, v in values.items() if p not in timed}
+        key = (type(law), law.structure(frozenset(timed)), sides)
+        try:
+            vanished += [f"{item}.{row}" for row in derive(*key).vanished]
+        except LawError as error:
+            raise LawError(f"{item}: {error}") from error
+        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished)
+
+
+def _laws(scene: SceneData) -> list[tuple[Any, tuple[Body, ...], str]]:
+    """Every law with its bodies and the name of its item."""
+    out: list[tuple[Any, tuple[Body, ...], str]] = []
+    for b in scene.bodies:
+        out.append((element_of(b), (b,), b.name))
+        if np.any(scene.gravity) and b.mass:
+            field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
+            gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
+            out.append((gravity, (scene.ground, b), b.name))
+    return out + [(law, (c.k, c.l), c.name) for c in scene.connections for law in c.laws]
+
+
+def element_of(b: Body) -> Element:
+    """The element law of a body."""
+    if b.inertia is None:
+        return PointMass(b.name, mass=float(b.mass))
+    J = b.inertia.astype(float)
+    products = {"Jxy": float(J[0, 1]), "Jxz": float(J[0, 2]), "Jyz": float(J[1, 2])} if np.any(J - np.diag(np.diag(J))) else {}
+    return RigidBody(b.name, mass=float(b.mass), Jxx=float(J[0, 0]), Jyy=float(J[1, 1]), Jzz=float(J[2, 2]), **products)
+
+
+def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...], planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:
+    """Kinds and axes of the law's frames, and the numbers of those frames."""
+    if isinstance(law, Element):
+        assert nodes[0] is not None
+        return ((nodes[0].kind, Axes.GENERAL),), {}
+    J = joint_axes(law, bodies[0])
+    sides: list[Side] = []
+    numbers: dict[str, float] = {}
+    for side, body, node in zip("kl", bodies, nodes, strict=True):
+        kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
+        Q = body.rotation.T @ J
+        point = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
+        offset = body.rotation.T @ (point - body.position)
+        sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
+        numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
+        numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
+        numbers[f"{side}_theta0"] = heading(body.rotation)
+    if isinstance(law, Gravity):  # acts at the node itself
+        sides = [(kind, Axes.NORMAL if planar else Axes.GENERAL) for kind, _ in sides]
+    return tuple(sides), numbers
+
+
+def heading(R: Array) -> float:
+    """Angle of a planar rotation matrix, rad."""
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def joint_axes(law: Any, k: Body) -> Array:
+    """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
+    if law.axes_of == "k":
+        return k.rotation
+    if law.axes_of == "l":
+        return law.l.rotation  # type: ignore[no-any-return]
+    z = np.asarray(law.axis, dtype=float)
+    if abs(z[2]) < 1e-14:
+        x = np.array([0.0, 0.0, 1.0])
+    else:
+        helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
+        x = helper - (helper @ z) * z
+        x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def pattern(Q: Array) -> Axes:
+    """The planar structure of Q; raises LawError where there is none."""
+    if abs(Q[2, 2] - 1) < 1e-12:
+        return Axes.NORMAL
+    if abs(Q[2, 2] + 1) < 1e-12:
+        return Axes.REVERSED
+    if abs(Q[2, 2]) < 1e-12 and abs(Q[2, 0] - 1) < 1e-12:
+        return Axes.IN_PLANE
+    raise LawError(f"its axis ({Q[0, 2]:.6g}, {Q[1, 2]:.6g}, {Q[2, 2]:.6g}) is neither in the plane nor normal to it")
