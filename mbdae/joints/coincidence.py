@@ -20,3 +20,8 @@ def same_axis(k: Frame, l: Frame) -> dict[str, Expr]:
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
     """l does not turn relative to k."""
     return {**same_axis(k, l), "twist": k.x @ l.y}
+
+
+def upright(k: Frame, l: Frame) -> dict[str, Expr]:
+    """Positive where l is not turned by half a turn, which `same_attitude` alone would admit."""
+    return {"z axes in the same sense": k.z @ l.z, "x axes in the same sense": k.x @ l.x}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbdae.joints.coincidence import same_attitude
+from mbdae.joints.coincidence import same_attitude, upright
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import Joint, params
 from mbdae.symbolic.vectors import Expr
@@ -21,6 +21,9 @@ class Prismatic(Joint):
         if self.drive is not None:
             rows["drive"] = k.z @ d - self.drive
         return rows
+
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return upright(k, l)
 
     def coordinate(self, k: Frame, l: Frame) -> Expr:
         return k.z @ (l.r - k.r)

@@ -28,5 +28,11 @@ class Revolute(Joint):
             rows["drive"] = k.x @ (l.x * se.sin(self.drive) + l.y * se.cos(self.drive))
         return rows
 
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        wanted = {"axes in the same sense": k.z @ l.z}
+        if self.drive is not None:
+            wanted["prescribed angle, not its opposite"] = k.x @ (l.x * se.cos(self.drive) - l.y * se.sin(self.drive))
+        return wanted
+
     def coordinate(self, k: Frame, l: Frame) -> Expr:
         return self.angle(k, l)

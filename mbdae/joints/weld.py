@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbdae.joints.coincidence import same_attitude, same_point
+from mbdae.joints.coincidence import same_attitude, same_point, upright
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import Joint
 from mbdae.symbolic.vectors import Expr
@@ -15,3 +15,6 @@ class Weld(Joint):
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_point(k, l) | same_attitude(k, l)
+
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return upright(k, l)

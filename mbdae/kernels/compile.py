@@ -38,6 +38,8 @@ class Kernel:
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (..., outputs) for inputs (..., inputs)."""
+        if not self.symbols:
+            return self.once(x)
         x = np.ascontiguousarray(x, dtype=float)
         out = np.empty((*x.shape[:-1], len(self.expressions)))
         if out.size:

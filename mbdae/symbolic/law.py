@@ -111,6 +111,10 @@ class Joint(Law):
         """The relative motion the joint leaves free (angle in rad or displacement in m), 0 as drawn; None if several."""
         return None
 
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """What must be positive on the branch meant, where the rows alone admit another."""
+        return {}
+
     def angle(self, k: Frame, l: Frame) -> Expr:
         """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
         from mbdae.symbolic.frames import angle

@@ -1,0 +1,106 @@
+"""Energy of a run: kinetic, potential, dissipated, work of drives and loads, and their balance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Element, Force
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+_CHUNK = 3000  #: states evaluated at once
+
+
+def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Kinetic energy of elements, potential energy of forces."""
+    if isinstance(d.law, Element):
+        return [(("kinetic",), d.energy)]
+    return [(("potential",), d.energy)] if isinstance(d.law, Force) and d.energy != 0 else []
+
+
+def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Dissipated power and power of applied loads."""
+    parts = [(("dissipated",), d.dissipated_power), (("work",), d.work_power)]
+    return [(target, e) for target, e in parts if e != 0]
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Energies over the result's times, J. `balance` is what the run lost or gained without a cause."""
+
+    kinetic: Array
+    potential: Array
+    dissipated: Array
+    work: Array
+
+    @property
+    def total(self) -> Array:
+        """Kinetic and potential energy (nt,)."""
+        return self.kinetic + self.potential
+
+    @property
+    def balance(self) -> Array:
+        """T + V + dissipated - work minus its start value (nt,); zero in an exact run."""
+        sum_ = self.total + self.dissipated - self.work
+        return sum_ - sum_[0] if len(sum_) else sum_
+
+
+States = Callable[[Array], tuple[Array, Array, Array]]  #: times -> q, u, s
+
+
+def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array]:
+    """Kinetic and potential energy (nt,)."""
+    q, u, s = states(t)
+    totals = {"kinetic": np.zeros(len(t)), "potential": np.zeros(len(t))}
+    for _, p, values in mechanics.evaluate(energy_outputs, t, q, u, s):
+        for o, target in enumerate(p.targets):
+            totals[target[0]] += values[:, :, o].sum(axis=1)
+    return totals["kinetic"], totals["potential"]
+
+
+def has_power(mechanics: Mechanics) -> bool:
+    """Whether anything dissipates or does work."""
+    timed = any(instance.timed for group in mechanics.model.groups for instance in group.instances)
+    return timed or any(power_outputs(group.derived) for group in mechanics.model.groups)
+
+
+def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
+    """(nt, 2): dissipated power; power of loads and of prescribed motions, W."""
+    q, u, s = states(t)
+    out = np.zeros((len(t), 2))
+    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s):
+        for o, target in enumerate(p.targets):
+            out[:, 0 if target[0] == "dissipated" else 1] += values[:, :, o].sum(axis=1)
+    if any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances):
+        _, multipliers = mechanics.accelerations(t, q, u, s)
+        rheonomic = mechanics.velocity_residual(t, q, np.zeros_like(u))
+        out[:, 1] += np.einsum("ti,ti->t", multipliers, rheonomic)
+    return out
+
+
+def integrated(mechanics: Mechanics, steps: Array, at: Array, states: States) -> Array:
+    """(len(at), 2): dissipated energy and work since the first step, by Gauss quadrature over the steps."""
+    grid = np.union1d(steps, at)
+    width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
+    points = (middle[:, None] + width[:, None] * _NODES).ravel()
+    values = np.concatenate([powers(mechanics, points[i : i + _CHUNK], states) for i in range(0, len(points), _CHUNK)]
+                            or [np.zeros((0, 2))])  # fmt: skip
+    per_step = np.einsum("ijk,j->ik", values.reshape(-1, 3, 2), _WEIGHTS) * width[:, None]
+    sums = np.vstack([np.zeros((1, 2)), np.cumsum(per_step, axis=0)])
+    return sums[np.searchsorted(grid, at)]
+
+
+def energy(mechanics: Mechanics, steps: Array, at: Array, states: Any) -> Energy:
+    """The energies of a run at times `at`, its steps given."""
+    kinetic, potential = stored(mechanics, at, states)
+    zero = np.zeros((len(at), 2))
+    transferred = integrated(mechanics, steps, at, states) if has_power(mechanics) else zero
+    return Energy(kinetic, potential, transferred[:, 0], transferred[:, 1])

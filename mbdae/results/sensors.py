@@ -1,0 +1,158 @@
+"""Sensors: what a user reads of bodies, places on bodies, joints and force elements, at the result's times."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.scene.components import Body, Connection
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Element, Joint
+from mbdae.symbolic.outputs import Target, reaction, weighted
+from mbdae.symbolic.vectors import ZERO, Expr
+from mbdae.system.base import Array
+from mbdae.system.mechanics import rotation_matrices
+
+if TYPE_CHECKING:
+    from mbdae.results.result import Result
+
+
+def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Joint coordinate and its rate."""
+    if not isinstance(d.law, Joint) or d.coordinate == 0:
+        return []
+    return [(("c",), d.coordinate), (("cd",), d.variation.resolve(d.variation.rate(d.coordinate)))]
+
+
+def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Force and torque on l at the joint."""
+    return [] if isinstance(d.law, Element) else reaction(d)
+
+
+def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Power a law delivers to its bodies: minus its covector times the velocities."""
+    if isinstance(d.law, Element):
+        return []
+    total: Expr = 0
+    for f in d.frames:
+        move, turn = weighted(d, d.multipliers, f.side) if d.rows else (ZERO, ZERO)
+        force = d.force.get(f.side, (ZERO, ZERO))
+        total -= (move + force[0]) @ f.center_velocity + (turn + force[1]) @ f.w
+    return [(("power",), d.variation.resolve(total))]
+
+
+class BodySensor:
+    """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
+
+    def __init__(self, result: Result, body: Body, point: Array | None = None) -> None:
+        self._result, self._body = result, body
+        drawn = body.position if point is None else point
+        self._offset = body.rotation.T @ (drawn - body.position)
+
+    def at(self, point: Any) -> BodySensor:
+        """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link."""
+        return BodySensor(self._result, self._body, self._body.at(point).point)
+
+    @cached_property
+    def _node(self) -> Any:
+        return self._result.prepared.model.node(self._body)
+
+    @cached_property
+    def rotation(self) -> Array:
+        """R (nt, 3, 3), body to inertial frame."""
+        nt = len(self._result.t)
+        if self._node is None or not self._node.kind.turns:
+            return np.broadcast_to(np.eye(3), (nt, 3, 3)).copy()
+        q = self._result.q[:, self._node.q :]
+        if self._node.kind is NodeKind.SPATIAL:
+            return rotation_matrices(q[:, 3:7])
+        c, s, zero, one = np.cos(q[:, 2]), np.sin(q[:, 2]), np.zeros(nt), np.ones(nt)
+        return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
+
+    def _translation(self, table: Array, start: int) -> Array:
+        out = np.zeros((len(self._result.t), 3))
+        if self._node is not None:
+            n = 2 if self._node.kind.flat else 3
+            out[:, :n] = table[:, start : start + n]
+        return out
+
+    @cached_property
+    def position(self) -> Array:
+        """(nt, 3), m."""
+        center = self._body.position + np.zeros((len(self._result.t), 3))
+        if self._node is not None:
+            center = self._translation(self._result.q, self._node.q)
+        return center + self.rotation @ self._offset
+
+    @cached_property
+    def velocity(self) -> Array:
+        """(nt, 3), m/s."""
+        center = self._translation(self._result.u, self._node.u if self._node is not None else 0)
+        return center + np.cross(self.angular_velocity, self.rotation @ self._offset)
+
+    @cached_property
+    def angular_velocity(self) -> Array:
+        """(nt, 3), rad/s, inertial frame."""
+        out = np.zeros((len(self._result.t), 3))
+        if self._node is not None and self._node.kind is NodeKind.PLANAR:
+            out[:, 2] = self._result.u[:, self._node.u + 2]
+        elif self._node is not None and self._node.kind is NodeKind.SPATIAL:
+            out = np.einsum("tij,tj->ti", self.rotation, self._result.u[:, self._node.u + 3 : self._node.u + 6])
+        return out
+
+
+class ConnectionSensor:
+    """A joint or force element: coordinate, force and torque on body l, power; arrays over the result's times."""
+
+    def __init__(self, result: Result, item: Connection) -> None:
+        self._result, self._item = result, item
+
+    def _coordinate(self) -> tuple[Array, Array]:
+        found = self._result.coordinate(self._item)
+        if found is None:
+            raise OptionError(f"{self._item.kind} '{self._item.name}' has no single free coordinate; read its bodies instead")
+        return found
+
+    def _require(self, unit: str, other: str) -> None:
+        if getattr(self._item.joint, "coordinate_unit", "") not in (unit, ""):
+            raise OptionError(f"{self._item.kind} '{self._item.name}' has no angle or displacement of that kind; use .{other}")
+
+    @property
+    def angle(self) -> Array:
+        """(nt,) rad, 0 as drawn, whole turns counted."""
+        self._require("rad", "displacement")
+        return self._coordinate()[0]
+
+    @property
+    def displacement(self) -> Array:
+        """(nt,) m, 0 as drawn."""
+        self._require("m", "angle")
+        return self._coordinate()[0]
+
+    @property
+    def rate(self) -> Array:
+        """(nt,) rad/s or m/s."""
+        return self._coordinate()[1]
+
+    @cached_property
+    def _wrench(self) -> Array:
+        return self._result.sum_over_laws(reaction_outputs, self._item, 6)
+
+    @property
+    def force(self) -> Array:
+        """(nt, 3) N on body l, inertial frame."""
+        return self._wrench[:, :3]
+
+    @property
+    def torque(self) -> Array:
+        """(nt, 3) N m on body l about the joint, inertial frame (in a planar model: the z component only)."""
+        return self._wrench[:, 3:]
+
+    @cached_property
+    def power(self) -> Array:
+        """(nt,) W delivered to the bodies."""
+        return self._result.sum_over_laws(power_outputs, self._item, 1)[:, 0]

@@ -1,0 +1,63 @@
+"""The tree of a scene: which joint carries which body, and which joints close loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbdae.scene.components import Body, Connection
+from mbdae.scene.scene import SceneData
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Spanning forest: (parent, joint, child) from the roots outwards, the roots, and the joints that close loops."""
+
+    edges: list[tuple[Body, Connection, Body]]
+    roots: list[Body]
+    closing: list[Connection]
+
+
+def spanning_tree(scene: SceneData) -> Tree:
+    """Joints whose start is prescribed or held come first, then the order of the scene."""
+    leader = {b: b for b in [scene.ground, *scene.bodies]}
+
+    def find(b: Body) -> Body:
+        while leader[b] is not b:
+            b = leader[b]
+        return b
+
+    chosen: list[Connection] = []
+    closing: list[Connection] = []
+    for joint in sorted(scene.joints, key=lambda c: not is_held(c)):
+        a, b = find(joint.k), find(joint.l)
+        if a is b:
+            closing.append(joint)
+        else:
+            leader[a] = b
+            chosen.append(joint)
+    edges: list[tuple[Body, Connection, Body]] = []
+    roots: list[Body] = []
+    seen: set[Body] = set()
+    for root in [scene.ground, *scene.bodies]:
+        if root not in seen:
+            roots.append(root)
+            seen.add(root)
+            _grow(root, chosen, seen, edges)
+    return Tree(edges, roots, closing)
+
+
+def _grow(root: Body, joints: list[Connection], seen: set[Body], edges: list[tuple[Body, Connection, Body]]) -> None:
+    front = [root]
+    while front:
+        parent = front.pop(0)
+        for joint in joints:
+            for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
+                if a is parent and b not in seen:
+                    seen.add(b)
+                    edges.append((parent, joint, b))
+                    front.append(b)
+
+
+def is_held(joint: Connection) -> bool:
+    """Whether the start of the joint's coordinate is fixed by the user."""
+    return joint.prescribed is not None or joint.hold is not None or joint.hold_rate is not None

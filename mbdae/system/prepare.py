@@ -1,0 +1,85 @@
+"""From a scene to a System with a consistent start: model, rank, start, scales."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbdae.errors import SceneError
+from mbdae.scene.scene import SceneData
+from mbdae.system.assembly import FormSpec, SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.model import Model, build
+from mbdae.system.numbering import constraint_rows
+from mbdae.system.redundancy import RankReport, analyse, massless_motions
+from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
+from mbdae.system.start import Start, Starter, state_rate_outputs
+
+
+@dataclass
+class Prepared:
+    """A checked scene: its model, the constraints in force, its start and its scales."""
+
+    model: Model
+    mechanics: Mechanics
+    rank: RankReport
+    start: Start
+    time: float  #: characteristic time, s
+    regularisation: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def length(self) -> float:
+        """Size of the scene, m."""
+        return self.model.length
+
+
+def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0) -> Prepared:
+    """Check a scene and find its start; raises SceneError with every problem found."""
+    if scene.problems:
+        raise SceneError(scene.problems)
+    if not scene.bodies:
+        raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
+    model = build(scene)
+    everything = Mechanics(model, constraint_rows(model))
+    starter = Starter(everything, start.t if start is not None else t0)
+    q = start.q if start is not None else starter.close(starter.placed())
+    rank = analyse(everything, starter, q)
+    problems = massless_motions(everything, rank, q)
+    if problems:
+        raise SceneError(problems)
+    mechanics = Mechanics(model, rank.kept)
+    begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0).run()
+    return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin))
+
+
+def _continued(mechanics: Mechanics, start: Start) -> Start:
+    """The start of a continued run: its state, accelerations anew."""
+    t = np.array([start.t])
+    a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], start.s[None])
+    return Start(start.t, start.q, start.u, start.s, a[0], multipliers[0])
+
+
+def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
+    """The System of a prepared scene in a form, with start and scales."""
+    mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
+    system = SceneSystem(prepared.model, mechanics.rows, spec, sparse)
+    nb = system.numbering
+    state_rate = Starter(mechanics, start.t).states(state_rate_outputs, start.q, start.u)
+    force, reach = multiplier_scales(mechanics, start, T)
+    blocks = {
+        "q": (start.q, mechanics.rates(start.q, start.u), position_scale(mechanics)),
+        "v": (start.u, start.acceleration, mechanics.velocity_units / T),
+        "s": (start.s, state_rate, np.ones(len(start.s))),
+    }
+    if "lambda" in spec.blocks:
+        zero = np.zeros(mechanics.m)
+        dotted = spec.derivatives
+        blocks["lambda"] = (zero, start.multipliers, force * T) if dotted else (start.multipliers, zero, force)
+        blocks["mu"] = (zero, zero, reach if dotted else reach / T)
+    parts = [blocks[kind] for kind in ("q", "v", "s", *spec.blocks)]
+    system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    system.t0 = start.t
+    assert len(system.y0) == nb.n
+    return system

@@ -1,0 +1,131 @@
+"""Which constraint rows say nothing new, which motions have no inertia: by rank, in several consistent positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbdae.errors import SceneError, StartError
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.numbering import COORDINATES, Row
+from mbdae.system.start import Starter
+
+DEPENDENT = 1e-8  #: residual of a row of unit length against the rows before it: redundant below
+DOUBTFUL = 1e-3  #: between the two: nearly redundant, kept and reported
+SAMPLES = 3
+
+
+@dataclass
+class RankReport:
+    """kept and dropped rows, rows nearly redundant, rows dependent at the start only, and the freedoms."""
+
+    kept: list[Row]
+    dropped: list[Row] = field(default_factory=list)
+    doubtful: list[tuple[Row, float]] = field(default_factory=list)
+    singular_here: list[Row] = field(default_factory=list)
+    degrees_of_freedom: int = 0
+    smallest: float = 1.0  #: smallest singular value of the kept rows, of unit length in the mass metric
+
+
+def weighted_rows(mechanics: Mechanics, G: Array) -> Array:
+    """G in the mass metric with rows of unit length."""
+    B = np.linalg.solve(np.linalg.cholesky(mechanics.weight), G.T).T
+    norms = np.linalg.norm(B, axis=1, keepdims=True)
+    return np.asarray(B / np.where(norms > 0, norms, 1.0))
+
+
+def novelty(B: Array) -> Array:
+    """(m,) distance of every row (unit length) from the span of the rows before it that are new themselves."""
+    basis = np.zeros((0, B.shape[1]))
+    out = np.zeros(len(B))
+    for i, row in enumerate(B):
+        left = row
+        for _ in range(2):
+            left = left - basis.T @ (basis @ left)
+        out[i] = np.linalg.norm(left)
+        if out[i] > DEPENDENT:
+            basis = np.vstack([basis, left / out[i]])
+    return out
+
+
+def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
+    """Rank of the constraints at the start and in `SAMPLES` other consistent positions."""
+    if not mechanics.m:
+        return RankReport([], degrees_of_freedom=mechanics.nu)
+    closing = {c.name for c in starter.tree.closing}
+    order = sorted(range(mechanics.m), key=lambda i: mechanics.rows[i].name.rsplit(".", 1)[0] in closing)
+    new = np.array([novelty(_rows_at(mechanics, p)[order]) for p in [q, *_other_positions(mechanics, starter, q)]])
+    here, best = new[0], new.max(axis=0)
+    report = RankReport([])
+    for place, i in enumerate(order):
+        row = mechanics.rows[i]
+        if best[place] <= DEPENDENT:
+            report.dropped.append(row)
+            continue
+        report.kept.append(row)
+        if here[place] <= DEPENDENT:
+            report.singular_here.append(row)
+        elif here[place] < DOUBTFUL:
+            report.doubtful.append((row, float(here[place])))
+    kept = {row.name for row in report.kept}
+    report.kept = [row for row in mechanics.rows if row.name in kept]
+    report.degrees_of_freedom = mechanics.nu - len(report.kept)
+    rows = [i for i, row in enumerate(mechanics.rows) if row.name in kept]
+    report.smallest = float(np.linalg.svd(_rows_at(mechanics, q)[rows], compute_uv=False)[-1]) if rows else 1.0
+    return report
+
+
+def _rows_at(mechanics: Mechanics, q: Array) -> Array:
+    return weighted_rows(mechanics, mechanics.constraint_jacobian(np.zeros(1), q[None])[0])
+
+
+def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[Array]:
+    """Consistent positions reached by moving along the freedoms (drives released) and closing the loops again."""
+    free = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
+    released = Mechanics(mechanics.model, [mechanics.rows[i] for i in free])
+    closer = Starter(released, float(starter.t[0]))
+    closer._held_joints = lambda value: []  # type: ignore[method-assign, assignment]
+    rng = np.random.default_rng(11)
+    found = []
+    for _ in range(SAMPLES):
+        B = released.constraint_jacobian(closer.t, q[None])[0] * released.velocity_units
+        _, sizes, V = np.linalg.svd(B, full_matrices=True)
+        rank = int(np.sum(sizes > 1e-9 * sizes[0])) if len(sizes) else 0
+        if rank == V.shape[0]:
+            break
+        direction = V[rank:].T @ rng.normal(size=V.shape[0] - rank)
+        step = 0.3 * direction / np.max(np.abs(direction)) * released.velocity_units
+        try:
+            found.append(closer.close(released.integrate_positions(q, step)))
+        except StartError:
+            continue
+    return found
+
+
+def massless_motions(mechanics: Mechanics, report: RankReport, q: Array) -> list[str]:
+    """Names of the bodies with a free motion that has no inertia, one sentence each."""
+    kept = Mechanics(mechanics.model, report.kept)
+    unit = kept.velocity_units
+    G = kept.constraint_jacobian(np.zeros(1), q[None])[0] * unit
+    _, sizes, V = np.linalg.svd(G, full_matrices=True) if len(G) else (None, np.zeros(0), np.eye(kept.nu))
+    rank = int(np.sum(sizes > 1e-9 * sizes[0])) if len(sizes) else 0
+    N = V[rank:].T
+    M = unit[:, None] * kept.mass * unit
+    reduced = N.T @ M @ N
+    if not reduced.size:
+        return []
+    values, vectors = np.linalg.eigh(reduced)
+    largest = max(float(np.max(np.diag(M), initial=0.0)), 1e-300)
+    return [_name_motion(kept, N @ vectors[:, i]) for i in np.flatnonzero(values <= 1e-14 * largest)]
+
+
+def _name_motion(mechanics: Mechanics, motion: Array) -> str:
+    worst = int(np.argmax(np.abs(motion)))
+    for node in mechanics.model.nodes:
+        if node.u <= worst < node.u + node.kind.sizes[1]:
+            coordinate = COORDINATES[node.kind][1][worst - node.u]
+            return (f"body '{node.body.name}' can move freely without inertia (mainly {coordinate}): give it mass or inertia, "
+                    f"or a joint that stops this motion")  # fmt: skip
+    raise SceneError(["a motion without inertia could not be named"])

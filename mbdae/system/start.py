@@ -1,0 +1,347 @@
+"""The start: consistent positions, velocities, accelerations and multipliers, and what had to be changed for them.
+
+The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
+at relative rest; loops close by the smallest mass-weighted change of what is not held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import StartError
+from mbdae.scene import timed
+from mbdae.scene.components import Body, Connection
+from mbdae.scene.topology import Tree, spanning_tree
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Element, Joint
+from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics, quaternion, turned
+from mbdae.system.model import heading
+
+CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
+
+
+@dataclass
+class Start:
+    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences."""
+
+    t: float
+    q: Array
+    u: Array
+    s: Array
+    acceleration: Array
+    multipliers: Array
+    changes: list[str] = field(default_factory=list)
+
+
+def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """The joint coordinate, its rate and its gradient."""
+    if not isinstance(d.law, Joint) or d.coordinate == 0:
+        return []
+    v = d.variation
+    out: list[tuple[Target, Expr]] = [(("c",), d.coordinate), (("cd",), v.resolve(v.rate(d.coordinate)))]
+    for f in d.frames:
+        pair = tuple(type(part)(*map(v.resolve, part)) for part in v.gradient(f, d.coordinate))
+        out += [(("C", *t[1:]), e) for t, e in scatter_pair(f, pair)]  # type: ignore[arg-type]
+    return out
+
+
+def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Expressions that must be positive on the right branch of the constraints."""
+    if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.frames):
+        return []
+    return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.frames).items()]
+
+
+def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Start values of internal states."""
+    return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_starts)]
+
+
+def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Rates of internal states."""
+    return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_rates)]
+
+
+class Starter:
+    """Finds the start of a model by mass-weighted Gauss-Newton and projections."""
+
+    def __init__(self, mechanics: Mechanics, t0: float = 0.0) -> None:
+        self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
+        self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
+        self.changes: list[str] = []
+        self._root_of_weight = np.linalg.cholesky(mechanics.weight)
+
+    def run(self) -> Start:
+        """Positions, velocities, states; then accelerations and multipliers."""
+        q = self.close(self.placed())
+        self.check_branches(q)
+        u = self.project_velocities(q, self.carried(q))
+        s = self.states(state_start_outputs, q, u)
+        a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
+        return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
+
+    # -- positions
+
+    def placed(self) -> Array:
+        """Positions of the tree with every held coordinate at its value."""
+        motion = {b: (np.eye(3), np.zeros(3)) for b in self.tree.roots}
+        for parent, joint, child in self.tree.edges:
+            R, r = motion[parent]
+            value = self.held_value(joint) or 0.0
+            dR, dr = _motion(joint, value if joint.l is child else -value)
+            motion[child] = (R @ dR, R @ dr + r)
+        q = np.zeros(self.model.nq)
+        for node in self.model.nodes:
+            R, r = motion[node.body]
+            n = 2 if node.kind.flat else 3
+            q[node.q : node.q + n] = (R @ node.body.position + r)[:n]
+            if node.kind is NodeKind.PLANAR:
+                q[node.q + 2] = self._unwrapped_heading(node.body, R)
+            elif node.kind is NodeKind.SPATIAL:
+                q[node.q + 3 : node.q + 7] = quaternion(R @ node.body.rotation)
+        return q
+
+    def _unwrapped_heading(self, body: Body, R: Array) -> float:
+        """Heading as drawn plus the turn along the tree, whole turns included."""
+        turn, at = 0.0, body
+        while at not in self.tree.roots:
+            parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
+            if joint.kind == "revolute":
+                turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])  # type: ignore[attr-defined]
+            at = parent
+        return heading(body.rotation) + turn
+
+    def held_value(self, joint: Connection) -> float | None:
+        """Start value of a joint's coordinate, if the user fixed it."""
+        if joint.prescribed is not None:
+            return float(se.sympify(joint.prescribed).subs({timed.TIME: self.t[0]}))
+        if joint.hold is not None:
+            return float(joint.hold)
+        return None
+
+    def held_rate(self, joint: Connection) -> float | None:
+        """Start rate of a joint's coordinate, if the user fixed it."""
+        if joint.prescribed is not None:
+            return float(se.diff(se.sympify(joint.prescribed), timed.TIME).subs({timed.TIME: self.t[0]}))
+        return None if joint.hold_rate is None else float(joint.hold_rate)
+
+    def close(self, q: Array) -> Array:
+        """Close loops: mass-weighted Gauss-Newton with backtracking on the constraints and the held coordinates."""
+        before, g = q, self._closure(q)
+        for _ in range(50):
+            size = self._size(g)
+            if size <= CLOSED:
+                break
+            step = self._least_change(self._closure_jacobian(q), -g)
+            factor = 1.0
+            while factor > 1e-4:
+                candidate = self.mechanics.integrate_positions(q, factor * step)
+                g_new = self._closure(candidate)
+                if self._size(g_new) < size:
+                    break
+                factor /= 2
+            if factor <= 1e-4:
+                break
+            q, g = candidate, g_new
+        if self._size(g) > 1e-9:
+            worst = int(np.argmax(np.abs(g) / self._row_units()))
+            raise StartError([self._cannot_close(worst, g)])
+        self._report_positions(before, q)
+        return q
+
+    def _cannot_close(self, worst: int, g: Array) -> str:
+        if worst >= self.mechanics.m:
+            joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
+            return (f"the held value {self.held_value(joint):.6g} of '{joint.name}' cannot be reached: the loop stays off by "
+                    f"{abs(g[worst]):.3g}; change it, or the lengths of the loop")  # fmt: skip
+        name = self.mechanics.rows[worst].name
+        joint_name = name.rsplit(".", 1)[0]
+        return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
+                f"{'rad' if 't' == name.rsplit('.', 1)[1][:1] else 'm'}; check the points of the bodies it connects")  # fmt: skip
+
+    def _held_joints(self, value: Any) -> list[Connection]:
+        """Held joints whose value is not a constraint row already."""
+        return [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
+
+    def _coordinates(self, q: Array, u: Array, joints: list[Connection]) -> tuple[Array, Array, Array]:
+        """Values (j,), rates (j,) and gradients (j, nu) of joint coordinates."""
+        order = {c.name: i for i, c in enumerate(joints)}
+        value, speed, C = np.zeros(len(joints)), np.zeros(len(joints)), np.zeros((len(joints), self.mechanics.nu))
+        for g, p, values in self.mechanics.evaluate(coordinate_outputs, self.t, q[None], u[None]) if joints else []:
+            for i, instance in enumerate(self.model.groups[g].instances):
+                j = order.get(instance.item)
+                if j is None:
+                    continue
+                value[j], speed[j] = values[0, i, 0], values[0, i, 1]
+                for o, target in enumerate(p.targets[2:], start=2):
+                    C[j, self.mechanics.numbering.unknown(("u", *target[1:]), g, i)[0] - self.mechanics.nq] += values[0, i, o]
+        return value, speed, C
+
+    def _closure(self, q: Array) -> Array:
+        joints = self._held_joints(self.held_value)
+        value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), joints)
+        off = value - np.array([self.held_value(c) for c in joints], dtype=float)
+        turns = np.array([2 * np.pi if c.kind == "revolute" else np.inf for c in joints])
+        off -= np.where(np.isfinite(turns), turns * np.round(off / turns), 0.0)
+        return np.r_[self.mechanics.position_residual(self.t, q[None])[0], off]
+
+    def _closure_jacobian(self, q: Array) -> Array:
+        _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
+        return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+
+    def _row_units(self) -> Array:
+        """(rows,) the scene's length for rows in m, 1 for rows in rad: size of G over unit displacements."""
+        length = self.model.length
+        units = [1.0 if r.name.rsplit(".", 1)[1].startswith(("t", "d")) else length for r in self.mechanics.rows]
+        held = [1.0 if c.kind == "revolute" else length for c in self._held_joints(self.held_value)]
+        return np.array(units + held)
+
+    def _size(self, g: Array) -> float:
+        return float(np.max(np.abs(g) / self._row_units(), initial=0.0))
+
+    def _least_change(self, A: Array, right: Array) -> Array:
+        """x with A x = right (least squares) of least mass-weighted size."""
+        if not len(A):
+            return np.zeros(A.shape[1])
+        B = np.linalg.solve(self._root_of_weight, A.T).T  # A L^-T
+        norms = np.linalg.norm(B, axis=1)
+        norms[norms == 0] = 1.0
+        y = np.linalg.lstsq(B / norms[:, None], right / norms, rcond=1e-9)[0]
+        return np.asarray(np.linalg.solve(self._root_of_weight.T, y))
+
+    def _report_positions(self, before: Array, after: Array) -> None:
+        for node in self.model.nodes:
+            n = 2 if node.kind.flat else 3
+            moved = float(np.linalg.norm(after[node.q : node.q + n] - before[node.q : node.q + n]))
+            if moved > 1e-9 * self.model.length:
+                self.changes.append(f"'{node.body.name}' moved by {moved:.4g} m to close the loops")
+
+    def check_branches(self, q: Array) -> None:
+        """Refuse the spurious branches of the constraints (axes reversed, driven angle off by pi)."""
+        problems = []
+        for g, p, values in self.mechanics.evaluate(branch_outputs, self.t, q[None], np.zeros((1, self.mechanics.nu))):
+            for i, instance in enumerate(self.model.groups[g].instances):
+                for o, target in enumerate(p.targets):
+                    if values[0, i, o] <= 0:
+                        problems.append(f"joint '{instance.item}' starts on the wrong branch ({target[1]}: {values[0, i, o]:.3g}, "
+                                        f"must be positive); draw the bodies nearer to their start")  # fmt: skip
+        if problems:
+            raise StartError(problems)
+
+    # -- velocities
+
+    def carried(self, q: Array) -> Array:
+        """Velocities (nu,) of the tree: given ones, held rates, relative rest elsewhere."""
+        twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass, angular velocity
+        place = self._poses(q)
+        for root in self.tree.roots:
+            twist[root] = (root.velocity, root.angular_velocity)
+        for parent, joint, child in self.tree.edges:
+            twist[child] = self._carry(twist[parent], parent, joint, child, place)
+        u = np.zeros(self.mechanics.nu)
+        for node in self.model.nodes:
+            v, w = twist[node.body]
+            n = 2 if node.kind.flat else 3
+            u[node.u : node.u + n] = v[:n]
+            if node.kind is NodeKind.PLANAR:
+                u[node.u + 2] = w[2]
+            elif node.kind is NodeKind.SPATIAL:
+                u[node.u + 3 : node.u + 6] = place[node.body][1].T @ w
+        return u
+
+    def _carry(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
+               place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
+        (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
+        law: Any = joint.joint
+        point = r + R @ parent.rotation.T @ (law.at - parent.position) if not parent.is_point else r
+        axis = R @ parent.rotation.T @ law.axis
+        rate = (self.held_rate(joint) or 0.0) * (1 if joint.l is child else -1)
+        slide = rate * axis if joint.kind == "prismatic" else np.zeros(3)
+        spin = w + (rate * axis if joint.kind == "revolute" else np.zeros(3))
+        if np.any(child.angular_velocity):
+            spin = child.angular_velocity
+        carried = v + np.cross(w, point - r) + np.cross(spin, rc - point) + slide
+        if joint.kind == "prismatic":
+            carried = v + np.cross(w, rc - r) + slide
+        return (child.velocity if np.any(child.velocity) else carried), spin
+
+    def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
+        poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
+        for node in self.model.nodes:
+            n = 2 if node.kind.flat else 3
+            r = np.zeros(3)
+            r[:n] = q[node.q : node.q + n]
+            poses[node.body] = (r, rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]))
+        return poses
+
+    def project_velocities(self, q: Array, u: Array) -> Array:
+        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates."""
+        joints = self._held_joints(self.held_rate)
+        _, _, C = self._coordinates(q, u, joints)
+        A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+        wanted = np.array([self.held_rate(c) for c in joints], dtype=float)
+        projected = u
+        for _ in range(3):  # the first pass projects, the others remove its rounding
+            left = np.r_[self.mechanics.velocity_residual(self.t, q[None], projected[None])[0], C @ projected - wanted]
+            projected = projected + self._least_change(A, -left)
+        speed = float(np.max(np.abs(projected) * self.mechanics.velocity_units, initial=0.0)) + 1.0
+        if len(left) and np.max(np.abs(left)) > 1e-8 * speed * max(1.0, self.model.length):
+            worst = int(np.argmax(np.abs(left)))
+            name = self.mechanics.rows[worst].name if worst < self.mechanics.m else f"rate of {joints[worst - self.mechanics.m].name}"
+            raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
+                              f"release one of the prescribed or held rates"])  # fmt: skip
+        self._report_velocities(u, projected)
+        return projected
+
+    def _report_velocities(self, before: Array, after: Array) -> None:
+        for node in self.model.nodes:
+            change = after[node.u : node.u + node.kind.sizes[1]] - before[node.u : node.u + node.kind.sizes[1]]
+            n = 2 if node.kind.flat else 3
+            v, w = float(np.linalg.norm(change[:n])), float(np.linalg.norm(change[n:]))
+            speed = 1e-9 * (1 + float(np.max(np.abs(after))))
+            if node.body.given_velocity and (v > speed or w > speed):
+                self.changes.append(f"the given velocity of '{node.body.name}' contradicts the joints: changed by {v:.4g} m/s and {w:.4g} rad/s")
+
+    # -- states
+
+    def states(self, outputs: Any, q: Array, u: Array) -> Array:
+        """Internal states (or their rates) at q, u."""
+        nb = self.mechanics.numbering
+        s = np.zeros(len(nb.states))
+        for g, p, values in self.mechanics.evaluate(outputs, self.t, q[None], u[None], s[None]):
+            for i in range(values.shape[1]):
+                for o, target in enumerate(p.targets):
+                    s[nb.unknown(target, g, i)[0] - nb.start["s"]] = values[0, i, o]
+        return s
+
+
+def rotation_of(kind: NodeKind, q: Array) -> Array:
+    """Rotation matrix (3, 3) of a node's positions."""
+    if kind is NodeKind.SPATIAL:
+        from mbdae.system.mechanics import rotation_matrices
+
+        return rotation_matrices(q[3:])
+    if kind is NodeKind.PLANAR:
+        c, s = np.cos(q[2]), np.sin(q[2])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.eye(3)
+
+
+def _motion(joint: Connection, value: float) -> tuple[Array, Array]:
+    """Rigid motion (R, r) that a joint's coordinate makes of its drawn place."""
+    law: Any = joint.joint
+    if value == 0 or joint.kind not in ("revolute", "prismatic"):
+        return np.eye(3), np.zeros(3)
+    if joint.kind == "prismatic":
+        return np.eye(3), value * law.axis
+    P = turned(np.array([1.0, 0, 0, 0]), value * law.axis)
+    R = rotation_of(NodeKind.SPATIAL, np.r_[np.zeros(3), P])
+    return R, law.at - R @ law.at
