@@ -1,0 +1,56 @@
+"""mbdae: flexible multibody dynamics with derived equations, SUNDIALS IDA and Radau IIA side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mbdae.errors import AccuracyWarning, LawError, MbdaeError, OptionError, SceneError, SolverError, StartError
+
+if TYPE_CHECKING:
+    from mbdae.api import Scene
+    from mbdae.compare import Run, compare
+    from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+    from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.results.storage import load
+    from mbdae.scene.components import Kinematic
+    from mbdae.selftest import selftest
+    from mbdae.symbolic.law import Force, Joint, params
+    from mbdae.system.dae import DAE
+
+__version__ = "0.1.0"
+
+#: name -> module it comes from, imported on first use so that `import mbdae` stays light
+_HOME = {
+    "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
+    "GGL": "mbdae.formulations", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law",
+    "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
+    "RadauIIA": "mbdae.integrators.radau", "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
+    "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage",
+    "params": "mbdae.symbolic.law", "selftest": "mbdae.selftest",
+}  # fmt: skip
+
+__all__ = [
+    "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Distance", "FixedOrientation", "Force", "Index3", "Joint", "Kinematic",
+    "LawError", "MbdaeError", "OptionError", "Prismatic", "RadauIIA", "Revolute", "Run", "Scene", "SceneError", "SolverError",
+    "Spherical", "StartError", "Weld", "compare", "load", "params", "selftest", "t",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name == "t":
+        from mbdae.scene.timed import time_symbol
+
+        return time_symbol()
+    if name in _HOME:
+        from importlib import import_module
+
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'mbdae' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -26,12 +26,12 @@ class RankReport:
     doubtful: list[tuple[Row, float]] = field(default_factory=list)
     singular_here: list[Row] = field(default_factory=list)
     degrees_of_freedom: int = 0
-    smallest: float = 1.0  #: smallest singular value of the kept rows, of unit length in the mass metric
+    smallest: float = 1.0  #: smallest singular value of the kept rows, of unit length
 
 
 def weighted_rows(mechanics: Mechanics, G: Array) -> Array:
-    """G in the mass metric with rows of unit length."""
-    B = np.linalg.solve(np.linalg.cholesky(mechanics.weight), G.T).T
+    """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
+    B = G * mechanics.velocity_units
     norms = np.linalg.norm(B, axis=1, keepdims=True)
     return np.asarray(B / np.where(norms > 0, norms, 1.0))
 

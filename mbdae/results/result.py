@@ -1,0 +1,242 @@
+"""What a simulation returns: states, sensors, energy, drift, accuracy, statistics and warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import SceneError
+from mbdae.integrators.solution import Solution, Stats
+from mbdae.kernels.plan import Outputs
+from mbdae.results.energy import Energy, energy
+from mbdae.results.sensors import BodySensor, ConnectionSensor, coordinate_outputs
+from mbdae.scene.components import Body, Connection, Place
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+from mbdae.system.start import Start
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """asked and estimated bound of the error over the run (positions relative to the scene's length, angles in rad,
+    velocities relative to length / characteristic time); verified: measured against another method, or None."""
+
+    asked: float | None
+    estimated: float | None
+    verified: float | None = None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the best knowledge of the error is within what was asked; None where nothing was asked."""
+        known = self.verified if self.verified is not None else self.estimated
+        return None if self.asked is None or known is None else known <= self.asked
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Largest constraint violation at each of the result's times: g (m, rad) and G u + g_t (m/s, rad/s), (nt,)."""
+
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """How a result was made."""
+
+    solver: Any
+    form: str
+    accuracy: Accuracy
+    stats: Stats
+    runs: int = 1
+    cpu_s: float = 0.0  #: of all runs together
+    warnings: tuple[str, ...] = ()
+
+
+class Result:
+    """A simulated scene. `r["name"]` gives the sensors of a body, joint or force; `r(t)` the result at other times."""
+
+    def __init__(self, prepared: Prepared, solution: Solution, info: RunInfo, t: Array) -> None:
+        self.prepared, self.solution, self.info = prepared, solution, info
+        self.t = np.asarray(t, dtype=float)
+        self._sensors: dict[str, Any] = {}
+
+    # -- how it went
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Accuracy asked, estimated and verified."""
+        return self.info.accuracy
+
+    @property
+    def stats(self) -> Stats:
+        """Steps, evaluations and CPU time of the run returned."""
+        return self.info.stats
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know before trusting the result."""
+        return self.info.warnings
+
+    @property
+    def start(self) -> Start:
+        """The consistent start; `start.changes` tells what had to be moved."""
+        return self.prepared.start
+
+    @property
+    def complete(self) -> bool:
+        """False where the run was stopped before its end."""
+        return self.solution.complete
+
+    # -- states
+
+    @cached_property
+    def _states(self) -> tuple[Array, Array, Array]:
+        return self.states(self.t)
+
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
+        m = self.prepared.mechanics
+        y = self.solution(t)
+        return y[:, : m.nq], y[:, m.nq : m.nq + m.nu], y[:, m.nq + m.nu : m.nq + m.nu + len(m.numbering.states)]
+
+    @property
+    def q(self) -> Array:
+        """Positions of all nodes (nt, nq)."""
+        return self._states[0]
+
+    @property
+    def u(self) -> Array:
+        """Velocities of all nodes (nt, nu)."""
+        return self._states[1]
+
+    @cached_property
+    def _dynamics(self) -> tuple[Array, Array]:
+        return self.prepared.mechanics.accelerations(self.t, *self._states)
+
+    @property
+    def acceleration(self) -> Array:
+        """u' of all nodes (nt, nu), from the equations of motion at q, u."""
+        return self._dynamics[0]
+
+    @property
+    def multipliers(self) -> Array:
+        """Constraint multipliers (nt, m), from the equations of motion at q, u; names in `multiplier_names`."""
+        return self._dynamics[1]
+
+    @property
+    def multiplier_names(self) -> tuple[str, ...]:
+        """"joint.row" of every multiplier."""
+        return tuple(row.name for row in self.prepared.mechanics.rows)
+
+    def __call__(self, t: float | Sequence[float] | Array) -> Result:
+        """The same run read at other times (dense output)."""
+        return Result(self.prepared, self.solution, self.info, np.atleast_1d(np.asarray(t, dtype=float)))
+
+    # -- sensors
+
+    def __getitem__(self, name: str | Body | Connection | Place) -> Any:
+        if isinstance(name, Place):
+            return BodySensor(self, name.body, name.point)
+        key = name if isinstance(name, str) else name.name
+        if key not in self._sensors:
+            item = self.prepared.model.scene[key]
+            self._sensors[key] = BodySensor(self, item) if isinstance(item, Body) else ConnectionSensor(self, item)
+        return self._sensors[key]
+
+    def read(self, path: str) -> Array:
+        """A sensor by its path, e.g. "C.angle" or "crank.position" (nt, ...)."""
+        name, _, quantity = path.rpartition(".")
+        sensor = self[name] if name else None
+        if sensor is None or quantity.startswith("_") or not hasattr(type(sensor), quantity):
+            known = sorted(a for a in dir(type(sensor)) if not a.startswith("_")) if sensor is not None else "item.quantity"
+            raise SceneError([f"there is no sensor '{path}'; '{name}' has {known}"])
+        return np.asarray(getattr(sensor, quantity))
+
+    def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
+        """(nt, width) outputs summed over the laws of one item; multipliers included."""
+        total = np.zeros((len(self.t), width))
+        q, u, s = self._states
+        for g, _, values in self.prepared.mechanics.evaluate(outputs, self.t, q, u, s, self.multipliers):
+            for i, instance in enumerate(self.prepared.model.groups[g].instances):
+                if instance.item == item.name:
+                    total += values[:, i]
+        return total
+
+    def coordinate(self, item: Connection) -> tuple[Array, Array] | None:
+        """Coordinate and rate (nt,) of a joint; whole turns counted along the run's steps; None if it has none."""
+        if self._one_coordinate(item, self.t[:1]) is None:
+            return None
+        value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
+        if self.prepared.model.planar or getattr(item.joint, "coordinate_unit", "") != "rad":
+            return value, rate
+        steps = self.solution.t
+        grid, fine_rate = self._one_coordinate(item, steps)  # type: ignore[misc]
+        followed = _unwrapped(steps, grid, fine_rate, self._start_value(item))
+        near = np.interp(self.t, steps, followed)
+        return value + 2 * np.pi * np.round((near - value) / (2 * np.pi)), rate
+
+    def _start_value(self, item: Connection) -> float:
+        if item.prescribed is not None:
+            from mbdae.scene.timed import expression
+
+            return float(expression(item.prescribed).subs({"t": self.solution.t[0]}))
+        return item.hold or 0.0
+
+    def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
+        for g, _, values in self.prepared.mechanics.evaluate(coordinate_outputs, t, *self.states(t)):
+            for i, instance in enumerate(self.prepared.model.groups[g].instances):
+                if instance.item == item.name:
+                    return values[:, i, 0], values[:, i, 1]
+        return None
+
+    # -- guards
+
+    @cached_property
+    def energy(self) -> Energy:
+        """Kinetic, potential, dissipated energy, work, and their balance over the result's times."""
+        return energy(self.prepared.mechanics, self.solution.t, self.t, self.states)
+
+    @cached_property
+    def drift(self) -> Drift:
+        """Constraint violation over the result's times."""
+        m, (q, u, _) = self.prepared.mechanics, self._states
+        g, gd = m.position_residual(self.t, q), m.velocity_residual(self.t, q, u)
+        return Drift(np.max(np.abs(g), axis=1, initial=0.0), np.max(np.abs(gd), axis=1, initial=0.0))
+
+    # -- output
+
+    def plot(self, *sensors: str, path: Any = None) -> Any:
+        """Draw sensors ("C.angle", "D.force") over time; returns the matplotlib figure, saved where `path` is given."""
+        from mbdae.results.plots import plot_results
+
+        return plot_results([self], sensors, path)
+
+    def save(self, path: Any) -> None:
+        """Write scene and run to one .npz file; `mb.load` reads it."""
+        from mbdae.results.storage import save
+
+        save(self, path)
+
+    def __repr__(self) -> str:
+        a, s = self.accuracy, self.stats
+        known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
+        asked = f"{a.asked:g}" if a.asked is not None else "none"
+        return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
+                f"{self.info.form}, {s.steps} steps, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, estimated error {known}"
+                f"{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")  # fmt: skip
+
+
+def _unwrapped(t: Array, principal: Array, rate: Array, start: float) -> Array:
+    """Continuous angle along steps: every step takes the turn nearest to the angle its rates predict."""
+    out = np.empty_like(principal)
+    previous = start
+    for i, value in enumerate(principal):
+        guess = previous if i == 0 else previous + (t[i] - t[i - 1]) * (rate[i] + rate[i - 1]) / 2
+        out[i] = value + 2 * np.pi * np.round((guess - value) / (2 * np.pi))
+        previous = out[i]
+    return out
