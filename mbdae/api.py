@@ -49,7 +49,7 @@ class Scene(SceneData):
         """
         plausible(accuracy)
         begin = _last_state(start) if start is not None else None
-        prepared = prepare(self, begin)
+        prepared = prepare(self, begin, t_end=float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
         form = form if form is not None else default_form(prepared)

@@ -6,7 +6,9 @@ from mbdae.forces.gravity import Gravity
 from mbdae.forces.joint_drive import JointForce, JointTorque
 from mbdae.forces.joint_spring import JointDamper, JointSpring
 from mbdae.forces.point_spring import PointSpring
+from mbdae.forces.rotational_bushing import RotationalBushing
 
 __all__ = [
     "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointForce", "JointSpring", "JointTorque", "PointSpring",
+    "RotationalBushing",
 ]  # fmt: skip

@@ -20,6 +20,7 @@ class AppliedForce(Force):
 
     params = _FORCE
     options = ("following",)
+    external = True
     axes_of = "l"
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
@@ -31,6 +32,7 @@ class AppliedTorque(Force):
 
     params = _TORQUE
     options = ("following",)
+    external = True
     axes_of = "l"
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:

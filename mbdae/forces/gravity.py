@@ -14,5 +14,7 @@ class Gravity(Force):
         mass=("kg", "mass"), gx=("m/s^2", "field, x"), gy=("m/s^2", "field, y"), gz=("m/s^2", "field, z")
     )  # fmt: skip
 
+    external = True
+
     def energy(self, k: Frame, l: Frame) -> Expr:
         return -self.mass * (components(self.gx, self.gy, self.gz) @ l.center)

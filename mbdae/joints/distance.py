@@ -15,3 +15,6 @@ class Distance(Joint):
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return {"length": (l.r - k.r).norm() - self.length}
+
+    def undefined_at(self) -> tuple[str, ...]:
+        return ("points together",)

@@ -60,10 +60,12 @@ class Kernel:
         """The same kernel by sympy.lambdify into numpy, complex-safe (complex step): slow, for tests."""
         import sympy
 
-        expressions = [sympy.sympify(e) for e in self.expressions]
+        shared, reduced = se.cse(self.expressions)
+        steps = [(sympy.Symbol(str(name)), sympy.sympify(value)) for name, value in shared]
+        expressions = [sympy.sympify(e) for e in reduced]
         names = [sympy.Symbol(str(s)) for s in self.symbols]
         modules: list[Any] = [{"atan2": complex_atan2, "floor": lambda a: np.floor(np.real(a))}, "numpy"]
-        function = sympy.lambdify(names, expressions, modules=modules, cse=True)
+        function = sympy.lambdify(names, expressions, modules=modules, cse=lambda _: (steps, expressions))
 
         def evaluate(x: NDArray[Any]) -> NDArray[Any]:
             columns = function(*np.moveaxis(x, -1, 0))

@@ -11,6 +11,7 @@ import symengine as se
 
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.vectors import Expr
 
@@ -74,11 +75,11 @@ class LinearisedPlan(Plan):
         curved |= {i for i, e in enumerate(self.inserted) if e.free_symbols & clock}
         self.nonlinear = [i for i in range(len(self.inserted)) if i in curved]
         linear = [i for i in range(len(self.inserted)) if i not in curved]
-        zero = dict.fromkeys(self._unknown, se.Integer(0))
+        origin = self._origin(d)
         self.constant_places = [p for p, fixed in zip(places, constant, strict=True) if fixed]
         self.offset_places = linear
-        self.constants = Kernel(*self._with_inputs(
-            [v for v, fixed in zip(values, constant, strict=True) if fixed] + [self.inserted[i].subs(zero) for i in linear]))
+        offsets = [self._offset(i, places, values, origin) for i in linear]
+        self.constants = Kernel(*self._with_inputs([v for v, fixed in zip(values, constant, strict=True) if fixed] + offsets))
         self.jacobian_places = [p for p, fixed in zip(places, constant, strict=True) if not fixed]
         varying_values = [v for v, fixed in zip(values, constant, strict=True) if not fixed]
         self.residual = Kernel(*self._with_inputs([self.inserted[i] for i in self.nonlinear]))
@@ -86,6 +87,17 @@ class LinearisedPlan(Plan):
         self.residual_inputs = self.inputs(self.residual.expressions)
         self.jacobian_inputs = self.inputs(varying_values)
         self.constant_inputs = self.inputs(self.constants.expressions)
+
+    def _origin(self, d: Derived) -> dict[Expr, Expr]:
+        """Where the offset of a linear output is taken: all unknowns 0, quaternions at (1, 0, 0, 0), where R exists."""
+        first = {f.q[3] for f in d.frames if f.kind is NodeKind.SPATIAL}
+        return {symbol: se.Integer(1 if symbol in first else 0) for symbol in self._unknown}
+
+    def _offset(self, i: int, places: list[tuple[int, Target]], values: list[Expr], origin: dict[Expr, Expr]) -> Expr:
+        """Value of a linear output at the origin without its linear terms there."""
+        symbol = {target: s for s, target in self._unknown.items()}
+        linear = sum((v * origin[symbol[t]] for (o, t), v in zip(places, values, strict=True) if o == i), se.Integer(0))
+        return self.inserted[i].subs(origin) - linear
 
     def _with_inputs(self, expressions: list[Expr]) -> tuple[Any, list[Expr]]:
         return self.inputs(expressions).symbols, expressions

@@ -11,11 +11,22 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import SceneError
-from mbdae.forces import AppliedForce, AppliedTorque, Bushing, JointDamper, JointForce, JointSpring, JointTorque, PointSpring
+from mbdae.forces import (
+    AppliedForce,
+    AppliedTorque,
+    Bushing,
+    JointDamper,
+    JointForce,
+    JointSpring,
+    JointTorque,
+    PointSpring,
+    RotationalBushing,
+)
 from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene import timed
 from mbdae.scene.components import Array, Body, Connection, Kinematic, Place
+from mbdae.scene.record import Statement, statement
 from mbdae.symbolic.law import Force, Joint, Law
 
 
@@ -26,6 +37,8 @@ class SceneData:
         """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
         self.name, self.space = name, space
         self.problems: list[str] = []
+        self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
+        self.recording = True
         self.gravity = self._vector("scene", "gravity", gravity, "m/s^2")
         if space not in ("auto", "planar", "spatial"):
             self.problems.append(f"scene: space={space!r} is unknown; use 'auto', 'planar' or 'spatial'")
@@ -36,6 +49,7 @@ class SceneData:
 
     # -- bodies
 
+    @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0)) -> Body:  # fmt: skip
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
@@ -43,6 +57,7 @@ class SceneData:
         `angular_velocity` rad/s in the inertial frame."""
         return self._body(name, mass, inertia, at, rotation, velocity, angular_velocity)
 
+    @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0)) -> Body:
         """A mass point: no orientation, rotation rows of joints on it fall away."""
         where, speed = self._vector(name, "at", at, "m"), self._vector(name, "velocity", velocity, "m/s")
@@ -50,6 +65,7 @@ class SceneData:
                     given_velocity=bool(np.any(speed)), outline=where[None], is_point=True)  # fmt: skip
         return self._add_body(body)
 
+    @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None) -> Body:
         """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m."""
         outline = np.array([self._vector(name, f"point {i + 1}", p, "m") for i, p in enumerate(points)])
@@ -93,6 +109,7 @@ class SceneData:
 
     # -- joints
 
+    @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
                  damper: float | None = None, torque: Any = None) -> Connection:  # fmt: skip
@@ -102,6 +119,7 @@ class SceneData:
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis."""
         return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque)
 
+    @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
                   force: Any = None, model: Any = None) -> Connection:  # fmt: skip
@@ -109,14 +127,17 @@ class SceneData:
         `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis."""
         return self._joint("prismatic", Prismatic, name, k, l, at, axis, model, position, position0, rate0, spring, damper, force)
 
+    @statement
     def spherical(self, name: str, k: Any, l: Any, at: Any) -> Connection:
         """The points of k and l at `at` stay together."""
         return self.add(Spherical(name, k, l, at))
 
+    @statement
     def weld(self, name: str, k: Any, l: Any, at: Any = None) -> Connection:
         """l moves with k."""
         return self.add(Weld(name, k, l, at if at is not None else self._place_of(l)))
 
+    @statement
     def distance(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any) -> Connection:
         """Two points keep their distance: a massless rod with ball ends."""
         a, b = self._vector(name, "at_k", at_k, "m"), self._vector(name, "at_l", at_l, "m")
@@ -128,6 +149,7 @@ class SceneData:
         joint.at_l = b
         return self.add(joint)
 
+    @statement
     def fixed_orientation(self, name: str, k: Any, l: Any) -> Connection:
         """l does not turn relative to k."""
         return self.add(FixedOrientation(name, k, l, self._place_of(l)))
@@ -138,35 +160,45 @@ class SceneData:
             self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic()")
         where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
         place: dict[str, Any] = {"k": k, "l": l, "at": where, "axis": direction}
-        laws: list[Law] = [law(name, drive=self._timed(name, "prescribed value", drive), **place)]
+        prescribed = self._timed(name, "position" if law is Prismatic else "angle", drive, law.coordinate_unit)
+        laws: list[Law] = [law(name, drive=prescribed, **place)]
+        unit = law.coordinate_unit
+        for value, what in ((start, "position0" if law is Prismatic else "angle0"), (rate0, "rate0")):
+            if value is not None and drive is not None:
+                self.problems.append(f"{kind} '{name}': the prescribed value fixes the start already; leave out {what} = {value!r}")
+        start = None if start is None else self._number(name, "position0" if law is Prismatic else "angle0", start, unit)
+        rate0 = None if rate0 is None else self._number(name, "rate0", rate0, f"{unit}/s")
         turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
         if spring is not None:
-            stiffness = self._number(name, "spring", spring, "N m/rad")
+            stiffness = self._number(name, "spring", spring, "N m/rad" if law is Revolute else "N/m")
             laws.append(JointSpring(name, stiffness=stiffness, rest=0.0, turns=turns, joint=law, **place))
         if damper is not None:
-            laws.append(JointDamper(name, damping=self._number(name, "damper", damper, "N m s/rad"), joint=law, **place))
+            laws.append(JointDamper(name, damping=self._damping(name, "damper", damper, "N m s/rad" if law is Revolute else "N s/m"), joint=law, **place))
         if load is not None:
             value = self._timed(name, "torque" if law is Revolute else "force", load)
             laws.append(JointTorque(name, torque=value, **place) if law is Revolute else JointForce(name, force=value, **place))
-        for value, what in ((start, "start value"), (rate0, "rate0")):
-            if value is not None:
-                self._number(name, what, value, "")
-            if value is not None and drive is not None:
-                self.problems.append(f"{kind} '{name}': a prescribed value fixes the start; leave out {what} = {value}")
         return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))  # type: ignore[attr-defined]
 
     # -- forces
 
+    @statement
     def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
                length: float | None = None) -> Connection:  # fmt: skip
         """Spring (N/m) and damper (N s/m) between two points; natural `length` m (default: as drawn)."""
         a, b = self._vector(name, "at_k", at_k, "m"), self._vector(name, "at_l", at_l, "m")
         natural = float(np.linalg.norm(b - a)) if length is None else self._number(name, "length", length, "m")
-        damping = self._number(name, "damping", damping, "N s/m")
+        damping = self._damping(name, "damping", damping, "N s/m")
+        if natural < 0:
+            self.problems.append(f"spring '{name}': length = {natural:g} m is negative")
+        if damping and natural == 0:
+            self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points meet; "
+                                 f"use s.bushing, or give a length")  # fmt: skip
+            damping = 0.0
         law = PointSpring(name, k, l, a, at_l=b, stiffness=self._number(name, "stiffness", stiffness, "N/m"),
                           damping=damping or None, length=natural or None)  # fmt: skip
         return self._connect(Connection(name, "spring", k, l, [law]))
 
+    @statement
     def bushing(self, name: str, k: Any, l: Any, at: Any, stiffness: Any, damping: Any = (0, 0, 0)) -> Connection:
         """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes."""
         values: dict[str, Any] = {}
@@ -175,15 +207,22 @@ class SceneData:
             if numbers.size not in (3, 6):
                 self.problems.append(f"bushing '{name}': {what} has {numbers.size} values; give 3 (translation) or 6 (and rotation)")
                 continue
+            if what == "damping" and np.any(numbers < 0):
+                self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed energy")
             for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
-                if part.size and (np.any(part) or letter == "k"):
+                if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
-        return self._connect(Connection(name, "bushing", k, l, [Bushing(name, k, l, self._vector(name, "at", at, "m"), **values)]))
+        where = self._vector(name, "at", at, "m")
+        own = {law: {p: values[p] for p in law.params if p in values} for law in (Bushing, RotationalBushing)}
+        laws: list[Law] = [law(name, k, l, where, **numbers) for law, numbers in own.items() if numbers]
+        return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, where)]))
 
+    @statement
     def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
         """Applied force, N, three numbers or expressions of mb.t, in the inertial frame or along the body's axes."""
         return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
 
+    @statement
     def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
         """Applied torque, N m, three numbers or expressions of mb.t."""
         return self._load("torque", AppliedTorque, ("mx", "my", "mz"), name, body, value, None, frame)
@@ -205,6 +244,7 @@ class SceneData:
         following = frame == "body"
         return self._connect(Connection(name, kind, self.ground, body, [law(name, self.ground, body, where, following=following, **components)]))
 
+    @statement
     def add(self, law: Joint | Force) -> Connection:
         """Add a joint or force law, the package's or the user's own."""
         is_joint = isinstance(law, Joint)
@@ -222,10 +262,23 @@ class SceneData:
         for law in item.laws:
             law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
         if item.k is item.l:
-            self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself")
+            self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
+        self._check_point_masses(item)
         self._claim(item.name)
         self.connections.append(item)
         return item
+
+    def _check_point_masses(self, item: Connection) -> None:
+        """A point mass has no axes and no extent."""
+        for body, side in ((item.k, "k"), (item.l, "l")):
+            for law in item.laws if body.is_point else ():
+                if isinstance(law, JointTorque | AppliedTorque):
+                    self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; use s.rigid_body")
+                at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at  # type: ignore[attr-defined]
+                if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
+                    self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at {body.position.tolist()} m, "
+                                         f"not at {np.asarray(at).tolist()} m; attach to it where it is")  # fmt: skip
+                    break
 
     # -- access
 
@@ -282,6 +335,12 @@ class SceneData:
         if not math.isfinite(number):
             self.problems.append(f"'{item}': {option} = {number} {unit} is not finite")
             return 0.0
+        return number
+
+    def _damping(self, item: str, option: str, value: Any, unit: str) -> float:
+        number = self._number(item, option, value, unit)
+        if number < 0:
+            self.problems.append(f"'{item}': {option} = {number:g} {unit} is negative: it would feed energy; give 0 or more")
         return number
 
     def _array(self, item: str, option: str, value: Any, shape: tuple[int, ...] | None) -> Array:

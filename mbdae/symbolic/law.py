@@ -84,6 +84,10 @@ class Law:
             setattr(law, key, value)
         return law
 
+    def undefined_at(self) -> tuple[str, ...]:
+        """States in which the law is not defined by its nature: of "half turn", "points together" (see `mb.selftest`)."""
+        return ()
+
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
         """Time derivative of every internal state."""
         return {}
@@ -124,6 +128,8 @@ class Joint(Law):
 
 class Force(Law):
     """A law between two bodies stated by `energy`, `dissipation` or `wrench`."""
+
+    external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
 
     def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
                  **values: Any) -> None:  # fmt: skip

@@ -42,6 +42,7 @@ class Variation:
         self.values: dict[Expr, Expr] = {}  #: name -> value, inner names first
         self.constant: set[Expr] = set()  #: names that are not differentiated
         self._names: dict[Expr, Expr] = {}
+        self._rates: dict[Expr, Expr] = {}
         self._gradients: dict[tuple[str, str, Expr], tuple[Vec, Vec]] = {}
         self._structure = {symbol: value for f in frames for symbol, value in f.structure.items()}
 
@@ -67,7 +68,7 @@ class Variation:
         if atom not in self._names:
             kind = atom.get_name() if isinstance(atom, se.FunctionSymbol) else type(atom).__name__
             if kind == "rate":
-                value = self.rate(atom.args[0])
+                value = self._rate_by_names(atom.args[0])
             elif kind == "let":
                 value = atom.args[0]
             else:
@@ -84,6 +85,15 @@ class Variation:
         symbol = se.Symbol(f"named{len(self.values) + 1}")
         self.values[symbol] = value
         return symbol
+
+    def _rate_by_names(self, e: Expr) -> Expr:
+        """`rate` with the rates of the names in e named themselves: keeps the stiffness of a damper small."""
+        total = self._rate_at_fixed_names(e)
+        for factor, name in self._chain(e):
+            if name not in self._rates:
+                self._rates[name] = self._symbol(self.resolve(self._rate_by_names(self.values[name])))
+            total += factor * self._rates[name]
+        return total
 
     # -- differentiation
 
@@ -104,11 +114,16 @@ class Variation:
         """(de/dr, sum a x de/da): e changes by the first on a translation, by the second on a rotation (inertial)."""
         if not f.kind.moves:
             return ZERO, ZERO
-        move = Vec(*(_diff(e, c) for c in f.center))
+        return self._through_names("gradient", f, e, *self._direct_gradient(f, e))
+
+    @staticmethod
+    def _direct_gradient(f: Frame, e: Expr) -> tuple[Vec, Vec]:
+        if not f.kind.moves:
+            return ZERO, ZERO
         turn = Vec(0, 0, _diff(e, f.heading))
         for a in f.attached:
             turn = turn + a.cross(Vec(*(_diff(e, c) for c in a)))
-        return self._through_names("gradient", f, e, move, turn)
+        return Vec(*(_diff(e, c) for c in f.center)), turn
 
     def velocity_gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
         """(de/dv, de/dw)."""
@@ -132,6 +147,13 @@ class Variation:
         total = sum((self.diff(e, p) * dp for p, dp in self.clock.items()), _ZERO)
         for f in self.frames:
             move, turn = self.gradient(f, e)
+            total += move @ f.center_velocity + turn @ f.w
+        return total
+
+    def _rate_at_fixed_names(self, e: Expr) -> Expr:
+        total = sum((_diff(e, p) * dp for p, dp in self.clock.items()), _ZERO)
+        for f in self.frames:
+            move, turn = self._direct_gradient(f, e)
             total += move @ f.center_velocity + turn @ f.w
         return total
 

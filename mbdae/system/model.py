@@ -136,6 +136,7 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
     by_body = {n.body: n for n in nodes}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
+    refused: list[str] = []
     for law, bodies, item in _laws(scene):
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
@@ -146,8 +147,12 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
         try:
             vanished += [f"{item}.{row}" for row in derive(*key).vanished]
         except LawError as error:
-            raise LawError(f"{item}: {error}") from error
+            if planar:
+                raise LawError(f"{item}: {error}") from error
+            refused.append(f"'{item}': {error}")
         groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+    if refused:
+        raise SceneError(refused)
     return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished)
 
 

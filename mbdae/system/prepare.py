@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbdae.errors import SceneError
+from mbdae.errors import SceneError, StartError
+from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
 from mbdae.system.base import Array
@@ -16,6 +17,9 @@ from mbdae.system.numbering import constraint_rows
 from mbdae.system.redundancy import RankReport, analyse, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
 from mbdae.system.start import Start, Starter, state_rate_outputs
+
+
+FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
 
 @dataclass
@@ -35,10 +39,15 @@ class Prepared:
         return self.model.length
 
 
-def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0) -> Prepared:
-    """Check a scene and find its start; raises SceneError with every problem found."""
-    if scene.problems:
-        raise SceneError(scene.problems)
+def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None) -> Prepared:
+    """Check a scene and find its start; raises SceneError with every problem found.
+
+    Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
+    begin_time = start.t if start is not None else t0
+    end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
+    problems = scene.problems + prescribed.problems(scene.connections, begin_time, end)
+    if problems:
+        raise SceneError(problems)
     if not scene.bodies:
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
     model = build(scene)
@@ -51,7 +60,25 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0) -> Pr
         raise SceneError(problems)
     mechanics = Mechanics(model, rank.kept)
     begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0).run()
+    problems = _contradictions(everything, rank, begin)
+    if problems:
+        raise StartError(problems)
     return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin))
+
+
+def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> list[str]:
+    """Rows left out as redundant that the start does not satisfy: prescribed motions against each other."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    rate = everything.velocity_residual(t, q, u)[0]
+    bias = (everything.constraint_jacobian(t, q)[0] @ start.acceleration + everything.acceleration_bias(t, q, u)[0])
+    size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
+    dropped = {row.name for row in rank.dropped}
+    found = []
+    for row, v, a in zip(everything.rows, rate, bias, strict=True):
+        if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
+            found.append(f"prescribed motions contradict: row {row.name} depends on the other rows, but they leave it a rate of "
+                         f"{v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start; release one of them")  # fmt: skip
+    return found
 
 
 def _continued(mechanics: Mechanics, start: Start) -> Start:

@@ -125,7 +125,10 @@ def _name_motion(mechanics: Mechanics, motion: Array) -> str:
     worst = int(np.argmax(np.abs(motion)))
     for node in mechanics.model.nodes:
         if node.u <= worst < node.u + node.kind.sizes[1]:
-            coordinate = COORDINATES[node.kind][1][worst - node.u]
-            return (f"body '{node.body.name}' can move freely without inertia (mainly {coordinate}): give it mass or inertia, "
-                    f"or a joint that stops this motion")  # fmt: skip
+            n = 2 if node.kind.flat else 3
+            part = motion[node.u : node.u + n] if worst < node.u + n else motion[node.u + n : node.u + node.kind.sizes[1]]
+            direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9 * np.abs(motion).max(), 0.0, part) / np.linalg.norm(part))
+            how = f"move along ({direction})" if worst < node.u + n else "turn" if node.kind.flat else f"turn about ({direction}) in body axes"
+            return (f"body '{node.body.name}' can {how} without any inertia (mainly {COORDINATES[node.kind][1][worst - node.u]}): "
+                    f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
     raise SceneError(["a motion without inertia could not be named"])

@@ -161,7 +161,7 @@ class Starter:
         if worst >= self.mechanics.m:
             joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
             return (f"the held value {self.held_value(joint):.6g} of '{joint.name}' cannot be reached: the loop stays off by "
-                    f"{abs(g[worst]):.3g}; change it, or the lengths of the loop")  # fmt: skip
+                    f"{abs(g[worst]):.3g} {'rad' if joint.kind == 'revolute' else 'm'}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "

@@ -1,0 +1,49 @@
+r"""Ground resonance: a rotor with lagging blades on an elastic support shakes itself to pieces.
+
+Four rigid blades (uniform rods of length L and mass m) hang on lag hinges at the distance e from the centre of a hub,
+which turns at the speed Omega on a block on springs and dampers. In the frame of the ground, with the position
+r_h of the hub and the azimuth psi_i = Omega t + i pi/2 + zeta_i of blade i, the centre of mass of a blade is
+
+    r_i = r_h + e (cos, sin)(Omega t + i pi/2) + L/2 (cos, sin)(psi_i),
+
+and the lag angles zeta_i are coupled to the hub by the centrifugal forces alone. No spring holds the blades: they swing
+as pendulums in the centrifugal field, at w = Omega sqrt(S e / I) = 5.94 rad/s with S = m L/2 and I = m L^2/3. Seen from
+the ground, the regressive lag mode Omega - w comes close to the mode of the support, and the two feed on the rotation:
+small motions grow as exp(2.10 t) with support along x and exp(2.64 t) with support along x and y.
+
+Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with inertia free instead of prescribing it.
+
+Run it:  mbdae compare examples/ground_resonance.py --out out
+"""
+
+import math
+
+import numpy as np
+
+import mbdae as mb
+
+BLADES, L, M, HINGE = 4, 4.25, 12.75, 0.25  # -, m, kg, m
+BLOCK, STIFFNESS, DAMPING = 30.0, 12000.0, 150.0  # kg, N/m, N s/m
+OMEGA, HUB_INERTIA, LAG0 = 20.01, 1.0, 0.01  # rad/s, kg m^2 (free rotor), rad (blade 1)
+
+t_end = 2.0  # s
+measure = "lag 1.angle"
+
+
+def scene(axes=2, free=False):
+    """Block, hub and blades, drawn with blade 1 along x; the block never turns, so it needs no inertia."""
+    s = mb.Scene(f"ground resonance, {axes} ax{'is' if axes == 1 else 'es'}, rotor speed {'free' if free else 'prescribed'}")
+    block = s.rigid_body("block", BLOCK, 0.0, at=(0, 0))
+    if axes == 1:
+        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=STIFFNESS, damper=DAMPING)
+    else:
+        s.fixed_orientation("guide", s.ground, block)
+        s.bushing("support", s.ground, block, at=(0, 0), stiffness=(STIFFNESS, STIFFNESS, 0), damping=(DAMPING, DAMPING, 0))
+    hub = s.rigid_body("hub", 0.0, HUB_INERTIA if free else 0.0, at=(0, 0))
+    s.revolute("shaft", block, hub, at=(0, 0), **({"rate0": OMEGA} if free else {"angle": OMEGA * mb.t}))
+    for i in range(BLADES):
+        direction = np.array([math.cos(i * math.pi / 2), math.sin(i * math.pi / 2)])
+        hinge, tip = HINGE * direction, (HINGE + L) * direction
+        blade = s.link(f"blade {i + 1}", hinge, tip, mass=M)
+        s.revolute(f"lag {i + 1}", hub, blade, at=hinge, angle0=LAG0 if i == 0 else 0.0)
+    return s

@@ -1,0 +1,100 @@
+"""The reference of a comparison: the tightest Radau run, confirmed by a second method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.compare.job import Job
+from mbdae.errors import MbdaeError, OptionError
+from mbdae.integrators.base import Solver
+from mbdae.results.result import Result
+
+TIGHTER = 100.0  #: accuracy of the reference below the smallest one asked
+CONFIRM = 10.0  #: accuracy of the second method below the smallest one asked
+FLOOR = 1e-11
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where the truth comes from. `difference`: of the second method, as the measure says; None where there is none."""
+
+    label: str
+    accuracy: float | None
+    confirmed_by: str | None
+    difference: float | None
+    steps: int | None = None
+    cpu_s: float | None = None
+    note: str | None = None
+
+    def __str__(self) -> str:
+        second = f"; {self.confirmed_by} differs by {self.difference:.1e}" if self.difference is not None else ""
+        return self.label + second + (f"; {self.note}" if self.note else "")
+
+
+def given_reference(job: Job, given: Any) -> tuple[Reference, Any]:
+    """A reference the user brought: a Result of the same scene, or values of the measure as a function of time."""
+    if isinstance(given, Result):
+        if job.prepared is None:
+            raise OptionError("reference is the Result of a scene, compared is a System; leave it out")
+        if given.prepared.mechanics.nq != job.prepared.mechanics.nq or given.solution.t[-1] < job.t_end:
+            raise OptionError(f"reference ends at t = {given.solution.t[-1]:g} s or is of another scene; run this scene to {job.t_end:g} s")
+        label = f"given result, {given.solution.solver.label} {given.info.form}"
+        return Reference(label, given.accuracy.asked, None, None), job.values(given.solution, given.info.form)
+    if not isinstance(given, Callable):  # type: ignore[arg-type]
+        raise OptionError(f"reference = {given!r}: give a Result, a function of the times (nt,), or None to have one computed")
+    if job.measure is None:
+        raise OptionError("reference is a function: name the sensor it stands for, measure='C.angle'")
+    values = np.asarray(given(job.times), dtype=float)
+    shape = job.values(job.solve(_radau(job, 1e-3), None, repeat=False).solution, "").shape
+    if values.shape != shape:
+        raise OptionError(f"reference returns shape {values.shape}, {job.measure} has {shape} at the {len(job.times)} times given")
+    return Reference("given function", None, None, None), values
+
+
+def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
+    """The tightest Radau run and its values; a second method tells how far it can be trusted."""
+    system = job.system(None)
+    solver = _radau(job, max(smallest / TIGHTER, FLOOR))
+    run = job.solve(solver, None, repeat=False)
+    values = job.values(run.solution, system.label)
+    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}"
+    found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
+    reasons = []
+    for second in _seconds(job, max(smallest / CONFIRM, FLOOR)):
+        try:
+            other = job.solve(second, None, repeat=False)
+        except MbdaeError as error:
+            reasons.append(str(error))
+            continue
+        gap = job.error(job.values(other.solution, system.label), values)
+        confirmed = f"{second.label} {system.label}, rtol {second.tolerance:.1e}"
+        note = f"errors below {gap:.0e} are not known" if gap > smallest / 3 else None
+        return replace(found, confirmed_by=confirmed, difference=gap, note=note), values
+    return replace(found, note="not confirmed by a second method: " + "; ".join(reasons)), values
+
+
+def _radau(job: Job, accuracy: float) -> Solver:
+    from mbdae.integrators.radau import RadauIIA
+
+    return as_tight(RadauIIA(3), accuracy, job.system(None).label)
+
+
+def _seconds(job: Job, accuracy: float) -> list[Solver]:
+    from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+
+    label = job.system(None).label
+    methods: list[Solver] = [RadauIIA(2)] if np.max(job.system(None).index) > 1 else [IDA(), RadauIIA(2)]
+    return [as_tight(method, accuracy, label) for method in methods]
+
+
+def as_tight(solver: Solver, accuracy: float, form_label: str) -> Solver:
+    """The solver at an accuracy, or at its tightest tolerance where round-off does not allow it."""
+    try:
+        return solver.at_accuracy(accuracy, form_label)
+    except OptionError:
+        return replace(solver, rtol=solver.tightest.get(form_label, solver.tightest[""]))  # type: ignore[type-var]

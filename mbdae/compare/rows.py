@@ -1,0 +1,56 @@
+"""One row per solver run: the single source of table, picture and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Row:
+    """One solver run. `error` as the measure says, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
+
+    accuracy, rtol: asked of the solver, None where its step is constant; failure: why it did not finish; pareto: no
+    other run was at least as accurate and as cheap.
+    """
+
+    label: str
+    solver: str
+    form: str
+    model: str | None
+    accuracy: float | None
+    rtol: float | None = None
+    error: float | None = None
+    cpu_s: float | None = None
+    cpu_spread_s: float | None = None
+    steps: int = 0
+    rejected: int = 0
+    residuals: int = 0
+    jacobians: int = 0
+    factorisations: int = 0
+    failure: str | None = None
+    pareto: bool = False
+
+    @property
+    def measured(self) -> tuple[float, float] | None:
+        """Error and CPU s, or None for a run that did not finish."""
+        return (self.error, self.cpu_s) if self.error is not None and self.cpu_s is not None and not self.failure else None
+
+
+def with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """The rows with the Pareto front of error and CPU time marked."""
+    return tuple(replace(row, pareto=_undominated(row, rows)) for row in rows)
+
+
+def _undominated(row: Row, rows: Sequence[Row]) -> bool:
+    if row.measured is None:
+        return False
+    error, cpu = row.measured
+    others = [r.measured for r in rows if r is not row and r.measured is not None]
+    return not any(e <= error and c <= cpu and (e, c) != (error, cpu) for e, c in others)
+
+
+def cheapest(rows: Sequence[Row], wanted: float) -> Row | None:
+    """The run with the least CPU time among those whose error is at most `wanted`."""
+    reached = [(r.measured[1], i) for i, r in enumerate(rows) if r.measured is not None and r.measured[0] <= wanted]
+    return rows[min(reached)[1]] if reached else None

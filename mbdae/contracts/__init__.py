@@ -1,0 +1,1 @@
+"""The contract of laws: states, variants and checks behind `mbdae.selftest`."""

@@ -1,0 +1,187 @@
+"""One variant of a law with random states, evaluated by the numpy oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.contracts.states import States, Values, moved, velocities
+from mbdae.formulations.ggl import ggl_outputs
+from mbdae.kernels import LinearisedPlan, Plan
+from mbdae.kernels.plan import Outputs
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.outputs import Target, acceleration, dynamics, input_symbols, jacobian_G, kinematics, position, velocity
+from mbdae.symbolic.vectors import ZERO, Expr
+from mbdae.system.base import Array
+from mbdae.system.mechanics import turned
+
+POINTS = 4  #: random states of every variant
+STEP = 1e-30  #: of the complex step
+Measured = tuple[str, float]  #: entry and its relative error
+
+
+def statement(d: Derived) -> list[tuple[Target, Expr]]:
+    """The law as stated: V, R, force, torque, and the point of l."""
+    if not isinstance(d.law, Force):
+        return []
+    v, law = d.variation, d.law
+    force, torque = law.wrench(*d.frames) or (ZERO, ZERO)
+    parts = [law.energy(*d.frames), law.dissipation(*d.frames), *force, *torque, *d.frames[-1].r]
+    names = ["V", "R", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "rx", "ry", "rz"]
+    return [((n,), v.resolve(v.name(e))) for n, e in zip(names, parts, strict=True)]
+
+
+def scalars(d: Derived) -> list[tuple[Target, Expr]]:
+    """Energy, powers and coordinate."""
+    named = {"energy": d.energy, "dissipated": d.dissipated_power, "work": d.work_power, "coordinate": d.coordinate}
+    return [((n,), e) for n, e in named.items() if e != 0]
+
+
+def starts(d: Derived) -> list[tuple[Target, Expr]]:
+    """Start values of internal states."""
+    return [((n,), e) for n, e in zip(d.states, d.state_starts, strict=True)]
+
+
+def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
+    """Kinematic rows."""
+    return kinematics(d) if isinstance(d.law, Element) else []
+
+
+#: groups of outputs the contracts evaluate
+EVALUATED: tuple[Outputs, ...] = (
+    ggl_outputs, dynamics, position, velocity, acceleration, jacobian_G, statement, scalars, starts, of_elements,
+)  # fmt: skip
+
+
+class Case:
+    """A law in one variant with random states, evaluated by the numpy oracle."""
+
+    def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float]) -> None:
+        self.law, self.structure, self.given = law, structure, given
+        self.d: Derived = derive(law, structure, sides)
+        self.rng = np.random.default_rng(20)
+        self.states = States(self.d, given, self.rng, POINTS)
+        self.values = self.states.values
+
+    def variant(self, sides: tuple[Side, ...]) -> Case:
+        """The same law between other nodes."""
+        return Case(self.law, self.structure, sides, self.given)
+
+    @cached_property
+    def _sections(self) -> dict[Outputs, tuple[list[Target], slice]]:
+        sections, start = {}, 0
+        for outputs in EVALUATED:
+            targets = [target for target, _ in outputs(self.d)]
+            sections[outputs] = targets, slice(start, start + len(targets))
+            start += len(targets)
+        return sections
+
+    @cached_property
+    def everything(self) -> Plan:
+        """All outputs the contracts look at, in one kernel: one compilation, one oracle."""
+        return Plan(self.d, lambda d: [entry for outputs in self._sections for entry in outputs(d)])
+
+    @cached_property
+    def linearised(self) -> LinearisedPlan:
+        """The outputs of GGL as the assembly takes them apart; those of Index3 are among them."""
+        return LinearisedPlan(self.d, ggl_outputs)
+
+    def targets(self, outputs: Outputs) -> list[Target]:
+        """Targets of one group of outputs."""
+        return self._sections[outputs][0]
+
+    def evaluate(self, outputs: Outputs, values: Values) -> NDArray[Any]:
+        """Outputs (points, outputs) by the oracle."""
+        targets, part = self._sections[outputs]
+        if not targets:
+            return np.zeros((len(next(iter(values.values()))), 0))
+        return self.everything.kernel.oracle(columns(self.everything.all_inputs.symbols, values))[:, part]
+
+    def slope(self, outputs: Outputs, u: dict[str, NDArray[Any]], clock: bool = False) -> Array:
+        """d/dt (points, outputs) along velocities u, by complex step."""
+        return np.asarray(self.evaluate(outputs, moved(self.d, self.values, 1j * STEP, u, clock)).imag / STEP)
+
+    @cached_property
+    def u(self) -> dict[str, Array]:
+        """Velocities (points, nu) of every side."""
+        return {f.side: velocities(f, self.values) for f in self.d.frames}
+
+    @cached_property
+    def on_manifold(self) -> Values:
+        """States near the drawing, moved until the rows vanish (Gauss-Newton); joints only."""
+        values = self.states.near
+        for _ in range(30):
+            g = self.evaluate(position, values).real
+            if not g.size or np.max(np.abs(g), initial=0.0) < 1e-14:
+                break
+            places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
+            G = np.zeros((len(g), len(self.d.rows), len(places)))
+            entries = self.evaluate(jacobian_G, values).real.T
+            for (_, row, side, column), entry in zip(self.targets(jacobian_G), entries, strict=True):
+                G[:, row, places.index((side, column))] += entry
+            steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
+            values = self._displaced(values, steps)
+        return values
+
+    def _displaced(self, values: Values, steps: Array) -> Values:
+        out, start = dict(values), 0
+        for f in self.d.frames:
+            part = steps[:, start : start + f.kind.sizes[1]]
+            start += f.kind.sizes[1]
+            if f.kind is NodeKind.SPATIAL:
+                P = np.stack([values[str(s)] for s in f.q[3:]], axis=-1)
+                new = np.hstack([part[:, :3], [turned(p, w) - p for p, w in zip(P, part[:, 3:], strict=True)]])
+            else:
+                new = part
+            out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}
+        return out
+
+
+def columns(symbols: Any, values: Values) -> NDArray[Any]:
+    """(points, symbols) inputs of a kernel."""
+    count = len(next(iter(values.values())))
+    return np.stack([values[str(s)] for s in symbols], axis=-1) if len(symbols) else np.zeros((count, 0))
+
+
+def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:
+    """Largest difference of every column over the points, relative to the largest value wanted (at least 1)."""
+    if got.size:
+        difference = np.max(np.abs(got - wanted), axis=0) / max(1.0, float(np.max(np.abs(wanted))))
+        yield from zip(names, np.where(np.isnan(difference), np.inf, difference).tolist(), strict=True)
+
+
+def label(d: Derived, target: Target) -> str:
+    if target[0] in ("g", "gd", "gdd", "lambda", "mu"):
+        return f"{target[0]}[{d.rows[target[1]]}]"
+    return " ".join(map(str, target))
+
+
+def rebuilt(split: LinearisedPlan, values: Values, index: dict[Target, int]) -> tuple[Array, Array]:
+    """Residual (points, outputs) and Jacobian (points, outputs, unknowns) as the assembly composes them."""
+    constants = split.constants.once(columns(split.constant_inputs.symbols, values))
+    count = len(split.constant_places)
+    J = np.zeros((len(constants), len(split.targets), len(index)))
+    residual = np.zeros(J.shape[:2])
+    unknown = {target: values[str(symbol)] for target, symbol in zip(index, _symbols(split, index), strict=True)}
+    for (o, target), value in zip(split.constant_places, constants[:, :count].T, strict=True):
+        J[:, o, index[target]] += value
+        if o in split.offset_places:
+            residual[:, o] += value * unknown[target]
+    for o, value in zip(split.offset_places, constants[:, count:].T, strict=True):
+        residual[:, o] += value
+    residual[:, split.nonlinear] = split.residual.values(columns(split.residual_inputs.symbols, values))
+    varying = split.jacobian.values(columns(split.jacobian_inputs.symbols, values))
+    for (o, target), value in zip(split.jacobian_places, varying.T, strict=True):
+        J[:, o, index[target]] += value
+    return residual, J
+
+
+def _symbols(split: LinearisedPlan, index: dict[Target, int]) -> list[Expr]:
+    table = dict(input_symbols(split.derived))
+    return [table[target] for target in index]

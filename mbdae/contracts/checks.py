@@ -1,0 +1,257 @@
+"""The contracts: every function measures errors of one variant, entry by entry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.contracts.case import STEP, Case, Measured, columns, compared, label, of_elements, rebuilt, scalars, starts, statement
+from mbdae.contracts.states import Values, embedded, rates, rigid_velocities, rigidly_moved, rotation, velocities
+from mbdae.formulations.ggl import ggl_outputs
+from mbdae.formulations.index3 import index3_outputs
+from mbdae.kernels.plan import Outputs
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.law import Element, Force, Joint
+from mbdae.symbolic.outputs import acceleration, dynamics, input_symbols, position, velocity
+from mbdae.system.base import Array
+
+#: largest relative error of every contract
+BOUNDS = {
+    "Jacobian": 1e-10, "compiled kernel": 1e-12, "rates": 1e-11, "virtual work": 1e-11, "action = reaction": 1e-10,
+    "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11,
+}  # fmt: skip
+
+
+# ---- what the contracts evaluate -----------------------------------------------------------------------------------
+
+
+def table(case: Case, outputs: Outputs, values: Values) -> dict[str, NDArray[Any]]:
+    """Outputs with names of one word."""
+    out = case.evaluate(outputs, values)
+    return {t[0]: out[:, i] for i, t in enumerate(case.targets(outputs))}
+
+
+def covector(case: Case, values: Values) -> dict[tuple[str, int], Array]:
+    """Rows of the dynamics by side and column."""
+    out = case.evaluate(dynamics, values)
+    return {(t[1], t[2]): out[:, i].real for i, t in enumerate(case.targets(dynamics))}
+
+
+def power_on(case: Case, F: dict[tuple[str, int], Array], u: dict[str, Array]) -> Array:
+    """(points,) covector . velocity."""
+    count = len(next(iter(u.values())))
+    return sum((F[side, i] * u[side][:, i] for side, i in F), np.zeros(count))
+
+
+# ---- derivatives ---------------------------------------------------------------------------------------------------
+
+
+def jacobian(case: Case) -> Iterator[Measured]:
+    """All outputs of GGL, rebuilt as the assembly composes them; those of Index3 must be among them."""
+    d, split, unknowns = case.d, case.linearised, input_symbols(case.d)
+    missing = [label(d, t) for t, e in index3_outputs(d) if (t, e) not in list(ggl_outputs(d))]
+    yield from ((f"{name}, in Index3 but not in GGL", 1.0) for name in missing)
+    if not split.targets:
+        return
+    index = {target: j for j, (target, _) in enumerate(unknowns)}
+    residual, J = rebuilt(split, case.values, index)
+    names = [label(d, t) for t in split.targets]
+    yield from compared([f"residual {n}" for n in names], residual, case.evaluate(ggl_outputs, case.values).real)
+    count = len(residual)
+    stepped = {name: np.tile(value.astype(complex), len(unknowns)) for name, value in case.values.items()}
+    for j, (_, symbol) in enumerate(unknowns):
+        stepped[str(symbol)][j * count : (j + 1) * count] += 1j * STEP
+    slopes = case.evaluate(ggl_outputs, stepped).imag / STEP
+    slopes = np.moveaxis(slopes.reshape(len(unknowns), count, -1), 0, 2)
+    places = [f"d({n})/d({label(d, t)})" for n in names for t in index]
+    yield from compared(places, J.reshape(count, -1), slopes.reshape(count, -1))
+
+
+def compiled(case: Case) -> Iterator[Measured]:
+    """LLVM against numpy for everything that is evaluated of the law."""
+    p = case.everything
+    if not p.targets:
+        return
+    x = columns(p.all_inputs.symbols, case.values)
+    yield from compared([label(case.d, t) for t in p.targets], p.kernel.values(x), p.kernel.oracle(x).real)
+
+
+def motion(case: Case) -> Iterator[Measured]:
+    """G u + g_t against dg/dt, gamma against d(G u + g_t)/dt."""
+    for lower, upper in ((position, velocity), (velocity, acceleration)):
+        names = [label(case.d, t) for t in case.targets(upper)]
+        yield from compared(names, case.evaluate(upper, case.values).real, case.slope(lower, case.u, clock=True))
+
+
+# ---- forces --------------------------------------------------------------------------------------------------------
+
+
+def virtual_work(case: Case) -> Iterator[Measured]:
+    """Every entry of the covector against the power of the statement on a unit velocity."""
+    d, F = case.d, covector(case, case.values)
+    if isinstance(d.law, Element):
+        return
+    stated = {n: c.real for n, c in table(case, statement, case.values).items()}
+    lam = columns(d.multipliers, case.values)
+    for f in d.frames:
+        for i in range(f.kind.sizes[1]):
+            unit = {side: np.zeros_like(u) for side, u in case.u.items()}
+            unit[f.side][:, i] = 1.0
+            expected = np.sum(lam * case.slope(position, unit), axis=1) if d.rows else np.zeros(len(lam))
+            if stated:
+                expected = expected + _stated_power(case, stated, f, i, unit)
+            got = F.get((f.side, i), np.zeros(len(expected)))
+            yield from compared([f"u {f.side} {i}"], got[:, None], expected[:, None])
+
+
+def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: dict[str, Array]) -> Array:
+    """dV + dR/du - wrench on a unit velocity of one side."""
+    symbol = str(f.u[i])
+    names = [t[0] for t in case.targets(statement)]
+    dV = case.slope(statement, unit)[:, names.index("V")]
+    shifted = case.values | {symbol: case.values[symbol] + 1j * STEP}
+    dR = case.evaluate(statement, shifted).imag[:, names.index("R")] / STEP
+    force, torque, point = (np.stack([stated[a + b] for b in "xyz"], axis=-1) for a in "FMr")
+    n = 2 if f.kind.flat else 3
+    center, move, spin = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
+    center[:, :n] = np.stack([case.values[str(s)] for s in f.q[:n]], axis=-1)
+    move[:, :n] = unit[f.side][:, :n]
+    if f.kind.turns:
+        turning = unit[f.side][:, n:]
+        spin = turning * [0, 0, 1] if f.kind.flat else np.einsum("pij,pj->pi", rotation(f, case.values), turning)
+    at_point = move + np.cross(spin, point - center)
+    sign = 1 if f.side == "l" else -1
+    return dV + dR - sign * (np.sum(force * at_point, axis=1) + np.sum(torque * spin, axis=1))
+
+
+def reciprocity(case: Case) -> Iterator[Measured]:
+    """No power on a common rigid motion of both sides: forces and moments balance."""
+    d = case.d
+    if isinstance(d.law, Element) or not all(f.kind.moves for f in d.frames):
+        return
+    values = case.on_manifold if isinstance(d.law, Joint) else case.values
+    F = covector(case, values)
+    size = max((float(np.max(np.abs(c))) for c in F.values()), default=0.0)
+    for direction, name in enumerate(("force x", "force y", "force z", "moment x", "moment y", "moment z")):
+        if not d.frames[0].kind.flat or direction in (0, 1, 5):
+            u = rigid_velocities(d, values, direction)
+            yield name, float(np.max(np.abs(power_on(case, F, u)))) / max(1.0, size)
+
+
+def invariance(case: Case) -> Iterator[Measured]:
+    """Energy, powers and coordinate under a common rigid motion; rows of joints stay zero."""
+    d = case.d
+    if isinstance(d.law, Element) or not all(f.kind.moves for f in d.frames):
+        return
+    values = case.on_manifold if isinstance(d.law, Joint) else case.values
+    other = rigidly_moved(d, values, case.rng)
+    before, after = (table(case, scalars, v) for v in (values, other))
+    for name, value in before.items():
+        yield from compared([name], after[name].real[:, None], value.real[:, None])
+    names = [label(d, t) for t in case.targets(position)]
+    yield from compared(names, case.evaluate(position, other).real, case.evaluate(position, values).real)
+
+
+def power(case: Case) -> Iterator[Measured]:
+    """Covector . velocity = dV/dt + dissipated - work, and nothing dissipative delivers energy."""
+    d = case.d
+    if not isinstance(d.law, Force):
+        return
+    parts = {n: c.real for n, c in table(case, scalars, case.values).items()}
+    got = power_on(case, covector(case, case.values), case.u)
+    zero = np.zeros(len(got))
+    names = [t[0] for t in case.targets(scalars)]
+    dV = case.slope(scalars, case.u, clock=True)[:, names.index("energy")] if "energy" in names else zero
+    expected = dV + parts.get("dissipated", zero) - parts.get("work", zero)
+    yield from compared(["balance"], got[:, None], expected[:, None])
+    dissipated = parts.get("dissipated", zero)
+    yield "dissipated power below zero", float(max(0.0, -np.min(dissipated))) / max(1.0, float(np.max(np.abs(dissipated))))
+
+
+def inertia(case: Case) -> Iterator[Measured]:
+    """Kinematic rows vanish for q' = H u; power of inertia is dT/dt; angular momentum balances."""
+    d = case.d
+    if not isinstance(d.law, Element):
+        return
+    (b,), u = d.frames, velocities(d.frames[0], case.values)
+    qp = rates(b, case.values, u)
+    values = case.values | {f"{b.side}_qp{i + 1}": qp[:, i] for i in range(qp.shape[1])}
+    rows = case.evaluate(of_elements, values).real
+    yield from compared([label(d, t) for t in case.targets(of_elements)], rows, np.zeros_like(rows))
+    up = np.stack([values[f"{b.side}_up{i + 1}"] for i in range(u.shape[1])], axis=-1)
+    F = covector(case, values)
+    stepped = values | {str(s): u[:, i] + 1j * STEP * up[:, i] for i, s in enumerate(b.u)}
+    dT = case.evaluate(scalars, stepped).imag[:, 0] / STEP
+    yield from compared(["dT/dt"], power_on(case, F, {b.side: u})[:, None], dT[:, None])
+    if b.kind is NodeKind.SPATIAL:
+        L, L_dot = (_angular_momentum(case, values, b, w) for w in (u, up))
+        got = np.stack([F.get((b.side, 3 + i), np.zeros(len(u))) for i in range(3)], axis=-1)
+        yield from compared([f"moment {a}" for a in "xyz"], got, L_dot + np.cross(u[:, 3:], L))
+
+
+def _angular_momentum(case: Case, values: Values, b: Frame, u: Array) -> Array:
+    """dT/dOmega (points, 3) at velocities u, body components."""
+    at = values | {str(s): u[:, i] for i, s in enumerate(b.u)}
+    columns_ = [case.evaluate(scalars, at | {str(s): at[str(s)] + 1j * STEP}).imag[:, 0] / STEP for s in b.u[3:]]
+    return np.stack(columns_, axis=-1)
+
+
+# ---- special states ------------------------------------------------------------------------------------------------
+
+
+def singular(case: Case) -> Iterator[Measured]:
+    """Finite values and derivatives as drawn, at a quarter turn and at half a turn; error 1 where they are not."""
+    split = case.linearised
+    if isinstance(case.d.law, Element) or not split.targets:
+        return
+    excluded = case.d.law.undefined_at()
+    for name, angle in (("as drawn", 0.0), ("quarter turn", np.pi / 2), ("half turn", np.pi), ("half turn back", -np.pi)):
+        if "half turn" in excluded and abs(angle) == np.pi:
+            continue
+        values = case.states.special(angle, "points together" not in excluded)
+        with np.errstate(all="ignore"):
+            for kernel, inputs in ((split.residual, split.residual_inputs), (split.jacobian, split.jacobian_inputs)):
+                if kernel.expressions:
+                    finite = np.isfinite(kernel.values(columns(inputs.symbols, values)))
+                    what = "values" if kernel is split.residual else "derivatives"
+                    yield f"{what} {name} that are not finite", 0.0 if finite.all() else 1.0
+
+
+def planar(case: Case) -> Iterator[Measured]:
+    """The planar variant against the spatial one in a planar state."""
+    d = case.d
+    if not any(f.kind.flat for f in d.frames) or (d.frames[0].axes is Axes.IN_PLANE and not isinstance(d.law, Joint)):
+        return
+    kinds = {NodeKind.PLANAR: NodeKind.SPATIAL, NodeKind.PLANAR_POINT: NodeKind.POINT, NodeKind.PLANAR_GROUND: NodeKind.GROUND}
+    other = case.variant(tuple((kinds[f.kind], Axes.GENERAL) for f in d.frames))
+    values = embedded(d, case.values, other.d)
+    states = {f"state_{name}": start.real for name, start in table(other, starts, values).items()}
+    own, values = case.values | states, values | states
+    mine, full = covector(case, own), covector(other, values)
+    for f, s in zip(d.frames, other.d.frames, strict=True):
+        for i in range(s.kind.sizes[1]):
+            at = {0: 0, 1: 1, 5: 2}.get(i)
+            zero = np.zeros(len(next(iter(values.values()))))
+            if at is not None:
+                got, want = mine.get((f.side, at), zero), full.get((s.side, i), zero)
+                yield from compared([f"u {f.side} {at}"], got[:, None], want[:, None])
+    for outputs in (position, velocity, acceleration):
+        got, want = case.evaluate(outputs, own), other.evaluate(outputs, values)
+        order = [other.d.rows.index(row) for row in d.rows]
+        yield from compared([f"{outputs.__name__} {row}" for row in d.rows], got.real, want.real[:, order])
+    a, b = table(case, scalars, own), table(other, scalars, values)
+    for name in a.keys() & b.keys():
+        difference = a[name].real - b[name].real
+        if name == "coordinate" and case.d.law.coordinate_unit == "rad":
+            difference -= 2 * np.pi * np.round(difference / (2 * np.pi))
+        yield from compared([name], difference[:, None], 0 * difference[:, None])
+
+
+CONTRACTS: dict[str, Callable[[Case], Iterator[Measured]]] = {
+    "Jacobian": jacobian, "compiled kernel": compiled, "rates": motion, "virtual work": virtual_work,
+    "action = reaction": reciprocity, "invariance": invariance, "power": power, "inertia": inertia,
+    "singular states": singular, "planar = spatial": planar,
+}  # fmt: skip

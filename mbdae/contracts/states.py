@@ -1,0 +1,193 @@
+"""Random states of a law for `mbdae.selftest`: a drawing of both sides, a state of motion, values of all symbols by name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.system.base import Array
+from mbdae.system.mechanics import quaternion, quaternion_product, rotation_matrices, turned
+
+Values = dict[str, NDArray[Any]]  #: symbol name -> (points,) real or complex
+
+
+def turn(vector: Any) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector, rad."""
+    return rotation_matrices(turned(np.array([1.0, 0, 0, 0]), np.asarray(vector, dtype=float)))
+
+
+def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
+    """Random joint axes (columns) with the structure a frame admits."""
+    a = rng.uniform(-3, 3)
+    x, z = np.array([np.cos(a), np.sin(a), 0.0]), np.array([0.0, 0.0, 1.0])
+    if axes is Axes.GENERAL:
+        return turn(rng.uniform(-1.5, 1.5, 3))
+    if axes is Axes.IN_PLANE:
+        x, z = z, x
+    elif axes is Axes.REVERSED:
+        z = -z
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+class States:
+    """Draws the two sides of a law and moves them; `values` holds all symbols of `count` points."""
+
+    def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
+        self.d, self.given, self.rng = d, given, rng
+        self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
+        self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(count)])  #: not far from the drawing
+
+    def special(self, rotation: float, together: bool) -> Values:
+        """One point with l turned by `rotation` about the joint axis; `together`: its points coincide."""
+        return _stack([self._point(rotation, together)])
+
+    def _point(self, relative: Any, together: bool) -> dict[str, float]:
+        d, rng = self.d, self.rng
+        flat = any(f.kind.flat for f in d.frames)
+        J = joint_axes(d.frames[0].axes if d.frames[0].kind.oriented else d.frames[-1].axes, rng)
+        values = {str(s): float(rng.normal()) for s in [*d.multipliers, *d.stabilisers]}
+        values |= {f"{prefix}_{n}": float(rng.normal()) for n in d.law.states for prefix in ("state", "statep")}
+        for name in d.law.params:
+            values[name] = self.given.get(name, float(rng.uniform(0.5, 1.5)))
+            values |= {f"{name}_dot": float(rng.normal()), f"{name}_ddot": float(rng.normal())}
+        free = np.array([0.0, 0.0, 1.0]) if flat else np.ones(3)
+        about = free * (relative * J[:, 2] if np.ndim(relative) == 0 else np.asarray(relative))
+        common = turn(rng.uniform(-1.5, 1.5, 3) * free)
+        if any(f.kind in (NodeKind.GROUND, NodeKind.PLANAR_GROUND) for f in d.frames):
+            common = np.eye(3) if not d.frames[0].kind.moves else turn(about).T
+        at: Array | None = None
+        for f in d.frames:
+            motion = common if f is d.frames[0] else common @ turn(about)
+            at = self._side(values, f, J, motion, at if together else None)
+        return values
+
+    def _side(self, values: dict[str, float], f: Frame, J: Array, motion: Array, at: Array | None) -> Array:
+        """Symbols of one side, its body moved from the drawing by `motion`; returns where its point is."""
+        rng, flat = self.rng, f.kind.flat
+        heading = float(rng.uniform(-3, 3)) if f.kind.turns and flat else 0.0
+        drawn = turn([0, 0, heading]) if flat else turn(rng.uniform(-1, 1, 3)) if f.kind.turns else np.eye(3)
+        plane = np.array([1.0, 1.0, 0.0]) if flat else np.ones(3)
+        arm, R = rng.normal(size=3) * plane, motion @ drawn
+        if not f.kind.turns and f.kind.moves:
+            arm = np.zeros(3)
+        center = rng.normal(size=3) * plane if at is None else at - R @ arm
+        if not f.kind.moves:
+            arm, center = center + arm if at is None else at, np.zeros(3)
+            R = drawn = np.eye(3)
+        Q, (nq, nu) = drawn.T @ J, f.kind.sizes
+        values |= {f"{f.side}_p{i + 1}": float(c) for i, c in enumerate(arm)}
+        values |= {f"{f.side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
+        values[f"{f.side}_theta0"] = heading
+        turned_by = float(np.arctan2(motion[1, 0], motion[0, 0]))
+        P = quaternion(R) * rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
+        third = heading + turned_by if f.kind.turns else center[2]
+        q = [*center, *P] if f.kind is NodeKind.SPATIAL else [center[0], center[1], third]
+        values |= {str(s): float(c) for s, c in zip(f.q, q, strict=False)}
+        values |= {str(s): float(c) for s, c in zip(f.u, rng.normal(size=nu), strict=True)}
+        values |= {f"{f.side}_qp{i + 1}": float(c) for i, c in enumerate(rng.normal(size=nq))}
+        values |= {f"{f.side}_up{i + 1}": float(c) for i, c in enumerate(rng.normal(size=nu))}
+        return np.asarray(center + R @ arm)
+
+
+def _stack(points: list[dict[str, float]]) -> Values:
+    return {name: np.array([p[name] for p in points]) for name in points[0]}
+
+
+def positions(f: Frame, values: Values) -> NDArray[Any]:
+    """q (points, nq) of a side."""
+    return np.stack([values[str(s)] for s in f.q], axis=-1) if f.q else np.zeros((len(next(iter(values.values()))), 0))
+
+
+def velocities(f: Frame, values: Values) -> NDArray[Any]:
+    """u (points, nu) of a side."""
+    return np.stack([values[str(s)] for s in f.u], axis=-1) if f.u else np.zeros((len(next(iter(values.values()))), 0))
+
+
+def rotation(f: Frame, values: Values) -> Array:
+    """R (points, 3, 3) of a side."""
+    q = positions(f, values)
+    if f.kind is NodeKind.SPATIAL:
+        return rotation_matrices(q[:, 3:])
+    headings = q[:, 2] if f.kind is NodeKind.PLANAR else np.zeros(len(q))
+    return np.array([turn([0, 0, h]) for h in headings])
+
+
+def rates(f: Frame, values: Values, u: NDArray[Any]) -> NDArray[Any]:
+    """q' (points, nq) for velocities u (points, nu)."""
+    if f.kind is not NodeKind.SPATIAL:
+        return u
+    P = positions(f, values)[:, 3:]
+    turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, 3:], strict=True)]
+    return np.hstack([u[:, :3], np.array(turning)])
+
+
+def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]], clock: bool = False) -> Values:
+    """Values after a small motion: q + step q'(u), and the clock where it runs."""
+    out = dict(values)
+    for f in d.frames:
+        change = rates(f, values, u[f.side])
+        out |= {str(s): values[str(s)] + step * change[:, i] for i, s in enumerate(f.q)}
+    if clock:
+        out |= {str(p): values[str(p)] + step * values[str(dp)] for p, dp in d.variation.clock.items() if str(dp) in values}
+    return out
+
+
+def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Values:
+    """Both sides turned and shifted together, velocities with them."""
+    flat = any(f.kind.flat for f in d.frames)
+    P = quaternion(turn(rng.uniform(-2, 2, 3) * ([0, 0, 1] if flat else [1, 1, 1])))
+    A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])
+    out = dict(values)
+    for f in d.frames:
+        n = 2 if flat else 3
+        q, u = positions(f, values).copy(), velocities(f, values).copy()
+        q[:, :n], u[:, :n] = q[:, :n] @ A[:n, :n].T + c[:n], u[:, :n] @ A[:n, :n].T
+        if f.kind is NodeKind.SPATIAL:
+            q[:, 3:] = [quaternion_product(P, p) for p in q[:, 3:]]
+        elif f.kind is NodeKind.PLANAR:
+            q[:, 2] += 2 * np.arctan2(P[3], P[0])
+        out |= {str(s): q[:, i] for i, s in enumerate(f.q)} | {str(s): u[:, i] for i, s in enumerate(f.u)}
+    return out
+
+
+def rigid_velocities(d: Derived, values: Values, direction: int) -> dict[str, Array]:
+    """u of every side in a common rigid motion: translation 0..2 or rotation 3..5 about the origin."""
+    e = np.eye(3)[direction % 3]
+    out = {}
+    for f in d.frames:
+        q, n = positions(f, values), 2 if f.kind.flat else 3
+        center = np.zeros((len(q), 3))
+        center[:, :n] = q[:, :n]
+        u = np.zeros((len(q), f.kind.sizes[1]))
+        u[:, :n] = (np.cross(e, center) if direction > 2 else e + 0 * center)[:, :n]
+        if direction > 2 and f.kind.turns:
+            u[:, n:] = e[2] if f.kind.flat else np.einsum("pji,j->pi", rotation(f, values), e)
+        out[f.side] = u
+    return out
+
+
+def embedded(d: Derived, values: Values, spatial: Derived) -> Values:
+    """A planar state as a state of the spatial variant of the same law."""
+    out = dict(values)
+    zero = np.zeros(len(next(iter(values.values()))))
+    out |= {str(s): zero for s in [*spatial.multipliers, *spatial.stabilisers] if str(s) not in values}
+    for f, s in zip(d.frames, spatial.frames, strict=True):
+        q, u = positions(f, values), velocities(f, values)
+        if s.kind is NodeKind.SPATIAL:
+            c, h = np.cos(q[:, 2] / 2), np.sin(q[:, 2] / 2)
+            full, speed = [q[:, 0], q[:, 1], zero, c, zero, zero, h], [u[:, 0], u[:, 1], zero, zero, zero, u[:, 2]]
+        elif s.kind is NodeKind.POINT:
+            full, speed = [q[:, 0], q[:, 1], zero], [u[:, 0], u[:, 1], zero]
+        else:
+            full, speed = [], []
+        out |= {str(a): b for a, b in zip(s.q, full, strict=True)} | {str(a): b for a, b in zip(s.u, speed, strict=True)}
+        up = [values[f"{f.side}_up{i + 1}"] for i in range(f.kind.sizes[1])]
+        accelerations = [*up[:2], *[zero] * (s.kind.sizes[1] - 2)]
+        accelerations[5:] = up[2:]
+        out |= {f"{f.side}_up{i + 1}": a for i, a in enumerate(accelerations)}
+        out |= {f"{f.side}_qp{i + 1}": zero for i in range(s.kind.sizes[0])}
+    return out

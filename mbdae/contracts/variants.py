@@ -1,0 +1,90 @@
+"""The variants of a law: which parameters it can do without, which nodes it can meet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+from mbdae.errors import LawError
+from mbdae.joints import Prismatic, Revolute
+from mbdae.symbolic.derive import Side, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Force, Law, Structure
+
+Variant = tuple[str, Structure, tuple[Side, ...]]
+#: options of the package's laws; the options of other laws are given to `selftest`
+_OPTIONS: dict[str, tuple[Any, ...]] = {"joint": (Revolute, Prismatic), "following": (False, True)}
+_SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
+_PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
+
+
+def sides_of(law: type[Law]) -> list[tuple[Side, ...]]:
+    """Node kinds and axes patterns a law may meet."""
+    if issubclass(law, Element):
+        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR) if kind.moves]
+    pairs = [(k, l, Axes.GENERAL) for k, l in product(_SPATIAL, _SPATIAL)]
+    pairs += [(k, l, Axes.NORMAL) for k, l in product(_PLANAR, _PLANAR)]
+    pairs += [(k, l, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for k, l in product(_PLANAR[:2], _PLANAR[:1])]
+    outside = issubclass(law, Force) and law.external
+    allowed = [(k, l, a) for k, l, a in pairs if (k.moves or l.moves) and not (outside and k.moves)]
+    return [((k, axes), (l, axes)) for k, l, axes in allowed]
+
+
+def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
+    """The full statement, it with all parameters timed, without each optional parameter, and with one of them only."""
+    missing = [o for o in law.options if o not in options and o not in _OPTIONS]
+    if missing:
+        raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
+    found: list[Structure] = []
+    for chosen in product(*((options[o],) if o in options else _OPTIONS[o] for o in law.options)):
+        fixed = tuple(zip(law.options, chosen, strict=True))
+        optional = [p for p in law.params if _derivable(law, Structure(frozenset([p]), options=fixed))]
+        absences = [frozenset[str](), *(frozenset([p]) for p in optional)]
+        absences += [frozenset(optional) - {p} for p in optional] + [frozenset(optional)]
+        found += [Structure(a, options=fixed) for a in dict.fromkeys(absences) if _derivable(law, Structure(a, options=fixed))]
+        if law.params and not issubclass(law, Element):
+            found.append(Structure(timed=frozenset(law.params), options=fixed))
+    return found
+
+
+def _derivable(law: type[Law], structure: Structure) -> bool:
+    """Whether the law can be stated with these parameters absent (arithmetic with None fails otherwise)."""
+    for sides in sides_of(law):
+        try:
+            derive(law, structure, sides)
+        except LawError:
+            continue
+        except (TypeError, AttributeError, RuntimeError):
+            return False
+        return True
+    return not structure.absent
+
+
+def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
+    """Every structure in the main pairs of node kinds, the first one in all."""
+    main = {NodeKind.SPATIAL, NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.GROUND}
+    seen: set[Any] = set()
+    for structure in structures_of(law, options):
+        first = structure.options not in seen
+        seen.add(structure.options)
+        for sides in sides_of(law):
+            if not first and not ({s[0] for s in sides} <= main and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)):
+                continue
+            name = _variant_name(structure, sides)
+            try:
+                derive(law, structure, sides)
+            except LawError as error:
+                refused[name] = str(error)
+                continue
+            yield name, structure, sides
+
+
+def _variant_name(structure: Structure, sides: tuple[Side, ...]) -> str:
+    axes = f", axis {sides[0][1].value}" if any(kind.flat for kind, _ in sides) else ""
+    parts = [f"{o}={getattr(v, '__name__', v)}" for o, v in structure.options]
+    parts += [f"without {'/'.join(sorted(structure.absent))}"] if structure.absent else []
+    parts += ["timed"] if structure.timed else []
+    return f"{' - '.join(kind.value for kind, _ in sides)}{axes}{' (' + ', '.join(parts) + ')' if parts else ''}"
+
+

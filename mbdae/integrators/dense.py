@@ -1,0 +1,100 @@
+"""Interpolants between accepted steps, vectorised over the times asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.integrators.radau_tables import RadauTable
+from mbdae.system.base import Array
+
+
+def interval(t: Array, times: Array) -> NDArray[np.intp]:
+    """Index (k,) of the step [t[i], t[i+1]] that holds each time; t (m+1,), times (k,)."""
+    return np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
+
+
+class Collocation:
+    """Piecewise collocation polynomial: inner increments (m, s-1, n) beside the values (m+1, n) at the steps."""
+
+    def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array) -> None:
+        self.table, self.t, self.y, self.inner = table, t, y, inner
+
+    def value(self, times: Array) -> Array:
+        """y (k, n) at times (k,)."""
+        i, theta = self._locate(times)
+        return self.y[i] + self._combine(i, self.table.values(theta))
+
+    def derivative(self, times: Array) -> Array:
+        """dy/dt (k, n) at times (k,)."""
+        i, theta = self._locate(times)
+        return self._combine(i, self.table.slopes(theta) / self._widths()[i][:, None])
+
+    def _widths(self) -> Array:
+        return np.diff(self.t) if len(self.t) > 1 else np.ones(1)
+
+    def _locate(self, times: Array) -> tuple[NDArray[np.intp], Array]:
+        i = interval(self.t, times)
+        return i, (times - self.t[i]) / self._widths()[i]
+
+    def _combine(self, i: NDArray[np.intp], weights: Array) -> Array:
+        """Sum of the increments (k, n) with weights (k, s)."""
+        if len(self.t) == 1:
+            return np.zeros((len(i), self.y.shape[1]))
+        total = weights[:, -1:] * (self.y[i + 1] - self.y[i])
+        for j in range(self.inner.shape[1]):
+            total += weights[:, j : j + 1] * self.inner[i, j]
+        return total
+
+
+class Hermite:
+    """Local Hermite interpolation of y and y' at `points` neighbouring steps, in a local scaled variable."""
+
+    def __init__(self, t: Array, y: Array, yp: Array, points: int) -> None:
+        self.t, self.y, self.yp = t, y, yp
+        self.points = min(points, len(t))
+
+    def value(self, times: Array) -> Array:
+        """y (k, n) at times (k,)."""
+        return self._combine(times, self._value_weights)
+
+    def derivative(self, times: Array) -> Array:
+        """dy/dt (k, n) at times (k,)."""
+        return self._combine(times, self._slope_weights)
+
+    def _combine(self, times: Array, weights: Callable[..., tuple[Array, Array]]) -> Array:
+        i = interval(self.t, times)
+        first = np.clip(i - (self.points - 1) // 2, 0, len(self.t) - self.points)
+        width = (self.t[i + 1] - self.t[i]) if len(self.t) > 1 else np.ones(len(i))
+        nodes = np.array([(self.t[first + j] - self.t[i]) / width for j in range(self.points)])
+        x = (times - self.t[i]) / width
+        total = np.zeros((len(times), self.y.shape[1]))
+        for j in range(self.points):
+            on_value, on_slope = weights(x, nodes, j, width)
+            total += on_value[:, None] * self.y[first + j] + on_slope[:, None] * self.yp[first + j]
+        return total
+
+    @staticmethod
+    def _lagrange(x: Array, nodes: Array, j: int) -> tuple[Array, Array, Array]:
+        """Lagrange polynomial j at x (k,), its slope there, and its slope at its own node; nodes (p, k)."""
+        value, slope, own = np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
+        for i in range(len(nodes)):
+            if i != j:
+                gap = nodes[j] - nodes[i]
+                slope = (slope * (x - nodes[i]) + value) / gap
+                value = value * (x - nodes[i]) / gap
+                own = own + 1 / gap
+        return value, slope, own
+
+    def _value_weights(self, x: Array, nodes: Array, j: int, width: Array) -> tuple[Array, Array]:
+        L, _, own = self._lagrange(x, nodes, j)
+        d = x - nodes[j]
+        return L * L * (1 - 2 * d * own), width * d * L * L
+
+    def _slope_weights(self, x: Array, nodes: Array, j: int, width: Array) -> tuple[Array, Array]:
+        L, slope, own = self._lagrange(x, nodes, j)
+        d = x - nodes[j]
+        on_value = 2 * L * slope * (1 - 2 * d * own) - 2 * own * L * L
+        return on_value / width, L * L + 2 * d * L * slope

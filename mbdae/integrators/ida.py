@@ -1,0 +1,216 @@
+"""IDA of SUNDIALS (variable-order BDF) through scikit-sundae, for systems of index at most 1."""
+
+from __future__ import annotations
+
+import io
+import sys
+import warnings
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.dense import Hermite
+from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.solution import Interpolant
+from mbdae.system.base import Array, System
+
+#: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
+POINTS = 3
+
+
+@dataclass(frozen=True)
+class IDA(Solver):
+    """Variable-order, variable-step BDF; every step is stored, outputs come from the interpolant.
+
+    rtol       tolerance of the local error relative to each unknown (and to its scale, unless atol is given);
+               the global error is typically 5 to 400 times larger
+    atol       None, one number, or (n,)
+    max_order  1 to 5; orders above 2 feed energy into lightly damped modes
+    """
+
+    rtol: float | None = None
+    atol: Any = None
+    max_order: int = 5
+
+    factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 3e-3, "ODE": 1e-2, "DAE": 3e-3}}
+    tightest: ClassVar[dict[str, float]] = {"": 1e-12}
+    alternative: ClassVar[str] = ", or use RadauIIA(3)"
+
+    def __post_init__(self) -> None:
+        check_tolerances(self.rtol, self.atol)
+        if self.max_order not in (1, 2, 3, 4, 5):
+            raise OptionError(f"max_order = {self.max_order}: BDF has orders 1 to 5")
+
+    def check(self, system: System) -> None:
+        """Refuse an index above 1."""
+        highest = int(np.max(system.index))
+        if highest > 1:
+            worst = system.names[int(np.argmax(system.index))]
+            raise OptionError(
+                f"{worst} has index {highest}: with multipliers of index 2 or 3 the error test of IDA fails, or passes "
+                "silently with a wrong answer; use the GGL form with multipliers as derivatives, or RadauIIA"
+            )
+
+    def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
+        """One internal step at a time, so that no output time interrupts the method."""
+        atol = absolute_tolerance(system, self.tolerance, self.atol)
+        callbacks = _Callbacks(system, loop)
+        method = _create(self, system, callbacks, atol, h0)
+        try:
+            method.init_step(system.t0, system.y0, system.yp0)
+            with redirect_stdout(_WithoutReports(sys.stdout)):
+                self._run(method, loop, callbacks, atol)
+        except RuntimeError:
+            if callbacks.error is None:
+                raise
+        if callbacks.error is not None:
+            raise callbacks.error
+
+    def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
+        going = True
+        while going:
+            result = method.step(loop.t_end, method="onestep", tstop=loop.t_end)
+            if not result.success or not result.t > loop.t:
+                raise _failure(loop, callbacks, result, self.tolerance, atol)
+            loop.stats.jacobians = loop.stats.factorisations = int(result.njev)
+            loop.stats.newton_iterations = loop.stats.residuals
+            going = loop.accept(float(result.t), result.y, result.yp)
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
+        """Local Hermite interpolation over the stored steps."""
+        return Hermite(t, y, yp, POINTS)
+
+
+def _create(solver: IDA, system: System, callbacks: _Callbacks, atol: Array, h0: float | None) -> Any:
+    import sksundae.ida  # 0.4 s: only when it is used
+
+    options: dict[str, Any] = {"linsolver": "dense"}
+    if system.sparsity is not None:
+        options = {"linsolver": "sparse", "sparsity": system.sparsity}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
+        return sksundae.ida.IDA(
+            callbacks.residual,
+            jacfn=callbacks.jacobian,
+            rtol=solver.tolerance,
+            atol=atol,
+            max_order=solver.max_order,
+            first_step=h0 or 0.0,
+            max_num_steps=10**9,
+            **options,
+        )
+
+
+class _WithoutReports(io.TextIOBase):
+    """Standard output without the lines scikit-sundae prints there on a failure: the SolverError says the same."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__()
+        self._stream, self._dropped = stream, False
+
+    def write(self, text: str) -> int:
+        """Pass text on, except a report and the newline that ends it."""
+        report = text.lstrip().startswith("[IDA")
+        if not report and not (self._dropped and text == "\n"):
+            self._stream.write(text)
+        self._dropped = report
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream behind."""
+        self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Whether the stream behind is a terminal."""
+        return bool(self._stream.isatty())
+
+
+class _Callbacks:
+    """What IDA calls: counts, keeps the last point for a diagnosis, and keeps an exception for `integrate`."""
+
+    def __init__(self, system: System, loop: StepLoop) -> None:
+        self.system, self.stats = system, loop.stats
+        self.error: BaseException | None = None
+        self.t, self.cj = -np.inf, 1.0
+        self.y, self.yp, self.res = np.array(system.y0), np.array(system.yp0), np.zeros(system.n)
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """Residual for IDA."""
+        if t < self.t:  # an attempt nearer than the last one: that one was rejected
+            self.stats.rejected += 1
+        self.t = t
+        self.stats.residuals += 1
+        try:
+            self.system.residual(t, y, yp, out)
+        except BaseException as error:
+            self.error = error
+            raise
+        self.y[:], self.yp[:], self.res[:] = y, yp, out
+
+    def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
+        """Jacobian for IDA."""
+        self.cj = cj
+        try:
+            self.system.jacobian(t, y, yp, cj, out)
+        except BaseException as error:
+            self.error = error
+            raise
+
+
+def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array) -> BaseException:
+    """The exception raised inside a callback, or a SolverError that names what resists."""
+    if last.error is not None:
+        return last.error
+    stuck = "the step fell below the round-off of the time"
+    message = stuck if result.success else str(result.message).rstrip(".")
+    names, equations = last.system.names, last.system.equations
+    row = _not_finite(loop, last)
+    if row is not None:
+        culprit = equations[row]
+        return loop.failure(f"{message}; equation {culprit} is not finite near t = {last.t:.9g}", culprit)
+    weights = 1 / (rtol * np.abs(last.y) + atol)
+    correction = _newton_correction(last)
+    if correction is None:
+        worst = int(np.argmax(np.abs(last.res)))
+        return loop.failure(f"{message}; the iteration matrix is singular", equations[worst])
+    if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
+        dt = last.t - loop.t
+        y, yp = loop.state
+        correction = last.y - y - dt * yp
+    return loop.failure(message, names[int(np.argmax(np.abs(correction) * weights))])
+
+
+def _not_finite(loop: StepLoop, last: _Callbacks) -> int | None:
+    """Row that is not finite at the last point or just after the last step.
+
+    Predicted states are asked first: later iterates are not finite themselves and blame every row.
+    """
+    y, yp = loop.state
+    res = np.empty(last.system.n)
+    found = [last.res]
+    for t in (loop.t + 1e-9 * (loop.t_end - float(last.system.t0)), last.t):
+        last.system.residual(t, y + (t - loop.t) * yp, yp, res)
+        found.insert(0, res.copy())
+    for values in found:
+        if not np.isfinite(values).all():
+            return int(np.argmax(~np.isfinite(values)))
+    return None
+
+
+def _newton_correction(last: _Callbacks) -> Array | None:
+    """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
+    system = last.system
+    data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
+    system.jacobian(last.t, last.y, last.yp, last.cj, data)
+    matrix = data
+    if system.sparsity is not None:
+        pattern = system.sparsity.copy()
+        pattern.data = data
+        matrix = pattern.toarray()
+    if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
+        return None
+    return np.asarray(np.linalg.solve(matrix, last.res))

@@ -1,0 +1,221 @@
+"""Scaled factorisations of dF/dy + (lambda/h) dF/dy' for real and complex lambda, dense and sparse.
+
+Unknowns of index k enter divided by h^-(k-1) times their scale, rows are equilibrated: without it the condition
+number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
+from scipy.sparse import bmat, csc_matrix
+from scipy.sparse.linalg import splu
+
+from mbdae.system.base import Array, System
+
+
+class SingularMatrixError(Exception):
+    """An iteration matrix could not be factorised; `unknown` is the column at fault, or -1."""
+
+    def __init__(self, unknown: int = -1) -> None:
+        super().__init__("iteration matrix is singular or not finite")
+        self.unknown = unknown
+
+
+class IterationMatrix(ABC):
+    """dF/dy and dF/dy' at one point, and the factors for one step size.
+
+    `refresh` sets the point, `factor` the step; then `solve_real(j, b)` and `solve_pair(j, b)` solve with the
+    j-th real or complex lambda for a right-hand side b (n,) already multiplied by `row`, in scaled unknowns:
+    multiply the result by `column`.
+    """
+
+    def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
+        self.system, self.real, self.pairs = system, real, pairs
+        self.scale = np.asarray(system.scale, dtype=float)
+        self.order = np.asarray(system.index) - 1.0
+        self.column = self.scale.copy()
+        self.row = np.ones(system.n)
+        self.real_factors: list[Any] = []
+        self.pair_factors: list[Any] = []
+        self._fy: Array = np.empty(0)
+        self._fyp: Array = np.empty(0)
+
+    def refresh(self, t: float, y: Array, yp: Array) -> None:
+        """Evaluate both Jacobian parts."""
+        self._fy, self._fyp = self.system.jacobian_parts(t, y, yp)
+
+    def factor(self, h: float) -> None:
+        """Scale and factorise for the step h."""
+        self.column = self.scale * h**-self.order
+        a, b = self._scaled(h)
+        self.real_factors = [self._factor_real(a + value * b) for value in self.real]
+        self.pair_factors = [self._factor_pair(a + value * b) for value in self.pairs]
+
+    @abstractmethod
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        """Set `row` and return dF/dy and dF/dy' / h, both scaled."""
+
+    @abstractmethod
+    def _factor_real(self, matrix: Array) -> Any: ...
+
+    @abstractmethod
+    def _factor_pair(self, matrix: Array) -> Any: ...
+
+    @abstractmethod
+    def solve_real(self, j: int, b: Array) -> Array:
+        """Solution (n,) for the j-th real lambda; b may be overwritten."""
+
+    @abstractmethod
+    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Solution (n,) for the j-th complex lambda; b may be overwritten."""
+
+    @abstractmethod
+    def mass(self, x: Array) -> Array:
+        """dF/dy' x, shape (n,)."""
+
+    @abstractmethod
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        """|dF/dy| |y| + |dF/dy'| |y'|, shape (n,): the terms each row cancels."""
+
+    def noise(self, y: Array, yp: Array) -> Array:
+        """|increment| (n,) that round-off of the residual alone produces at (y, y')."""
+        rhs = np.finfo(float).eps * self.magnitudes(np.abs(y), np.abs(yp)) * self.row
+        alternating = rhs * np.where(np.arange(len(rhs)) % 2, -1.0, 1.0)
+        found = [np.abs(self._solve_first(b)) for b in (rhs, alternating)]
+        return np.asarray(np.maximum(*found) * self.column)
+
+    def _solve_first(self, b: Array) -> Array:
+        if self.real_factors:
+            return self.solve_real(0, b)
+        if not self.pair_factors:  # never factorised: nothing is known
+            return np.zeros_like(b)
+        return np.asarray(self.solve_pair(0, b.astype(complex)))
+
+
+class DenseMatrix(IterationMatrix):
+    """LAPACK factorisations."""
+
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        a = np.asfortranarray(self._fy * self.column)
+        b = np.asfortranarray(self._fyp * (self.column / h))
+        self.row = inverse_or_one((np.abs(a) + np.abs(b)).max(axis=1))
+        return a * self.row[:, None], b * self.row[:, None]
+
+    def _factor_real(self, matrix: Array) -> Any:
+        return self._checked(dgetrf(matrix, overwrite_a=1))
+
+    def _factor_pair(self, matrix: Array) -> Any:
+        return self._checked(zgetrf(matrix, overwrite_a=1))
+
+    @staticmethod
+    def _checked(result: tuple[Array, Array, int]) -> tuple[Array, Array]:
+        lu, pivots, info = result
+        if info > 0 or not np.isfinite(lu[-1, -1]):
+            raise SingularMatrixError(info - 1)
+        return lu, pivots
+
+    def solve_real(self, j: int, b: Array) -> Array:
+        lu, pivots = self.real_factors[j]
+        return np.asarray(dgetrs(lu, pivots, b, overwrite_b=1)[0])
+
+    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        lu, pivots = self.pair_factors[j]
+        return np.asarray(zgetrs(lu, pivots, b, overwrite_b=1)[0])
+
+    def mass(self, x: Array) -> Array:
+        return np.asarray(self._fyp @ x)
+
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        return np.asarray(np.abs(self._fy) @ y + np.abs(self._fyp) @ yp)
+
+
+class SparseMatrix(IterationMatrix):
+    """SuperLU factorisations of CSC data in the system's pattern."""
+
+    def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
+        super().__init__(system, real, pairs)
+        self._indices, self._indptr = system.sparsity.indices, system.sparsity.indptr
+        self._columns = np.repeat(np.arange(system.n), np.diff(self._indptr))
+
+    def refresh(self, t: float, y: Array, yp: Array) -> None:
+        """Evaluate both Jacobian parts."""
+        super().refresh(t, y, yp)
+        self._mass = self._matrix(self._fyp)
+
+    def _matrix(self, data: Array) -> csc_matrix:
+        return csc_matrix((data, self._indices, self._indptr), shape=(self.system.n, self.system.n))
+
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        column = self.column[self._columns]
+        a, b = self._fy * column, self._fyp * (column / h)
+        largest = np.zeros(self.system.n)
+        np.maximum.at(largest, self._indices, np.abs(a) + np.abs(b))
+        self.row = inverse_or_one(largest)
+        row = self.row[self._indices]
+        return a * row, b * row
+
+    def _factor_real(self, matrix: Array) -> Any:
+        if not np.isfinite(matrix).all():
+            raise SingularMatrixError
+        try:
+            return splu(self._matrix(matrix), permc_spec="COLAMD")
+        except RuntimeError as error:  # SuperLU reports exactly singular factors this way
+            raise SingularMatrixError from error
+
+    def _factor_pair(self, matrix: Array) -> Any:
+        return self._factor_real(matrix)
+
+    def solve_real(self, j: int, b: Array) -> Array:
+        return np.asarray(self.real_factors[j].solve(b))
+
+    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.asarray(self.pair_factors[j].solve(b))
+
+    def mass(self, x: Array) -> Array:
+        return np.asarray(self._mass @ x)
+
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        return np.asarray(self._matrix(np.abs(self._fy)) @ y + self._matrix(np.abs(self._fyp)) @ yp)
+
+
+def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: Array, Yp: Array, R: Array) -> Array:
+    """Newton correction (s, n) of all stages together, every Jacobian taken at its own stage: exact but dear.
+
+    times (s,), Y, Yp, R (s, n): the present stages and their residual.
+    """
+    s, n = R.shape
+    parts = [system.jacobian_parts(times[i], Y[i], Yp[i]) for i in range(s)]
+    blocks = [[A_inv[i, j] / h * fyp + (fy if i == j else 0.0) for j in range(s)] for i, (fy, fyp) in enumerate(parts)]
+    column = np.tile(np.asarray(system.scale, dtype=float) * h ** (1.0 - np.asarray(system.index)), s)
+    try:
+        if system.sparsity is None:
+            matrix = np.block(blocks) * column
+            row = inverse_or_one(np.abs(matrix).max(axis=1))
+            x = np.linalg.solve(matrix * row[:, None], R.ravel() * row)
+        else:
+            pattern = system.sparsity.indices, system.sparsity.indptr
+            sparse = bmat([[csc_matrix((d, *pattern), shape=(n, n)) for d in line] for line in blocks], format="csc")
+            sparse.data *= column[np.repeat(np.arange(s * n), np.diff(sparse.indptr))]
+            row = inverse_or_one(abs(sparse).max(axis=1).toarray().ravel())
+            sparse.data *= row[sparse.indices]
+            x = splu(sparse, permc_spec="COLAMD").solve(R.ravel() * row)
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise SingularMatrixError from error
+    return np.asarray(-(x * column).reshape(s, n))
+
+
+def inverse_or_one(largest: Array) -> Array:
+    """1 / largest, and 1 where a row is empty or not finite (the factorisation then reports it)."""
+    usable = (largest > 0) & np.isfinite(largest)
+    return np.divide(1.0, largest, out=np.ones_like(largest), where=usable)
+
+
+def iteration_matrix(system: System, real: Array, pairs: NDArray[np.complex128]) -> IterationMatrix:
+    """The dense or the sparse one, as the system's Jacobian is."""
+    kind = DenseMatrix if system.sparsity is None else SparseMatrix
+    return kind(system, real, pairs)

@@ -1,0 +1,128 @@
+"""The services every step loop needs: collected steps, guards, progress and Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from mbdae.errors import SolverError
+from mbdae.integrators.solution import Method, Outputs, Solution, Stats
+from mbdae.system.base import Array, System
+
+PROGRESS_PERIOD = 0.1
+
+
+class StepLoop:
+    """Collects the accepted steps of one run and watches over it."""
+
+    def __init__(
+        self,
+        system: System,
+        solver: Method,
+        t_end: float,
+        output_times: Array | None,
+        max_wall: float | None,
+        progress: Callable[[float, float, Stats], None] | None,
+    ) -> None:
+        self.system, self.solver, self.t_end = system, solver, t_end
+        self.stats = Stats()
+        self.interrupted = False
+        self._output_times = output_times
+        self._max_wall = np.inf if max_wall is None else max_wall
+        self._progress = progress
+        self._next_progress = 0.0
+        self._t = [float(system.t0)]
+        self._y = [np.array(system.y0, dtype=float)]
+        self._yp = [np.array(system.yp0, dtype=float)]
+        self._pieces: list[Any] = []
+        self._handler: Any = None
+
+    @property
+    def t(self) -> float:
+        """Time of the last accepted step."""
+        return self._t[-1]
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """y and yp (n,) of the last accepted step."""
+        return self._y[-1], self._yp[-1]
+
+    def __enter__(self) -> Self:
+        self._wall, self._cpu = time.perf_counter(), time.process_time()
+        if threading.current_thread() is threading.main_thread():
+            self._handler = signal.signal(signal.SIGINT, self._interrupt)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._restore_handler()
+        self._clock()
+        if error is not None and not isinstance(error, SolverError):
+            error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")
+
+    def _interrupt(self, number: int, frame: FrameType | None) -> None:
+        self.interrupted = True
+        self._restore_handler()  # a second Ctrl-C then acts at once
+
+    def _restore_handler(self) -> None:
+        if self._handler is not None:
+            signal.signal(signal.SIGINT, self._handler)
+            self._handler = None
+
+    def _clock(self) -> None:
+        self.stats.wall_s = time.perf_counter() - self._wall
+        self.stats.cpu_s = time.process_time() - self._cpu
+
+    def accept(self, t: float, y: Array, yp: Array, piece: Any = None) -> bool:
+        """Keep a step (arrays are kept, not copied); False when the loop has to end."""
+        h = t - self._t[-1]
+        stats = self.stats
+        if t < self.t_end or stats.steps == 0:
+            stats.h_min = min(stats.h_min, h) if stats.steps else h
+            stats.h_max = max(stats.h_max, h)
+        stats.steps += 1
+        self._t.append(t)
+        self._y.append(y)
+        self._yp.append(yp)
+        self._pieces.append(piece)
+        self.system.accept(t, y)
+        return self.guard() and t < self.t_end
+
+    def guard(self) -> bool:
+        """Watch the wall clock, report progress; False after Ctrl-C."""
+        wall = time.perf_counter() - self._wall
+        if wall > self._max_wall:
+            advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
+            raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "")
+        if self._progress is not None and wall >= self._next_progress:
+            self._next_progress = wall + PROGRESS_PERIOD
+            self._clock()
+            self._progress(self.t, self.t_end, self.stats)
+        return not self.interrupted
+
+    def failure(self, message: str, culprit: str) -> SolverError:
+        """A SolverError that carries the time, the culprit and the solution so far."""
+        t = self.t
+        self._clock()
+        resists = f" (resisting most: {culprit})" if culprit else ""
+        text = f"{self.solver.label} stopped at t = {t:.9g} of {self.t_end:.9g}: {message}{resists}"
+        return SolverError(text, t, culprit, self.solution())
+
+    def solution(self) -> Solution:
+        """The steps accepted so far."""
+        t, y, yp = np.array(self._t), np.array(self._y), np.array(self._yp)
+        interpolant = self.solver.dense(t, y, yp, self._pieces)
+        outputs = None
+        if self._output_times is not None:
+            times = self._output_times[self._output_times <= t[-1]]
+            outputs = Outputs(times, interpolant.value(times), interpolant.derivative(times))
+        complete = bool(t[-1] >= self.t_end)
+        names = tuple(self.system.names)
+        return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant)

@@ -1,0 +1,121 @@
+"""Coefficients of the Radau IIA methods, computed from their definition and checked where they are made.
+
+Radau IIA with s stages is collocation at the right Radau points of [0, 1]
+(E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.5 and IV.8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from mbdae.system.base import Array
+
+
+@dataclass(frozen=True)
+class RadauTable:
+    """One Radau IIA method in the letters of Hairer and Wanner.
+
+    c        (s,) nodes, the last one is 1
+    A        (s, s) Runge-Kutta matrix, its last row holds the weights
+    A_inv    (s, s) its inverse: h y'_i = sum_j A_inv[i, j] Z_j with the stage increments Z
+    real     (r,) real eigenvalues of A_inv, r = s mod 2
+    pairs    (m,) complex eigenvalues of A_inv, the one with positive imaginary part of each pair
+    T, T_inv (s, s) real form of the eigenvectors: rows of T_inv give the real part(s), then Re and Im per pair
+    gamma0   weight of the start slope in the embedded formula
+    e        (s,) weights of the increments in the embedded error: gamma0 h y'_0 + sum e_i Z_i
+    V_inv    (s, s) increments at the nodes -> coefficients of theta, theta^2, ... of the collocation polynomial
+    """
+
+    c: Array
+    A: Array
+    A_inv: Array
+    real: Array
+    pairs: NDArray[np.complex128]
+    T: Array
+    T_inv: Array
+    gamma0: float
+    e: Array
+    V_inv: Array
+
+    def __post_init__(self) -> None:
+        """Collocation (stage order s), quadrature of order 2 s - 1, the transformation and the embedded formula."""
+        s = len(self.c)
+        k = np.arange(1, 2 * s)
+        powers = self.c[:, None] ** (k - 1)
+        conditions = {
+            "quadrature": self.A[-1] @ powers - 1 / k,
+            "collocation": self.A @ powers[:, :s] - self.c[:, None] ** k[:s] / k[:s],
+            "inverse": self.A @ self.A_inv - np.eye(s),
+            "transformation": self.T @ self._blocks() @ self.T_inv - self.A_inv,
+            "embedded": (self.e @ self.A) @ powers[:, :s] + self.gamma0 * (k[:s] == 1),
+        }
+        for name, defect in conditions.items():
+            if not np.abs(defect).max() < 1e-11:
+                raise ArithmeticError(f"Radau IIA, {s} stages: {name} condition off by {np.abs(defect).max():.1e}")
+
+    def _blocks(self) -> Array:
+        """(s, s) real block-diagonal form of A_inv."""
+        blocks = np.diag(np.concatenate([self.real, np.repeat(self.pairs.real, 2)]))
+        for j, value in enumerate(self.pairs):
+            k = len(self.real) + 2 * j
+            blocks[k, k + 1], blocks[k + 1, k] = -value.imag, value.imag
+        return blocks
+
+    def values(self, theta: Array) -> Array:
+        """Weights (..., s) of the increments in the collocation polynomial at theta (...) of the step."""
+        k = np.arange(1, len(self.c) + 1)
+        return np.asarray(theta[..., None] ** k @ self.V_inv)
+
+    def slopes(self, theta: Array) -> Array:
+        """Weights (..., s) of the increments in its derivative with respect to theta."""
+        k = np.arange(1, len(self.c) + 1)
+        return np.asarray((k * theta[..., None] ** (k - 1)) @ self.V_inv)
+
+
+@cache
+def radau_table(s: int) -> RadauTable:
+    """Radau IIA with s stages, order 2 s - 1."""
+    c = _nodes(s)
+    k = np.arange(1, s + 1)
+    V_inv = np.linalg.inv(c[:, None] ** k)
+    A = (c[:, None] ** k / k) @ np.linalg.inv(c[:, None] ** (k - 1))
+    A_inv = np.linalg.inv(A)
+    values, vectors = np.linalg.eig(A_inv)
+    is_real = np.abs(values.imag) < 1e-9
+    upper = values.imag > 1e-9
+    real = np.asarray(values[is_real].real, dtype=float)
+    pairs = np.asarray(values[upper], dtype=complex)
+    T, T_inv = _real_transformation(vectors, is_real, upper)
+    gamma0 = 1 / float(real[0]) if len(real) else 1 / float(np.abs(pairs[0]))
+    start = gamma0 * (k == 1)
+    e = np.asarray(-np.linalg.solve((c[:, None] ** (k - 1)).T, start) @ A_inv, dtype=float)
+    return RadauTable(c, A, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
+
+
+def _nodes(s: int) -> Array:
+    """(s,) right Radau points: roots of the (s-1)-th derivative of x^(s-1) (x-1)^s."""
+    p = (Polynomial([0, 1]) ** (s - 1) * Polynomial([-1, 1]) ** s).deriv(s - 1)
+    x = np.sort(np.asarray(p.roots()).real)
+    for _ in range(3):  # polish the roots of the companion matrix
+        x = x - p(x) / p.deriv()(x)
+    x[-1] = 1.0
+    return x
+
+
+def _real_transformation(
+    vectors: NDArray[Any], is_real: NDArray[np.bool_], upper: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Real T and T_inv with the complex pairs written as (Re, Im): Z = t_r w_r + 2 Re(t w)."""
+    inverse = np.linalg.inv(vectors)
+    columns = [vectors[:, j].real for j in np.flatnonzero(is_real)]
+    rows = [inverse[j].real for j in np.flatnonzero(is_real)]
+    for j in np.flatnonzero(upper):
+        columns += [2 * vectors[:, j].real, -2 * vectors[:, j].imag]
+        rows += [inverse[j].real, inverse[j].imag]
+    return np.array(columns).T, np.array(rows)

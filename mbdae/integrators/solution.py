@@ -1,0 +1,101 @@
+"""What an integration returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.system.base import Array
+
+
+@dataclass
+class Stats:
+    """Work done by one integration.
+
+    IDA does not report its failed Newton iterations apart: they are among its `rejected` steps.
+    h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
+    """
+
+    steps: int = 0
+    rejected: int = 0
+    residuals: int = 0
+    jacobians: int = 0
+    factorisations: int = 0
+    newton_iterations: int = 0
+    newton_failures: int = 0
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+    h_min: float = 0.0
+    h_max: float = 0.0
+
+
+class Interpolant(Protocol):
+    """Values between accepted steps."""
+
+    def value(self, t: Array) -> Array:
+        """y (k, n) at times (k,)."""
+
+    def derivative(self, t: Array) -> Array:
+        """dy/dt (k, n) at times (k,)."""
+
+
+class Method(Protocol):
+    """What a run needs to know of its solver."""
+
+    @property
+    def label(self) -> str:
+        """Short name for messages."""
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
+        """Interpolant over the accepted steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """Values at the times asked for: t (k,), y (k, n), yp (k, n)."""
+
+    t: Array
+    y: Array
+    yp: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Result of one integration.
+
+    t (m+1,) start and accepted times; y, yp (m+1, n) unknowns and their derivatives there;
+    outputs: values at the times asked for, or None; complete: False where it was stopped before its end.
+    """
+
+    t: Array
+    y: Array
+    yp: Array
+    outputs: Outputs | None
+    stats: Stats
+    solver: Method
+    names: tuple[str, ...]
+    complete: bool
+    interpolant: Interpolant
+
+    def __call__(self, t: float | Sequence[float] | Array) -> Array:
+        """y at the time or times t, shape t.shape + (n,)."""
+        return self._evaluate(t, self.interpolant.value)
+
+    def derivative(self, t: float | Sequence[float] | Array) -> Array:
+        """dy/dt at the time or times t, shape t.shape + (n,)."""
+        return self._evaluate(t, self.interpolant.derivative)
+
+    def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
+        times = np.asarray(t, dtype=float)
+        first, last = self.t[0], self.t[-1]
+        slack = 4 * np.finfo(float).eps * max(abs(first), abs(last))
+        outside = ~((times >= first - slack) & (times <= last + slack))
+        if outside.any():
+            value = times[outside].flat[0]
+            raise OptionError(f"time {value} is outside the solution [{first}, {last}]: ask for times inside it")
+        flat = function(np.clip(times.ravel(), first, last))
+        return flat.reshape(*times.shape, flat.shape[-1])

@@ -1,0 +1,44 @@
+"""Progress on a terminal: nothing at all where the error stream is not one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Bar:
+    """Callback (t, t_end, stats) of a run: a bar on the error stream, gone when the run ends."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
+        self._bar = Progress(*columns, console=console, transient=True, auto_refresh=False, disable=not console.is_terminal)
+        self._task = self._bar.add_task("", total=1.0, note="")
+        self._running = False
+
+    def __call__(self, t: float, t_end: float, stats: Any) -> None:
+        self.show(t / t_end, "run", f"t = {t:.4g} of {t_end:g} s, {stats.steps} steps, {stats.cpu_s:.1f} s CPU")
+
+    def show(self, share: float, what: str, note: str) -> None:
+        """Draw the bar at `share` (0 to 1) of the whole."""
+        if not self._running:
+            self._bar.start()
+            self._running = True
+        self._bar.update(self._task, completed=share, description=what, note=note, refresh=True)
+
+    def close(self) -> None:
+        """Remove the bar; it comes back when it is drawn again."""
+        if self._running:
+            self._bar.stop()
+            self._running = False
+
+    def __del__(self) -> None:
+        if getattr(self, "_running", False):
+            self.close()
+
+
+def bar() -> Bar:
+    """A new progress bar."""
+    return Bar()

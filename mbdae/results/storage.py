@@ -1,0 +1,135 @@
+"""Results on disk: one .npz file without pickle that holds the scene's statements, its start and the run.
+
+A header (JSON) carries the statements and how the run was made, arrays carry the numbers. `load` replays the
+statements and restores start, steps and interpolant as they were: nothing is solved again. Own law classes are stored
+by name; their module must be importable, and is imported, when the file is loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.integrators.dense import Collocation, Hermite
+from mbdae.integrators.radau_tables import radau_table
+from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.scene.record import encode, found, replay
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.model import build
+from mbdae.system.numbering import constraint_rows
+from mbdae.system.prepare import Prepared
+from mbdae.system.redundancy import RankReport
+from mbdae.system.start import Start
+
+FORMAT, VERSION = "mbdae result", 1
+_START = ("q", "u", "s", "acceleration", "multipliers")
+
+
+def save(result: Result, path: Any) -> None:
+    """Write a result to one .npz file."""
+    prepared, solution = result.prepared, result.solution
+    header = {
+        "format": FORMAT, "version": VERSION, "scene": _scene(prepared), "rank": _rank(prepared.rank),
+        "start": {"t": prepared.start.t, "changes": prepared.start.changes}, "time": prepared.time, "info": _info(result.info),
+        "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
+    }  # fmt: skip
+    arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
+    arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
+    if isinstance(solution.interpolant, Collocation):
+        arrays["inner"] = solution.interpolant.inner
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+
+
+def load(path: Any) -> Result:
+    """The result stored in a file by `Result.save`."""
+    header, arrays = _read(Path(path))
+    start = Start(header["start"]["t"], *(arrays[f"start_{name}"] for name in _START), header["start"]["changes"])
+    prepared = _prepared(header, start)
+    run, info = header["run"], header["info"]
+    solver = _solver(info["solver"])
+    stats = Stats(**info["stats"])
+    solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
+                        _interpolant(run["dense"], arrays))  # fmt: skip
+    known = RunInfo(solver, info["form"], Accuracy(**info["accuracy"]), stats, info["runs"], info["cpu_s"], tuple(info["warnings"]))
+    return Result(prepared, solution, known, arrays["t"])
+
+
+# ---- the scene and its start -----------------------------------------------------------------------------------------
+
+
+def _scene(prepared: Prepared) -> dict[str, Any]:
+    scene = prepared.model.scene
+    return {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
+
+
+def _rank(rank: RankReport) -> dict[str, Any]:
+    names = {what: [row.name for row in getattr(rank, what)] for what in ("kept", "dropped", "singular_here")}
+    doubtful = [[row.name, size] for row, size in rank.doubtful]
+    return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
+
+
+def _prepared(header: dict[str, Any], start: Start) -> Prepared:
+    model = build(replay(header["scene"], SceneData))
+    rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
+    lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here")}
+    doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
+    rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
+    return Prepared(model, Mechanics(model, rank.kept), rank, start, header["time"])
+
+
+# ---- the run -----------------------------------------------------------------------------------------------------------
+
+
+def _info(info: RunInfo) -> dict[str, Any]:
+    options = {f.name: encode(getattr(info.solver, f.name)) for f in fields(info.solver)} if is_dataclass(info.solver) else {}
+    cls = type(info.solver)
+    solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
+    return {"solver": solver, "form": info.form, "accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "runs": info.runs,
+            "cpu_s": info.cpu_s, "warnings": list(info.warnings)}  # fmt: skip
+
+
+def _solver(stored: dict[str, Any]) -> Any:
+    options = {name: np.array(value) if isinstance(value, list) else value for name, value in stored["options"].items()}
+    return found(stored["class"])(**options)
+
+
+def _dense(interpolant: Interpolant) -> dict[str, Any]:
+    if isinstance(interpolant, Collocation):
+        return {"kind": "collocation", "stages": len(interpolant.table.c)}
+    if isinstance(interpolant, Hermite):
+        return {"kind": "hermite", "points": interpolant.points}
+    raise OptionError(f"the dense output {type(interpolant).__name__} of this run cannot be stored; run with mb.IDA or mb.RadauIIA to save")
+
+
+def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolant:
+    if stored["kind"] == "collocation":
+        return Collocation(radau_table(stored["stages"]), arrays["steps"], arrays["y"], arrays["inner"])
+    return Hermite(arrays["steps"], arrays["y"], arrays["yp"], stored["points"])
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Header and arrays of a file; OptionError where it is not a result this version reads."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        header = json.loads(str(arrays.pop("header")))
+        is_ours = header["format"] == FORMAT
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        raise OptionError(f"{path} is not a result of mbdae ({error}); give a file written by r.save(path)") from error
+    if not is_ours:
+        raise OptionError(f"{path} holds {header['format']!r}, not a result of mbdae; give a file written by r.save(path)")
+    if header["version"] > VERSION:
+        raise OptionError(f"{path} has format version {header['version']}, this mbdae reads versions up to {VERSION}: update mbdae")
+    return header, arrays

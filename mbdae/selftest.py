@@ -1,0 +1,95 @@
+"""The contract every law must keep, checked on any joint, force or element class: the package's or your own.
+
+    Jacobian              exact derivatives of all outputs of the forms against complex step
+    compiled kernel       LLVM against numpy
+    rates                 G u + g_t = dg/dt and gamma = d2g/dt2 at zero acceleration, quaternions of any length
+    virtual work          force covector = (dg/dq)^T lambda + dV/dq + dR/du - wrench, entry by entry
+    action = reaction     no force and no moment on a common rigid motion (joints: where their rows vanish)
+    invariance            rows, energies and coordinate unchanged by a common rigid motion
+    power                 covector . velocity = dV/dt + dissipated - work; dissipated >= 0
+    inertia               covector . velocity = dT/dt, and the balance of angular momentum
+    singular states       finite as drawn, at a quarter and at a half turn
+    planar = spatial      rows, forces and energy of the planar variant are those of the spatial one in the plane
+    declaration           every parameter and state has a unit and a meaning
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from mbdae.contracts.case import Case
+from mbdae.contracts.checks import BOUNDS, CONTRACTS
+from mbdae.contracts.variants import variants
+from mbdae.errors import LawError
+from mbdae.symbolic.derive import Side
+from mbdae.symbolic.law import Law, Structure
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """Outcome of `selftest`: the variants checked, those the law refuses (with its reason), the worst error of every contract."""
+
+    law: str
+    variants: tuple[str, ...]
+    refused: dict[str, str]
+    worst: dict[str, tuple[float, str]]
+
+    def __str__(self) -> str:
+        lines = [f"{self.law}: {len(self.variants)} variants keep the contract"]
+        lines += [f"  {name:20s} {error:8.1e}  (bound {BOUNDS[name]:g})  {where}" for name, (error, where) in self.worst.items()]
+        return "\n".join(lines + [f"  refused {name}: {reason}" for name, reason in self.refused.items()])
+
+
+def selftest(law: type[Law], **options: Any) -> SelfTest:
+    """Check the contract of a law class in every variant; raises LawError with every violation.
+
+    options: values of the law's options (`joint=mb.Revolute`) or of its parameters (`pitch=0.01`; random otherwise).
+    """
+    run = _Run(law, options)
+    violations = list(declaration(law))
+    for name, structure, sides in variants(law, options, run.refused):
+        violations += run.check(name, structure, sides)
+    if not run.checked:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in run.refused.items())
+        violations.append(f"no variant can be derived ({reasons})")
+    if violations:
+        head = f"{law.__name__} breaks the contract of laws in {len(violations)} place{'s' if len(violations) > 1 else ''}:"
+        raise LawError("\n  - ".join([head, *violations]))
+    return SelfTest(law.__name__, tuple(run.checked), run.refused, run.worst)
+
+
+def declaration(law: type[Law]) -> Iterator[str]:
+    """Parameters and states without unit or meaning. The unit of a pure number is "1"."""
+    for what, table in (("parameter", law.params), ("state", law.states)):
+        for name, entry in table.items():
+            if not entry.unit:
+                yield f"declaration: {what} '{name}' has no unit; give one, '1' for a pure number"
+            if not entry.meaning and law.__module__.startswith("mbdae."):
+                yield f"declaration: {what} '{name}' has no meaning; describe it in a few words"
+
+
+@dataclass
+class _Run:
+    """Collects what the contracts find over all variants."""
+
+    law: type[Law]
+    options: dict[str, Any]
+    checked: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+    worst: dict[str, tuple[float, str]] = field(default_factory=dict)
+
+    def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
+        self.checked.append(name)
+        given = {p: float(v) for p, v in self.options.items() if p in self.law.params}
+        case = Case(self.law, structure, sides, given)
+        violations = []
+        for contract, measure in CONTRACTS.items():
+            errors = list(measure(case))
+            for entry, error in errors:
+                if error >= self.worst.get(contract, (-1.0, ""))[0]:
+                    self.worst[contract] = error, f"{name}: {entry}"
+            violations += [f"{contract}, {name}: {entry} is off by {error:.2g} (allowed {BOUNDS[contract]:g})"
+                           for entry, error in errors if not error <= BOUNDS[contract]]  # fmt: skip
+        return violations

@@ -1,0 +1,192 @@
+"""What every solver does around its steps: outputs, guards, interruption, errors that say what to do."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from dae_problems import blow_up, decay, pendulum
+
+from mbdae.errors import OptionError, SolverError
+from mbdae.integrators.ida import IDA
+from mbdae.integrators.radau import RadauIIA
+from mbdae.system.dae import DAE
+
+SOLVERS = [IDA(1e-6), RadauIIA(3, rtol=1e-6), RadauIIA(2, rtol=1e-6), RadauIIA(3, step=0.01)]
+every_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label + (" fixed" if s.fixed else ""))
+
+
+def exact(times):
+    return np.outer(np.exp(-np.asarray(times)), [1, 2])
+
+
+@every_solver
+def test_outputs_do_not_change_the_steps(solver):
+    plain = solver.solve(decay(), 2.0)
+    times = [0.0, 0.123, 1.9, 2.0]
+    listed = solver.solve(decay(), 2.0, outputs=times)
+    spaced = solver.solve(decay(), 2.0, outputs=5)
+    assert plain.outputs is None and plain.complete
+    assert np.array_equal(listed.t, plain.t)
+    assert listed.outputs.y == pytest.approx(exact(times), abs=3e-5)
+    assert spaced.outputs.t == pytest.approx([0, 0.5, 1, 1.5, 2])
+    assert spaced.outputs.yp == pytest.approx(-exact(spaced.outputs.t), abs=1e-3)
+    assert plain.t[-1] == 2.0 and plain(plain.t) == pytest.approx(plain.y, abs=1e-15)
+
+
+@every_solver
+def test_every_accepted_step_is_announced_once(solver):
+    system, seen = decay(), []
+    system.accept = lambda t, y: seen.append((t, *y))
+    solution = solver.solve(system, 1.0)
+    assert np.array_equal(np.array(seen), np.column_stack([solution.t, solution.y])[1:])
+
+
+@every_solver
+def test_failure_tells_where_and_keeps_the_solution(solver):
+    with pytest.raises(SolverError, match=r"stopped at t = .* of 2") as caught:
+        solver.solve(blow_up(), 2.0)
+    error = caught.value
+    assert error.time == pytest.approx(1, abs=0.02) and error.culprit == "y[0]"
+    assert error.solution.t[-1] == error.time and not error.solution.complete
+    assert error.solution(0.5) == pytest.approx([2.0], rel=1e-3)
+
+
+@every_solver
+def test_equation_that_turns_into_nan_is_named(solver, capfd):
+    def residual(t, y, yp, out):
+        out[:] = yp + y
+        if t > 0.5:
+            out[1] = np.nan
+
+    with pytest.raises(SolverError, match=r"F\[1\] is not finite near t = 0\.5") as caught:
+        solver.solve(DAE(residual, [1.0, 1.0], [-1.0, -1.0]), 1.0)
+    assert caught.value.culprit == "F[1]" and caught.value.time > 0.45
+    assert capfd.readouterr() == ("", "")
+
+
+@every_solver
+def test_equation_that_is_nan_at_the_start_is_named(solver):
+    system = decay()
+    system.residual = lambda t, y, yp, out: out.__setitem__(slice(None), [0.0, np.nan])
+    with pytest.raises(OptionError, match=r"equation F\[1\] is nan at the start"):
+        solver.solve(system, 1.0)
+
+
+@every_solver
+@pytest.mark.parametrize("where", ["residual", "jacobian"])
+def test_exception_of_the_system_comes_through(solver, where):
+    system = decay()
+
+    def broken(*arguments):
+        if where == "jacobian" or arguments[0] > 0.3:
+            raise ZeroDivisionError("law divided by zero")
+        plain(*arguments)
+
+    plain = getattr(system, where)
+    setattr(system, where, broken)
+    with pytest.raises(ZeroDivisionError, match="law divided by zero") as caught:
+        solver.solve(system, 1.0)
+    assert "raised in" in caught.value.__notes__[0]
+
+
+@every_solver
+def test_wall_clock_guard(solver):
+    system = decay()
+    plain = system.residual
+    system.residual = lambda *arguments: (time.sleep(1e-3), plain(*arguments))[1]
+    with pytest.raises(SolverError, match=r"max_wall = 0\.05 s") as caught:
+        solver.solve(system, 50.0, max_wall=0.05)
+    assert caught.value.solution.stats.wall_s < 0.5
+    assert caught.value.solution.t[0] == 0.0
+
+
+@every_solver
+def test_ctrl_c_stops_between_steps(solver):
+    system, before = decay(), signal.getsignal(signal.SIGINT)
+    steps = []
+
+    def accept(t, y):
+        steps.append(t)
+        if len(steps) == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    system.accept = accept
+    solution = solver.solve(system, 5.0, outputs=[0.0, 5.0])
+    assert not solution.complete and len(solution.t) == 4
+    assert len(solution.outputs.t) == 1
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@every_solver
+def test_progress_is_reported_sparingly(solver):
+    calls = []
+    solver.solve(decay(), 2.0, progress=lambda *arguments: calls.append(arguments))
+    assert 1 <= len(calls) <= 3
+    assert calls[0][1] == 2.0 and calls[0][2].steps >= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"t_end": 0.0}, r"t_end = 0\.0: give a finite time after the start"),
+        ({"t_end": float("nan")}, "t_end = nan"),
+        ({"max_wall": -1.0}, r"max_wall = -1\.0"),
+        ({"h0": 0.0}, r"h0 = 0\.0"),
+        ({"outputs": 1}, "outputs = 1: give at least 2"),
+        ({"outputs": [0.5, 0.4]}, r"outputs\[1\] = 0\.4 follows 0\.5"),
+        ({"outputs": [0.5, 1.4]}, r"inside \[0\.0, 1\.0\]"),
+        ({"outputs": [np.nan]}, "finite times"),
+    ],
+)
+def test_arguments_of_solve(options, message):
+    arguments = {"t_end": 1.0, **options}
+    with pytest.raises(OptionError, match=message):
+        RadauIIA().solve(decay(), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: IDA(rtol=0.0), r"rtol = 0\.0: give a value from 1e-15 to 1e-1"),
+        (lambda: IDA(rtol=float("nan")), "rtol = nan"),
+        (lambda: IDA(max_order=6), "max_order = 6"),
+        (lambda: IDA(atol=-1.0), "atol"),
+        (lambda: RadauIIA(4), "stages = 4"),
+        (lambda: RadauIIA(step=-0.1), "step"),
+        (lambda: IDA(1e-6, atol=[1.0]).solve(decay(), 1.0), r"atol has shape \(1,\): give one number or 2"),
+    ],
+)
+def test_options_of_solvers(make, message):
+    with pytest.raises(OptionError, match=message):
+        make()
+
+
+def test_accuracy_becomes_rtol():
+    assert IDA(max_order=2).at_accuracy(1e-6, "GGL") == IDA(rtol=1e-8, max_order=2)
+    assert RadauIIA(3).at_accuracy(1e-6, "GGL").rtol == pytest.approx(1e-6)
+    assert RadauIIA(3).at_accuracy(3e-6, "Index3").rtol == pytest.approx(1e-7)
+    fixed = RadauIIA(2, step=0.1)
+    assert fixed.fixed and fixed.at_accuracy(1e-12, "GGL") is fixed
+    with pytest.raises(OptionError, match=r"round-off allows 1e-12: ask for 1\.0e-10 or more, or use RadauIIA"):
+        IDA().at_accuracy(1e-13, "GGL")
+
+
+def test_ida_refuses_index_three_and_says_why():
+    with pytest.raises(OptionError, match=r"index 3.*silently with a wrong answer; use the GGL form"):
+        IDA().solve(pendulum("index3"), 1.0)
+
+
+def test_solution_refuses_times_outside():
+    solution = RadauIIA().solve(decay(), 1.0)
+    with pytest.raises(OptionError, match=r"time 1\.5 is outside the solution \[0\.0, 1\.0\]"):
+        solution([0.5, 1.5])
+
+
+def test_singular_matrix_names_the_unknown():
+    system = DAE(
+        lambda t, y, yp, out: np.array([yp[0] + y[0], y[0] - np.exp(-t)]), [1.0, 0.0], [-1.0, 0.0], names=["x", "idle"]
+    )
+    with pytest.raises(SolverError, match="singular") as caught:
+        RadauIIA().solve(system, 1.0)
+    assert caught.value.culprit == "idle" and caught.value.time == 0.0
