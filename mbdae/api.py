@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import warnings as python_warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
-from mbdae.formulations import GGL, ODE, Form
+from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
+from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.prepare import Prepared, make_system, prepare
+from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 
 DEFAULT_OUTPUTS = 201
@@ -34,7 +36,7 @@ class Scene(SceneData):
     def system(self, form: Form | None = None, start: Start | None = None) -> SceneSystem:
         """The equations F(t, y, y') = 0 of the scene in a form, with a consistent start."""
         prepared = prepare(self, start)
-        return _system(prepared, form if form is not None else default_form(prepared))
+        return system_for(prepared, form)
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
                  outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,
@@ -53,30 +55,88 @@ class Scene(SceneData):
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
         form = form if form is not None else default_form(prepared)
-        solver = solver if solver is not None else default_solver()
-        system = _system(prepared, form)
-        times = output_times(system.t0, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
-        assert times is not None
-        options: dict[str, Any] = {"max_wall": max_wall, "progress": progress_of(progress)}
+        times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
+        job = _Job(prepared, form, accuracy, float(t_end), times, {"max_wall": max_wall, "progress": progress_of(progress)})
+        run = job.run(solver) if solver is not None else job.run_default()
+        return job.result(run, job.verify(run) if verify else None)
+
+
+@dataclass
+class _Job:
+    """One call of `Scene.simulate`."""
+
+    prepared: Prepared
+    form: Form
+    accuracy: float
+    t_end: float
+    times: Any
+    options: dict[str, Any]
+    choice: str = ""
+
+    def run(self, solver: Solver) -> Controlled:
+        """One solver: to the accuracy, or as its own tolerance or step says."""
+        system = system_for(self.prepared, self.form, solver.highest_index)
         try:
-            run = _run(system, prepared, solver, accuracy, float(t_end), times, options)
+            if solver.fixed or solver.rtol is not None:
+                solution = solver.solve(system, self.t_end, **self.options)
+                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s)
+            return run_controlled(system, self.prepared, solver, self.accuracy, self.t_end, self.times, **self.options)
         except SolverError as error:
-            _attach(error, prepared, solver, form, times)
+            self._attach(error, solver)
             raise
-        verified = _verify(prepared, run, form, accuracy, float(t_end), options) if verify else None
-        return _result(prepared, run, form, accuracy, verified, times)
 
+    def run_default(self) -> Controlled:
+        """IDA; Radau IIA where IDA cannot reach the accuracy or stops."""
+        from mbdae.integrators.ida import IDA
+        from mbdae.integrators.radau import RadauIIA
 
-def default_form(prepared: Prepared) -> Form:
-    """Stabilised index 2; the plain ODE where nothing is constrained."""
-    return GGL() if prepared.mechanics.m else ODE()
+        try:
+            run = self.run(IDA())
+            self.choice = "IDA: a rigid scene"
+            if not run.estimate > self.accuracy:
+                return run
+            why = f"IDA came to {run.estimate:.1e}"
+        except (SolverError, OptionError) as error:
+            if isinstance(error, OptionError) and self.form.label == "Index3":
+                why = "IDA does not take index 3"
+            else:
+                why = str(error)
+        again = self.run(RadauIIA(3))
+        self.choice = f"RadauIIA(3): {why}"
+        return again
 
+    def verify(self, run: Controlled) -> float | None:
+        """Largest difference to a run of another method at a tenth of the accuracy."""
+        from mbdae.integrators.ida import IDA
+        from mbdae.integrators.radau import RadauIIA
 
-def default_solver() -> Solver:
-    """IDA for rigid scenes."""
-    from mbdae.integrators.ida import IDA
+        other: Solver = IDA() if isinstance(run.solver, RadauIIA) else RadauIIA(3)
+        system = system_for(self.prepared, None, other.highest_index)
+        end = np.array([self.t_end])
+        again = run_controlled(system, self.prepared, other, max(self.accuracy / 10, 1e-10), self.t_end, end, **self.options).solution
+        if not (again.complete and run.solution.complete):
+            return None
+        times = np.linspace(again.t[0], again.t[-1], 2001)
+        n = self.prepared.mechanics.nq + self.prepared.mechanics.nu
+        return float(np.max(measure_of(system, self.prepared)(run.solution(times)[:, :n], again(times)[:, :n])))
 
-    return IDA()
+    def result(self, run: Controlled, verified: float | None) -> Result:
+        """The Result with its warnings, each also issued as an AccuracyWarning."""
+        controlled = not math.isnan(run.estimate)
+        asked = self.accuracy if controlled or verified is not None else None
+        known = Accuracy(asked, run.estimate if controlled else None, verified)
+        notes = _warnings(self.prepared, run, known)
+        info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, tuple(notes), self.choice)
+        for note in notes:
+            python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
+        return Result(self.prepared, run.solution, info, self.times[self.times <= run.solution.t[-1]])
+
+    def _attach(self, error: SolverError, solver: Solver) -> None:
+        """Give a failed run's solution the shape of a Result: nothing computed is lost."""
+        solution = error.solution
+        if isinstance(solution, Solution) and len(solution.t):
+            info = RunInfo(solver, self.form.label, Accuracy(None, None), solution.stats, 1, solution.stats.cpu_s, (str(error),))
+            error.solution = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
 
 
 def progress_of(progress: Any) -> Any:
@@ -88,65 +148,19 @@ def progress_of(progress: Any) -> Any:
     return progress or None
 
 
-def _system(prepared: Prepared, form: Form) -> SceneSystem:
-    refusal = form.refusal(prepared.model, prepared.mechanics.rows)
-    if refusal:
-        raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
-    return make_system(prepared, form.spec())
-
-
-def _run(system: SceneSystem, prepared: Prepared, solver: Solver, accuracy: float, t_end: float, times: Array,
-         options: dict[str, Any]) -> Controlled:  # fmt: skip
-    if solver.fixed or solver.rtol is not None:
-        solution = solver.solve(system, t_end, **options)
-        return Controlled(solution, solver, float("nan"), 1, solution.stats.cpu_s)
-    return run_controlled(system, prepared, solver, accuracy, t_end, times, **options)
-
-
-def _verify(prepared: Prepared, run: Controlled, form: Form, accuracy: float, t_end: float, options: dict[str, Any]) -> float | None:
-    """Largest difference to a run of another method at a tenth of the accuracy."""
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
-
-    other: Solver = IDA() if isinstance(run.solver, RadauIIA) else RadauIIA(3)
-    system = _system(prepared, GGL() if prepared.mechanics.m else ODE())
-    again = run_controlled(system, prepared, other, max(accuracy / 10, 1e-11), t_end, np.array([t_end]), **options).solution
-    if not (again.complete and run.solution.complete):
-        return None
-    times = np.linspace(again.t[0], again.t[-1], 2001)
-    n = prepared.mechanics.nq + prepared.mechanics.nu
-    return float(np.max(measure_of(system, prepared)(run.solution(times)[:, :n], again(times)[:, :n])))
-
-
-def _result(prepared: Prepared, run: Controlled, form: Form, accuracy: float, verified: float | None, times: Array) -> Result:
-    controlled = math.isfinite(run.estimate)
-    known = Accuracy(accuracy if controlled or verified is not None else None, run.estimate if controlled else None, verified)
-    notes = _warnings(prepared, run, known)
-    info = RunInfo(run.solver, form.label, known, run.solution.stats, run.runs, run.cpu_s, tuple(notes))
-    for note in notes:
-        python_warnings.warn(f"scene '{prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=3)
-    return Result(prepared, run.solution, info, times[times <= run.solution.t[-1]])
-
-
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]:
     notes = []
     if known.met is False:
         worst = known.verified if known.verified is not None else known.estimated
-        notes.append(f"accuracy {known.asked:g} was asked, the error is about {worst:.1e}: allow a smaller accuracy with RadauIIA(3), "
+        found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
+        notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
+        notes += run.notes
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     for row, novelty in prepared.rank.doubtful:
         notes.append(f"constraint row {row.name} is nearly redundant at the start ({novelty:.1e}); its reaction is uncertain")
     return notes
-
-
-def _attach(error: SolverError, prepared: Prepared, solver: Solver, form: Form, times: Array) -> None:
-    """Give a failed run's solution the shape of a Result: nothing computed is lost."""
-    solution = error.solution
-    if solution is not None and len(solution.t):
-        info = RunInfo(solver, form.label, Accuracy(None, None), solution.stats, 1, solution.stats.cpu_s, (str(error),))
-        error.solution = Result(prepared, solution, info, times[times <= solution.t[-1]])
 
 
 def _last_state(result: Result) -> Start:

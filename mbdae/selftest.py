@@ -76,6 +76,7 @@ class _Run:
 
     law: type[Law]
     options: dict[str, Any]
+    family: dict[Any, Case] = field(default_factory=dict)
     checked: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     worst: dict[str, tuple[float, str]] = field(default_factory=dict)
@@ -83,7 +84,7 @@ class _Run:
     def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
         self.checked.append(name)
         given = {p: float(v) for p, v in self.options.items() if p in self.law.params}
-        case = Case(self.law, structure, sides, given)
+        case = Case(self.law, structure, sides, given, self.family)
         violations = []
         for contract, measure in CONTRACTS.items():
             errors = list(measure(case))

@@ -53,8 +53,11 @@ class Comparison:
         parts = []
         for wanted in self.accuracies:
             row = self.cheapest(wanted)
-            won = "by no run" if row is None else f"by {row.label} asked for {_short(row.accuracy)} ({row.cpu_s:.3g} s, error {row.error:.1e})"
-            parts.append(f"{wanted:.0e} {won}")
+            if row is None:
+                parts.append(f"{wanted:.0e} by no run")
+            else:
+                cost = f"{row.cpu_s:.3f} s, error {row.error:.1e}"
+                parts.append(f"{wanted:.0e} by {row.label} asked for {_short(row.accuracy)} ({cost})")
         return "Reached at least cost: " + "; ".join(parts) + "."
 
     def to_dict(self) -> dict[str, Any]:
@@ -135,7 +138,8 @@ def _job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) 
 def _row(job: Job, run: Run, accuracy: float | None, reference: Any) -> Row:
     form = run.form.label if run.form is not None else job.system(None).label
     model = type(run.model).__name__ if run.model is not None else None
-    facts: dict[str, Any] = {"label": run.name(form), "solver": run.solver.label, "form": form, "model": model, "accuracy": accuracy}
+    facts: dict[str, Any] = {"label": run.name(form), "solver": run.solver.label, "form": form, "model": model}
+    facts["accuracy"] = accuracy
     spent = job.spent
     try:
         solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, job.system(run.form).label)
@@ -143,14 +147,15 @@ def _row(job: Job, run: Run, accuracy: float | None, reference: Any) -> Row:
         done = job.solve(solver, run.form)
     except SolverError as error:
         reached = error.solution.stats if error.solution is not None else Stats()
-        return Row(**facts, cpu_s=job.spent - spent, **_counts(reached), failure=str(error))
+        return Row(**facts, cpu_s=job.spent - spent, **counts(reached), failure=str(error))
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error))
     error_now = job.error(job.values(done.solution, form), reference)
-    return Row(**facts, error=error_now, cpu_s=done.cpu_s, cpu_spread_s=done.spread_s, **_counts(done.solution.stats))
+    return Row(**facts, error=error_now, cpu_s=done.cpu_s, cpu_spread_s=done.spread_s, **counts(done.solution.stats))
 
 
-def _counts(stats: Stats) -> dict[str, int]:
+def counts(stats: Stats) -> dict[str, Any]:
+    """The evaluations a row tells."""
     names = ("steps", "rejected", "residuals", "jacobians", "factorisations")
     return {name: int(getattr(stats, name)) for name in names}
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.formulations import GGL, ODE, Form
+from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
 from mbdae.results.control import measure_of
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.system.base import Array, System
-from mbdae.system.prepare import Prepared, make_system
+from mbdae.system.prepare import Prepared
 
 GRID = 1001  #: times at which trajectories are compared
 SHORT = 0.5  #: s; shorter runs are timed twice
@@ -81,14 +81,12 @@ class Job:
             if form is not None:
                 raise OptionError(f"form {form.label}: a System comes in its own form; leave the form of its runs out")
             return self.given
-        form = form if form is not None else GGL() if self.constrained else ODE()
-        refusal = form.refusal(self.prepared.model, self.prepared.mechanics.rows)
-        if refusal:
-            raise OptionError(f"scene '{self.name}': {refusal}")
-        return make_system(self.prepared, form.spec())
+        return system_for(self.prepared, form)
 
     def solve(self, solver: Solver, form: Form | None, repeat: bool = True) -> Timed:
         """Run a solver; short runs twice, for the least CPU time."""
+        if self.prepared is not None:
+            form = (form if form is not None else default_form(self.prepared)).for_index(solver.highest_index)
         system, seconds = self.system(form), []
         for _ in range(2 if repeat else 1):
             begin = time.process_time()

@@ -52,8 +52,8 @@ def described(choice: Any, name: str) -> str:
     """`name` with the options of a frozen dataclass that differ from their defaults."""
     if choice is None:
         return name
-    changed = [f"{f.name}={getattr(choice, f.name)}" for f in fields(choice)
-               if f.name not in TOLD_ELSEWHERE and getattr(choice, f.name) is not f.default and getattr(choice, f.name) != f.default]  # fmt: skip
+    told = [(f, getattr(choice, f.name)) for f in fields(choice) if f.name not in TOLD_ELSEWHERE]
+    changed = [f"{f.name}={value}" for f, value in told if value is not f.default and value != f.default]
     return f"{name}[{', '.join(changed)}]" if changed else name
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from mbdae.compare.rows import Row
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from mbdae.compare.comparison import Comparison
 
 WIDTH = 128
-COLUMNS = ("run", "asked", "error", "CPU s", "spread", "steps", "rejected", "residuals", "Jacobians", "factoris.", "")
+COLUMNS = ("run", "asked", "rtol", "error", "CPU s", "spread", "steps", "rejected", "residuals", "Jacobians", "factoris.", "")
 
 
 def table(w: Comparison) -> str:
@@ -31,18 +32,27 @@ def table(w: Comparison) -> str:
     console.print(f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", "", sep="\n")
     console.print(grid)
     console.print("* no other run is both cheaper and more accurate", "", sep="\n")
-    for row in w.failures:
-        console.print(f"failed: {row.label} asked for {_number(row.accuracy, '.0e')}: {row.failure}")
+    for (label, reason), asked in _by_reason(w.failures).items():
+        console.print(f"failed: {label} asked for {', '.join(asked)}: {reason}")
     console.print(w.verdict)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+
+
+def _by_reason(failures: Sequence[Row]) -> dict[tuple[str, str], list[str]]:
+    """Accuracies asked, by run and reason: the same reason is told once."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for row in failures:
+        reasons.setdefault((row.label, row.failure or ""), []).append(_number(row.accuracy, ".0e"))
+    return reasons
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """One run as texts, in the order of COLUMNS."""
     counts = [str(n) for n in (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations)]
     mark = "failed" if row.failure else "*" if row.pareto else ""
-    return (row.label, _number(row.accuracy, ".0e"), _number(row.error, ".1e"), _number(row.cpu_s, ".3f"),
-            _number(row.cpu_spread_s, ".3f"), *counts, mark)  # fmt: skip
+    times = (_number(row.cpu_s, ".3f"), _number(row.cpu_spread_s, ".3f"))
+    asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
+    return (row.label, *asked, _number(row.error, ".1e"), *times, *counts, mark)
 
 
 def _number(value: float | None, form: str) -> str:

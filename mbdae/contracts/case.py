@@ -62,16 +62,20 @@ EVALUATED: tuple[Outputs, ...] = (
 class Case:
     """A law in one variant with random states, evaluated by the numpy oracle."""
 
-    def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float]) -> None:
+    def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float],
+                 family: dict[Any, Case] | None = None) -> None:  # fmt: skip
         self.law, self.structure, self.given = law, structure, given
-        self.d: Derived = derive(law, structure, sides)
+        self.family = family if family is not None else {}
+        self.family[structure, sides] = self
+        self.d: Derived = derive(law, structure, sides)  # type: ignore[arg-type]
         self.rng = np.random.default_rng(20)
         self.states = States(self.d, given, self.rng, POINTS)
         self.values = self.states.values
 
     def variant(self, sides: tuple[Side, ...]) -> Case:
         """The same law between other nodes."""
-        return Case(self.law, self.structure, sides, self.given)
+        known = self.family.get((self.structure, sides))
+        return known if known is not None else Case(self.law, self.structure, sides, self.given, self.family)
 
     @cached_property
     def _sections(self) -> dict[Outputs, tuple[list[Target], slice]]:

@@ -124,7 +124,7 @@ def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: 
         spin = turning * [0, 0, 1] if f.kind.flat else np.einsum("pij,pj->pi", rotation(f, case.values), turning)
     at_point = move + np.cross(spin, point - center)
     sign = 1 if f.side == "l" else -1
-    return dV + dR - sign * (np.sum(force * at_point, axis=1) + np.sum(torque * spin, axis=1))
+    return np.asarray(dV + dR - sign * (np.sum(force * at_point, axis=1) + np.sum(torque * spin, axis=1)))
 
 
 def reciprocity(case: Case) -> Iterator[Measured]:

@@ -52,7 +52,7 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
     """Whether the law can be stated with these parameters absent (arithmetic with None fails otherwise)."""
     for sides in sides_of(law):
         try:
-            derive(law, structure, sides)
+            derive(law, structure, sides)  # type: ignore[arg-type]
         except LawError:
             continue
         except (TypeError, AttributeError, RuntimeError):
@@ -63,21 +63,26 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
     """Every structure in the main pairs of node kinds, the first one in all."""
-    main = {NodeKind.SPATIAL, NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.GROUND}
     seen: set[Any] = set()
     for structure in structures_of(law, options):
         first = structure.options not in seen
         seen.add(structure.options)
         for sides in sides_of(law):
-            if not first and not ({s[0] for s in sides} <= main and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)):
+            if not first and not _is_main(law, sides):
                 continue
             name = _variant_name(structure, sides)
             try:
-                derive(law, structure, sides)
+                derive(law, structure, sides)  # type: ignore[arg-type]
             except LawError as error:
                 refused[name] = str(error)
                 continue
             yield name, structure, sides
+
+
+def _is_main(law: type[Law], sides: tuple[Side, ...]) -> bool:
+    """Between two bodies (a body and the ground for loads from outside), the axis of a planar variant along the normal."""
+    outside = issubclass(law, Force) and law.external
+    return all(kind.turns for kind, _ in sides[1 if outside else 0 :]) and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)
 
 
 def _variant_name(structure: Structure, sides: tuple[Side, ...]) -> str:

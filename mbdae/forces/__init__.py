@@ -9,6 +9,6 @@ from mbdae.forces.point_spring import PointSpring
 from mbdae.forces.rotational_bushing import RotationalBushing
 
 __all__ = [
-    "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointForce", "JointSpring", "JointTorque", "PointSpring",
-    "RotationalBushing",
+    "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointForce", "JointSpring", "JointTorque",
+    "PointSpring", "RotationalBushing",
 ]  # fmt: skip

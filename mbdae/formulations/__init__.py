@@ -1,8 +1,9 @@
 """Forms: which equations are integrated."""
 
 from mbdae.formulations.base import Form
+from mbdae.formulations.build import default_form, system_for
 from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index3 import Index3
 from mbdae.formulations.ode import ODE
 
-__all__ = ["GGL", "ODE", "Form", "Index3"]
+__all__ = ["GGL", "ODE", "Form", "Index3", "default_form", "system_for"]

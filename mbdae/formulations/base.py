@@ -22,3 +22,7 @@ class Form(ABC):
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         """Why this form cannot describe the scene, or None."""
         return None
+
+    def for_index(self, highest: int) -> Form:
+        """The variant of this form for a solver that takes unknowns up to index `highest`."""
+        return self

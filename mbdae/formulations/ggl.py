@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from mbdae.formulations.base import Form
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, state_rows, velocity
 from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
 
@@ -24,13 +24,17 @@ def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class GGL(Form):
     """Positions and velocities both satisfy the joints; no drift.
 
-    By default the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1 system with
-    every unknown in the error test, the one form in which BDF was reliable. `algebraic=True` keeps them as algebraic
-    unknowns (index 2), for Radau IIA.
+    With `algebraic=False` the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1
+    system with every unknown in the error test, the one form in which BDF was reliable. `algebraic=True` keeps them as
+    algebraic unknowns (index 2): Radau IIA passes singular positions in this variant, not in the other. By default the
+    solver decides; the equations as such (`Scene.system`) are of index 1.
     """
 
-    algebraic: bool = False
+    algebraic: bool | None = None
     label: ClassVar[str] = "GGL"
+
+    def for_index(self, highest: int) -> GGL:
+        return replace(self, algebraic=highest >= 2) if self.algebraic is None else self
 
     def spec(self) -> FormSpec:
         k = 2 if self.algebraic else 1

@@ -15,6 +15,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,7 +24,6 @@ from mbdae.errors import OptionError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
-
 
 DEFAULT_ACCURACY = 1e-6
 
@@ -35,6 +35,8 @@ class Solver(ABC):
     factors: ClassVar[dict[str, dict[str, float]]] = {}
     #: smallest rtol that still improves the result in double precision, by label of the form ("": all others)
     tightest: ClassVar[dict[str, float]] = {}
+    #: highest index of an unknown this method takes
+    highest_index: ClassVar[int] = 1
     #: what to use instead below it
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
@@ -95,19 +97,23 @@ class Solver(ABC):
         max_wall: float | None = None,
         progress: Callable[[float, float, Stats], None] | None = None,
         h0: float | None = None,
+        max_residuals: float = inf,
     ) -> Solution:
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
-        progress(t, t_end, stats): called at most 10 times per second; h0: first step in s.
+        progress(t, t_end, stats): called at most 10 times per second; h0: first step in s;
+        max_residuals: evaluations before a SolverError.
         Ctrl-C stops between two steps and returns the solution so far with complete=False.
         """
         if self.rtol is None and not self.fixed:
             chosen = self.at_accuracy(DEFAULT_ACCURACY, system.label)
-            return chosen.solve(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0)
+            return chosen.solve(
+                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals
+            )
         times = check_run(system, t_end, outputs, max_wall, h0)
         self.check(system)
-        with StepLoop(system, self, float(t_end), times, max_wall, progress) as loop:
+        with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals) as loop:
             self.integrate(system, loop, h0)
         return loop.solution()
 

@@ -37,7 +37,7 @@ class IDA(Solver):
     max_order: int = 5
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 3e-3, "ODE": 1e-2, "DAE": 3e-3}}
-    tightest: ClassVar[dict[str, float]] = {"": 1e-12}
+    tightest: ClassVar[dict[str, float]] = {"": 1e-13}
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from math import inf
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -29,12 +30,14 @@ class StepLoop:
         output_times: Array | None,
         max_wall: float | None,
         progress: Callable[[float, float, Stats], None] | None,
+        max_residuals: float = inf,
     ) -> None:
         self.system, self.solver, self.t_end = system, solver, t_end
         self.stats = Stats()
         self.interrupted = False
         self._output_times = output_times
         self._max_wall = np.inf if max_wall is None else max_wall
+        self._max_residuals = max_residuals
         self._progress = progress
         self._next_progress = 0.0
         self._t = [float(system.t0)]
@@ -101,6 +104,8 @@ class StepLoop:
         if wall > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "")
+        if self.stats.residuals > self._max_residuals:
+            raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
         if self._progress is not None and wall >= self._next_progress:
             self._next_progress = wall + PROGRESS_PERIOD
             self._clock()

@@ -8,13 +8,14 @@ to begin.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SolverError
+from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.system.assembly import SceneSystem
@@ -25,6 +26,7 @@ COMPANION = 10.0  #: tolerance of the companion over that of the run
 LOOSEST = 1e-2
 FALL = 0.6  #: a tolerance smaller by r makes an error smaller by r**FALL at least (measured: 0.7 to 1.1)
 ATTEMPTS = 5
+CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
 BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
@@ -37,6 +39,7 @@ class Controlled:
     estimate: float
     runs: int
     cpu_s: float
+    notes: tuple[str, ...] = ()
 
 
 def distance(prepared: Prepared, a: Array, b: Array) -> Array:
@@ -95,29 +98,45 @@ def check_times(coarse: Solution, outputs: Array) -> Array:
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,
                    **options: Any) -> Controlled:  # fmt: skip
     """Integrate until the estimated error is below `accuracy`, or as near as the solver comes."""
-    measure, limit = measure_of(system, prepared), solver.tightest.get(system.label, solver.tightest[""])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", AccuracyWarning)
+        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, options)
+    return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
+
+
+def _controlled(system: System, measure: Callable[[Array, Array], Array], solver: Solver, accuracy: float, t_end: float,
+                outputs: Array, options: dict[str, Any]) -> Controlled:  # fmt: skip
+    limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     loose = _with_rtol(tight, min(COMPANION * tight.tolerance, LOOSEST))
     coarse = loose.solve(system, t_end, **options)
     best = Controlled(coarse, loose, float("inf"), 1, coarse.stats.cpu_s)
     while coarse.complete and best.runs < ATTEMPTS:
         try:
-            fine = tight.solve(system, t_end, **options)
-        except SolverError:
-            if best.runs == 1:
-                raise
-            return best  # round-off: the run before is the best there is, its estimate tells
+            fine = tight.solve(system, t_end, max_residuals=CRAWL * coarse.stats.residuals + 10000, **options)
+        except SolverError as error:
+            best = _after_failure(best, error)
+            tight = _with_rtol(tight, (tight.tolerance * loose.tolerance) ** 0.5)
+            if tight.tolerance > 0.5 * loose.tolerance:
+                return best
+            continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         if not fine.complete:
-            return Controlled(fine, tight, float("nan"), runs, cpu)
+            return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(coarse(times), fine(times))))
-        best = Controlled(fine, tight, gap * max(ratio**FALL, 0.05), runs, cpu)
+        best = Controlled(fine, tight, gap * max(ratio**FALL, 0.05), runs, cpu, best.notes)
         if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
             return best
-        wanted = tight.tolerance * float(np.clip((0.3 * accuracy / best.estimate) ** (1 / 0.8), 1e-3, 0.3))
+        wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))
         loose, coarse, tight = tight, fine, _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def _after_failure(best: Controlled, error: SolverError) -> Controlled:
+    """The best run so far, with the failure of a tighter one in its notes and its cost counted."""
+    spent = error.solution.stats.cpu_s if error.solution is not None else 0.0
+    return replace(best, runs=best.runs + 1, cpu_s=best.cpu_s + spent, notes=(*best.notes, f"a tighter run failed: {error}"))
 
 
 def _with_rtol(solver: Solver, rtol: float) -> Solver:

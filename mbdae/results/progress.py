@@ -14,7 +14,8 @@ class Bar:
 
         console = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}"))
-        self._bar = Progress(*columns, console=console, transient=True, auto_refresh=False, disable=not console.is_terminal)
+        self._bar = Progress(*columns, console=console, transient=True, auto_refresh=False, redirect_stdout=False,
+                             redirect_stderr=False, disable=not console.is_terminal)  # fmt: skip
         self._task = self._bar.add_task("", total=1.0, note="")
         self._running = False
 

@@ -55,6 +55,7 @@ class RunInfo:
     runs: int = 1
     cpu_s: float = 0.0  #: of all runs together
     warnings: tuple[str, ...] = ()
+    choice: str = ""  #: why this solver, where mbdae chose it
 
 
 class Result:

@@ -53,14 +53,15 @@ def save(result: Result, path: Any) -> None:
 def load(path: Any) -> Result:
     """The result stored in a file by `Result.save`."""
     header, arrays = _read(Path(path))
-    start = Start(header["start"]["t"], *(arrays[f"start_{name}"] for name in _START), header["start"]["changes"])
+    start = Start(**header["start"], **{name: arrays[f"start_{name}"] for name in _START})  # type: ignore[arg-type]
     prepared = _prepared(header, start)
     run, info = header["run"], header["info"]
     solver = _solver(info["solver"])
     stats = Stats(**info["stats"])
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
-    known = RunInfo(solver, info["form"], Accuracy(**info["accuracy"]), stats, info["runs"], info["cpu_s"], tuple(info["warnings"]))
+    accuracy, warnings = Accuracy(**info["accuracy"]), tuple(info["warnings"])
+    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings)
     return Result(prepared, solution, known, arrays["t"])
 
 
@@ -69,6 +70,10 @@ def load(path: Any) -> Result:
 
 def _scene(prepared: Prepared) -> dict[str, Any]:
     scene = prepared.model.scene
+    for law in (law for c in scene.connections for law in c.laws):
+        if "<locals>" in type(law).__qualname__:
+            raise OptionError(f"'{law.name}': the law class {type(law).__name__} is defined inside a function and could not be "
+                              f"found again; define it at the top of a module to save this result")  # fmt: skip
     return {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
 
 
@@ -94,8 +99,8 @@ def _info(info: RunInfo) -> dict[str, Any]:
     options = {f.name: encode(getattr(info.solver, f.name)) for f in fields(info.solver)} if is_dataclass(info.solver) else {}
     cls = type(info.solver)
     solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
-    return {"solver": solver, "form": info.form, "accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "runs": info.runs,
-            "cpu_s": info.cpu_s, "warnings": list(info.warnings)}  # fmt: skip
+    parts = {"accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "warnings": list(info.warnings)}
+    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, **parts}
 
 
 def _solver(stored: dict[str, Any]) -> Any:
@@ -108,7 +113,8 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "collocation", "stages": len(interpolant.table.c)}
     if isinstance(interpolant, Hermite):
         return {"kind": "hermite", "points": interpolant.points}
-    raise OptionError(f"the dense output {type(interpolant).__name__} of this run cannot be stored; run with mb.IDA or mb.RadauIIA to save")
+    kind = type(interpolant).__name__
+    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA or mb.RadauIIA to save")
 
 
 def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolant:
@@ -120,7 +126,7 @@ def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolan
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     """Header and arrays of a file; OptionError where it is not a result this version reads."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(str(arrays.pop("header")))
         is_ours = header["format"] == FORMAT
@@ -131,5 +137,5 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
     if not is_ours:
         raise OptionError(f"{path} holds {header['format']!r}, not a result of mbdae; give a file written by r.save(path)")
     if header["version"] > VERSION:
-        raise OptionError(f"{path} has format version {header['version']}, this mbdae reads versions up to {VERSION}: update mbdae")
+        raise OptionError(f"{path} has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
     return header, arrays

@@ -102,7 +102,7 @@ def decode(value: Any, scene: Any) -> Any:
     if not isinstance(value, dict):
         return value
     if "body" in value:
-        return value["body"]
+        return scene[value["body"]]
     if "place" in value:
         return Place(scene[value["place"]], np.array(value["point"]))
     if "expression" in value:

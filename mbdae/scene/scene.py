@@ -91,7 +91,7 @@ class SceneData:
         w = self._vector(name, "angular_velocity", angular_velocity, "rad/s")
         matrix, planar = np.zeros((3, 3)), np.ndim(J) == 0
         if J is None:
-            self.problems.append(f"body '{name}': inertia is missing; give one number (about z), 3 principal values or 3x3, kg m^2")
+            self.problems.append(f"body '{name}': inertia is missing; give one number (about z), 3 values or 3x3, kg m^2")
         else:
             matrix = mass_properties.matrix(self._array(name, "inertia", J, None))
             self.problems += mass_properties.problems(name, matrix, planar)
@@ -146,7 +146,7 @@ class SceneData:
             self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")
             length = 1.0
         joint = Distance(name, k, l, a, length=length)
-        joint.at_l = b
+        joint.at_l = b  # type: ignore[attr-defined]
         return self.add(joint)
 
     @statement
@@ -155,7 +155,8 @@ class SceneData:
         return self.add(FixedOrientation(name, k, l, self._place_of(l)))
 
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
-               start: float | None, rate0: float | None, spring: float | None, damper: float | None, load: Any) -> Connection:  # fmt: skip
+               start: float | None, rate0: float | None, spring: float | None, damper: float | None,
+               load: Any) -> Connection:  # fmt: skip
         if model is not None and not isinstance(model, Kinematic):
             self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic()")
         where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
@@ -165,7 +166,7 @@ class SceneData:
         unit = law.coordinate_unit
         for value, what in ((start, "position0" if law is Prismatic else "angle0"), (rate0, "rate0")):
             if value is not None and drive is not None:
-                self.problems.append(f"{kind} '{name}': the prescribed value fixes the start already; leave out {what} = {value!r}")
+                self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {what} = {value!r}")
         start = None if start is None else self._number(name, "position0" if law is Prismatic else "angle0", start, unit)
         rate0 = None if rate0 is None else self._number(name, "rate0", rate0, f"{unit}/s")
         turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
@@ -173,11 +174,12 @@ class SceneData:
             stiffness = self._number(name, "spring", spring, "N m/rad" if law is Revolute else "N/m")
             laws.append(JointSpring(name, stiffness=stiffness, rest=0.0, turns=turns, joint=law, **place))
         if damper is not None:
-            laws.append(JointDamper(name, damping=self._damping(name, "damper", damper, "N m s/rad" if law is Revolute else "N s/m"), joint=law, **place))
+            damping = self._damping(name, "damper", damper, "N m s/rad" if law is Revolute else "N s/m")
+            laws.append(JointDamper(name, damping=damping, joint=law, **place))
         if load is not None:
             value = self._timed(name, "torque" if law is Revolute else "force", load)
             laws.append(JointTorque(name, torque=value, **place) if law is Revolute else JointForce(name, force=value, **place))
-        return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))  # type: ignore[attr-defined]
+        return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))
 
     # -- forces
 
@@ -191,8 +193,8 @@ class SceneData:
         if natural < 0:
             self.problems.append(f"spring '{name}': length = {natural:g} m is negative")
         if damping and natural == 0:
-            self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points meet; "
-                                 f"use s.bushing, or give a length")  # fmt: skip
+            self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "
+                                 f"meet; use s.bushing, or give a length")  # fmt: skip
             damping = 0.0
         law = PointSpring(name, k, l, a, at_l=b, stiffness=self._number(name, "stiffness", stiffness, "N/m"),
                           damping=damping or None, length=natural or None)  # fmt: skip
@@ -205,7 +207,7 @@ class SceneData:
         for what, entries, names in (("stiffness", stiffness, ("k", "r")), ("damping", damping, ("c", "s"))):
             numbers = self._array(name, what, entries, None).ravel()
             if numbers.size not in (3, 6):
-                self.problems.append(f"bushing '{name}': {what} has {numbers.size} values; give 3 (translation) or 6 (and rotation)")
+                self.problems.append(f"bushing '{name}': {what} has {numbers.size} values; give 3 (translation) or 6 (rotation)")
                 continue
             if what == "damping" and np.any(numbers < 0):
                 self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed energy")
@@ -242,7 +244,8 @@ class SceneData:
         components = {n: self._timed(name, f"value[{i}]", v) or None for i, (n, v) in enumerate(zip(names, entries, strict=True))}
         where = self._place_of(body) if at is None else self._vector(name, "at", at, "m")
         following = frame == "body"
-        return self._connect(Connection(name, kind, self.ground, body, [law(name, self.ground, body, where, following=following, **components)]))
+        load = law(name, self.ground, body, where, following=following, **components)
+        return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     @statement
     def add(self, law: Joint | Force) -> Connection:
@@ -273,14 +276,20 @@ class SceneData:
         for body, side in ((item.k, "k"), (item.l, "l")):
             for law in item.laws if body.is_point else ():
                 if isinstance(law, JointTorque | AppliedTorque):
-                    self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; use s.rigid_body")
-                at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at  # type: ignore[attr-defined]
+                    self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
+                                         f"use s.rigid_body")  # fmt: skip
+                at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
                 if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
-                    self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at {body.position.tolist()} m, "
-                                         f"not at {np.asarray(at).tolist()} m; attach to it where it is")  # fmt: skip
+                    self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
+                                         f"{body.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
+                                         f"attach to it where it is")  # fmt: skip
                     break
 
     # -- access
+
+    @property
+    def _items(self) -> list[Any]:
+        return [*self.bodies, *self.connections]
 
     @property
     def joints(self) -> list[Connection]:
@@ -288,13 +297,13 @@ class SceneData:
         return [c for c in self.connections if c.is_joint]
 
     def __getitem__(self, name: str) -> Any:
-        for item in [self.ground, *self.bodies, *self.connections]:
+        for item in [self.ground, *self._items]:
             if item.name == name:
                 return item
         raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
 
     def _names(self) -> str:
-        names = [item.name for item in [*self.bodies, *self.connections]]
+        names = [item.name for item in self._items]
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
 
     # -- reading what the user wrote
@@ -302,7 +311,7 @@ class SceneData:
     def _claim(self, name: str) -> None:
         if not isinstance(name, str) or not name:
             self.problems.append(f"an item has the name {name!r}; names are non-empty strings")
-        if name == "ground" or any(item.name == name for item in [*self.bodies, *self.connections]):
+        if name == "ground" or any(item.name == name for item in self._items):
             self.problems.append(f"two items have the name '{name}'; give each its own")
 
     def _resolve(self, item: Connection, body: Any) -> Body:
@@ -317,14 +326,15 @@ class SceneData:
         name = body.name if isinstance(body, Body) else body
         known = ", ".join(repr(b.name) for b in [self.ground, *self.bodies][:12])
         self.problems.append(f"{item.kind} '{item.name}': body {name!r} is not in this scene; it has {known}")
-        return self.ground if item.k is not self.ground else Body("?", 0.0, np.eye(3), *(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3)))
+        zero, eye = np.zeros(3), np.eye(3)
+        return self.ground if item.k is not self.ground else Body("?", 0.0, eye, zero, eye, zero, zero)
 
     def _place_of(self, body: Any) -> Array:
         if isinstance(body, Place):
             return body.point
         if isinstance(body, str):
             body = next((b for b in self.bodies if b.name == body), self.ground)
-        return body.position if isinstance(body, Body) else np.zeros(3)
+        return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
 
     def _number(self, item: str, option: str, value: Any, unit: str) -> float:
         try:

@@ -13,7 +13,9 @@ from mbdae.symbolic.vectors import Expr
 
 TIME = se.Symbol("t")
 #: functions with derivatives the kernels can compile; `REWRITTEN` ones become Piecewise
-FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise")
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
+)  # fmt: skip
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min")
 GRID, BISECTIONS = 2001, 45
 
@@ -60,7 +62,8 @@ def _supported(value: Any) -> Any:
         raise ValueError(f"{value} is not real")
     unknown = sorted(used - set(FUNCTIONS))
     if unknown:
-        raise ValueError(f"{value} contains the function {unknown[0]}; expressions of mb.t may use {', '.join(FUNCTIONS + REWRITTEN)}")
+        known = ", ".join(FUNCTIONS + REWRITTEN)
+        raise ValueError(f"{value} contains the function {unknown[0]}; expressions of mb.t may use {known}")
     return value
 
 
@@ -79,7 +82,7 @@ def values(e: Expr, times: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def first_jump(e: Expr, t0: float, t_end: float) -> tuple[float, float] | None:
-    """Time and size of the first jump (or pole) of an expression inside (t0, t_end), found by bisection; None if smooth."""
+    """Time and size (inf at a pole) of the first jump of an expression in [t0, t_end], by bisection; None if smooth."""
     if not e.free_symbols:
         return None
     grid = np.unique(np.concatenate([np.linspace(t0, t_end, GRID), _boundaries(e, t0, t_end)]))
@@ -96,12 +99,16 @@ def first_jump(e: Expr, t0: float, t_end: float) -> tuple[float, float] | None:
         left = ~(np.abs(mid - low) < np.abs(high - mid))  # keeps a pole: nan counts as the larger half
         a, b = np.where(left, a, middle), np.where(left, middle, b)
     jump = values(e, b) - values(e, a)
-    size = 1e-7 * max(1e-300, float(np.max(np.abs(at))))
-    found = np.flatnonzero(~(np.abs(jump) <= size))
+    size = max(1e-300, float(np.max(np.abs(at))))
+    found = np.flatnonzero(~(np.abs(jump) <= 1e-7 * size))
     if not len(found):
         return None
     first = found[np.argmin(a[found])]
-    return float(b[first]), float(jump[first])
+    if not abs(jump[first]) < 1e3 * size:
+        return float(b[first]), float("inf")
+    beyond = 1e-10 * (t_end - t0)  # a Piecewise may have a value of its own exactly at the jump
+    around = values(e, np.array([max(a[first] - beyond, t0), min(b[first] + beyond, t_end)]))
+    return float(b[first]), float(around[1] - around[0])
 
 
 def _boundaries(e: Expr, t0: float, t_end: float) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import symengine as se
 
@@ -65,6 +65,11 @@ class Law:
             raise LawError(f"{type(self).__name__} '{name}': unknown parameter {unknown[0]!r}; it has {sorted(known)}")
         for key in known:
             setattr(self, key, values.get(key))
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Parameters, options and states are attributes by name."""
 
     def structure(self, timed: frozenset[str] = frozenset()) -> Structure:
         """Which of the parameters are absent, which depend on time, and the options."""

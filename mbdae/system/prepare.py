@@ -18,7 +18,6 @@ from mbdae.system.redundancy import RankReport, analyse, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
 from mbdae.system.start import Start, Starter, state_rate_outputs
 
-
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
 

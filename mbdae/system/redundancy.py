@@ -9,7 +9,7 @@ import numpy as np
 from mbdae.errors import SceneError, StartError
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
-from mbdae.system.numbering import COORDINATES, Row
+from mbdae.system.numbering import Row
 from mbdae.system.start import Starter
 
 DEPENDENT = 1e-8  #: residual of a row of unit length against the rows before it: redundant below
@@ -125,10 +125,17 @@ def _name_motion(mechanics: Mechanics, motion: Array) -> str:
     worst = int(np.argmax(np.abs(motion)))
     for node in mechanics.model.nodes:
         if node.u <= worst < node.u + node.kind.sizes[1]:
-            n = 2 if node.kind.flat else 3
-            part = motion[node.u : node.u + n] if worst < node.u + n else motion[node.u + n : node.u + node.kind.sizes[1]]
-            direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9 * np.abs(motion).max(), 0.0, part) / np.linalg.norm(part))
-            how = f"move along ({direction})" if worst < node.u + n else "turn" if node.kind.flat else f"turn about ({direction}) in body axes"
-            return (f"body '{node.body.name}' can {how} without any inertia (mainly {COORDINATES[node.kind][1][worst - node.u]}): "
+            how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, 2 if node.kind.flat else 3)
+            return (f"body '{node.body.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
     raise SceneError(["a motion without inertia could not be named"])
+
+
+def _motion_in_words(motion: Array, worst: int, n: int) -> str:
+    """"move along ..." or "turn about ..." for velocities of one node with n translations, the entry `worst` the largest."""
+    part = motion[:n] if worst < n else motion[n:]
+    part = part * np.sign(motion[worst]) / np.linalg.norm(part)
+    direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9, 0.0, part))
+    if worst < n:
+        return f"move along ({direction})"
+    return "turn" if len(part) == 1 else f"turn about ({direction}) in body axes"

@@ -8,7 +8,6 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.start import Start
 
-
 #: mu takes up the local errors of the positions: a sum of small random pieces, no smooth function. Held to the
 #: tolerance of the positions it makes BDF reject every second step (Andrews, rtol 1e-9: 19692 steps instead of 1871).
 SLACK = 1e5
@@ -47,4 +46,4 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
     force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(start.multipliers))
     move, turn = (np.max(np.abs(G[:, mask]), axis=1, initial=0.0) for mask in (~mechanics.rotational, mechanics.rotational))
     arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
-    return np.max(force * size) / size, 1 / arm
+    return np.max(force * size) / size, SLACK / arm

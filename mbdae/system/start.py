@@ -15,7 +15,7 @@ import symengine as se
 from mbdae.errors import StartError
 from mbdae.scene import timed
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.topology import Tree, spanning_tree
+from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Joint

@@ -1,0 +1,260 @@
+"""Command line: parse, call, print. Exit 0 where what was asked holds, 1 where it does not, 2 for wrong usage."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
+
+FORMS = ("ggl", "index3", "ode")
+SOLVERS = ("ida", "radau2", "radau3")
+
+
+class UsageError(Exception):
+    """The command line, or the file it names, is not as it must be."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    arguments.stdout = sys.stdout  # JSON goes here; whatever FILE itself prints then goes to the error stream
+    try:
+        with warnings.catch_warnings(), redirect_stdout(sys.stderr if arguments.json else sys.stdout):
+            warnings.simplefilter("ignore", AccuracyWarning)  # told below, once, as part of the result
+            return int(arguments.command(arguments))
+    except (UsageError, OptionError) as error:
+        return _complain(error, 2)
+    except MbdaeError as error:
+        return _complain(error, 1)
+    except KeyboardInterrupt:
+        return _complain(RuntimeError("interrupted"), 1)
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"mbdae: {error}", file=sys.stderr)
+    return code
+
+
+# -- commands
+
+
+def check(a: argparse.Namespace) -> int:
+    """Say what the scene is before solving."""
+    found = _scene(_load(a.file), a.file).check()
+    if not a.json:
+        print(found)
+        return 0
+    start = found.prepared.start
+    _json(a, {"scene": found.prepared.model.scene.name, "planar": found.planar, "degrees_of_freedom": found.degrees_of_freedom,
+           "unknowns": found.unknowns, "redundant": list(found.redundant), "pruned": list(found.pruned),
+           "start_changes": [str(change) for change in start.changes]})  # fmt: skip
+    return 0
+
+
+def run(a: argparse.Namespace) -> int:
+    """Simulate; 1 where the accuracy asked for is not met."""
+    module = _load(a.file)
+    t_end, measure, out = _t_end(a, module), getattr(module, "measure", None), _folder(a.out)
+    r = _scene(module, a.file).simulate(t_end, accuracy=a.accuracy, solver=_solver(a.solver), form=_form(a.form), progress=True)
+    written = _write_result(r, measure, out, Path(a.file).stem) if out else []
+    final = np.asarray(r.read(measure))[-1].tolist() if measure else None
+    if a.json:
+        _json(a, _summary(r, measure, final, written))
+    else:
+        print(repr(r))
+        if measure:
+            print(f"{measure} at t = {r.t[-1]:g} s: {final}")
+        print(f"largest constraint violation {np.max(r.drift.position, initial=0.0):.1e}, "
+              f"largest energy balance error {np.max(np.abs(r.energy.balance)):.1e} J")  # fmt: skip
+        _list(written)
+    for warning in r.warnings:
+        print(f"mbdae: warning: {warning}", file=sys.stderr)
+    return 1 if r.accuracy.met is False or not r.complete else 0
+
+
+def compare(a: argparse.Namespace) -> int:
+    """Solvers side by side; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
+    from mbdae.compare import compare as compare_runs
+    from mbdae.results.progress import bar
+
+    module = _load(a.file)
+    t_end, out, shown = _t_end(a, module), _folder(a.out), bar()
+    options: dict[str, Any] = {} if a.accuracies is None else {"accuracies": a.accuracies}
+    try:
+        w = compare_runs(_scene(module, a.file), t_end, getattr(module, "runs", None), measure=getattr(module, "measure", None),
+                         progress=lambda done, total, label: shown.show(done / total, "compare", label), **options)  # fmt: skip
+    finally:
+        shown.close()
+    written = []
+    if out:
+        written = [out / f"{Path(a.file).stem}_work_precision{ending}" for ending in (".png", ".json")]
+        w.plot(written[0])
+        w.to_json(written[1])
+    if a.json:
+        _json(a, w.to_dict())
+    else:
+        print(w.table())
+        _list([str(path) for path in written])
+    reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
+    return 0 if reached and not w.failures and w.reference.trusted else 1
+
+
+# -- what commands share
+
+
+def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dict[str, Any]:
+    s = r.stats
+    return {
+        "scene": r.prepared.model.scene.name, "t_end": float(r.t[-1]), "complete": r.complete, "solver": r.info.solver.label,
+        "form": r.info.form, "rtol": r.info.solver.rtol,
+        "accuracy": {"asked": r.accuracy.asked, "estimated": r.accuracy.estimated}, "measure": measure,
+        "final": final, "cpu_s": r.info.cpu_s, "steps": s.steps, "rejected": s.rejected,
+        "residuals": s.residuals, "jacobians": s.jacobians, "factorisations": s.factorisations,
+        "drift": float(np.max(r.drift.position, initial=0.0)), "energy_balance_J": float(np.max(np.abs(r.energy.balance))),
+        "warnings": list(r.warnings), "written": written,
+    }  # fmt: skip
+
+
+def _write_result(r: Any, measure: str | None, out: Path, stem: str) -> list[str]:
+    written = [out / f"{stem}.npz"]
+    r.save(written[0])
+    if measure:
+        written.append(out / f"{stem}.png")
+        r.plot(measure, path=written[1])
+    return [str(path) for path in written]
+
+
+def _list(written: Sequence[str]) -> None:
+    for path in written:
+        print(f"wrote {path}")
+
+
+def _json(a: argparse.Namespace, data: dict[str, Any]) -> None:
+    print(json.dumps(data, indent=1, allow_nan=False), file=a.stdout)
+
+
+def _load(file: str) -> ModuleType:
+    """The user's file as a module; it may import its neighbours."""
+    path = Path(file).resolve()
+    if not path.is_file():
+        raise UsageError(f"there is no file '{file}'; give a Python file with a function scene()")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise UsageError(f"'{file}' is not a Python file (.py)")
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(path.parent))
+    sys.modules[path.stem] = module
+    try:
+        spec.loader.exec_module(module)
+    except MbdaeError:
+        raise
+    except Exception as error:
+        raise UsageError(f"'{file}' cannot be read: {_where(error)}") from error
+    finally:
+        sys.path.remove(str(path.parent))
+    if not callable(getattr(module, "scene", None)):
+        raise UsageError(f"'{file}' has no function scene(); add one that returns a mb.Scene:\n\n"
+                         "    def scene():\n        s = mb.Scene('name')\n        ...\n        return s\n")  # fmt: skip
+    return module
+
+
+def _scene(module: ModuleType, file: str) -> Any:
+    """The scene FILE states; a mistake in its code is told with its line, without the way there."""
+    from mbdae.api import Scene
+
+    try:
+        scene = module.scene()
+    except MbdaeError:
+        raise
+    except Exception as error:
+        raise UsageError(f"scene() of '{file}' fails: {_where(error)}") from error
+    if not isinstance(scene, Scene):
+        raise UsageError(f"scene() of '{file}' returns {type(scene).__name__}, not a mb.Scene; end it with `return s`")
+    return scene
+
+
+def _where(error: Exception) -> str:
+    line = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} (line {line.lineno} of {Path(line.filename).name})"
+
+
+def _t_end(a: argparse.Namespace, module: ModuleType) -> float:
+    value = a.t_end if a.t_end is not None else getattr(module, "t_end", None)
+    if value is None:
+        raise UsageError(f"the end time is unknown: give --t-end T in s, or set t_end in '{a.file}'")
+    return float(value)
+
+
+def _folder(out: str | None) -> Path | None:
+    if out is None:
+        return None
+    path = Path(out)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out {out}: cannot be made a folder: {error}") from error
+    return path
+
+
+def _solver(name: str | None) -> Any:
+    from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+
+    makers: dict[str | None, Callable[[], Any]] = {"ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3)}
+    return makers[name]() if name else None
+
+
+def _form(name: str | None) -> Any:
+    from mbdae.formulations import GGL, ODE, Index3
+
+    return {"ggl": GGL, "index3": Index3, "ode": ODE}[name]() if name else None
+
+
+# -- the parser
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="mbdae", description="Multibody dynamics: check, run and compare a scene.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _command(commands, "check", check, "say what a scene is before solving it")
+    p = _command(commands, "run", run, "simulate a scene with controlled accuracy")
+    p.add_argument("--solver", choices=SOLVERS, help="default: chosen for the scene")
+    p.add_argument("--form", choices=FORMS, help="default: chosen for the scene")
+    p.add_argument("--accuracy", type=float, default=1e-6, help="bound of the error over the run (default 1e-6)")
+    _common(p, "folder for the result (.npz) and a picture of `measure`")
+    p = _command(commands, "compare", compare, "solvers side by side against a confirmed reference")
+    p.add_argument("--accuracies", type=_numbers, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
+    _common(p, "folder for the work-precision picture (.png) and its data (.json)")
+    return parser
+
+
+def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("file", metavar="FILE", help="Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs")
+    p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
+    p.set_defaults(command=action)
+    return p
+
+
+def _common(p: argparse.ArgumentParser, out: str) -> None:
+    p.add_argument("--t-end", type=float, metavar="T", help="end time in s (default: t_end of FILE)")
+    p.add_argument("--out", metavar="DIR", help=out + "; nothing is written without it")
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}': give numbers separated by commas, such as 1e-3,1e-6") from None

@@ -1,0 +1,24 @@
+"""The equations of a prepared scene in a form."""
+
+from __future__ import annotations
+
+from mbdae.errors import OptionError
+from mbdae.formulations.base import Form
+from mbdae.formulations.ggl import GGL
+from mbdae.formulations.ode import ODE
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.prepare import Prepared, make_system
+
+
+def default_form(prepared: Prepared) -> Form:
+    """Stabilised index 2; the plain ODE where nothing is constrained."""
+    return GGL() if prepared.mechanics.m else ODE()
+
+
+def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1) -> SceneSystem:
+    """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`."""
+    form = form if form is not None else default_form(prepared)
+    refusal = form.refusal(prepared.model, prepared.mechanics.rows)
+    if refusal:
+        raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
+    return make_system(prepared, form.for_index(highest_index).spec())

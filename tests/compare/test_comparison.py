@@ -1,0 +1,159 @@
+"""Comparisons: errors are true, failures stay visible, table, picture and JSON tell the same."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.compare.rows import Row, with_front
+from mbdae.compare.table import cells
+
+
+def pendulum():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    return s
+
+
+@pytest.fixture(scope="module")
+def w():
+    """Two good runs, one with a step of its own, one that must fail."""
+    runs = [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3), mb.GGL()), mb.Run(mb.RadauIIA(2, step=0.01), label="constant step"),
+            mb.Run(mb.IDA(), mb.Index3())]  # fmt: skip
+    return mb.compare(pendulum(), 1.0, runs, accuracies=[1e-5, 1e-3], measure="hinge.angle")
+
+
+def test_one_row_for_every_run_and_accuracy_coarse_first(w):
+    asked = [(row.label, row.accuracy) for row in w.runs]
+    assert asked == [("IDA GGL", 1e-3), ("IDA GGL", 1e-5), ("RadauIIA(3) GGL", 1e-3), ("RadauIIA(3) GGL", 1e-5),
+                     ("constant step", None), ("IDA Index3", 1e-3), ("IDA Index3", 1e-5)]  # fmt: skip
+
+
+def test_errors_are_those_against_an_independent_integration(w):
+    from scipy.integrate import solve_ivp
+
+    def truth(t):
+        fine = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
+        return solve_ivp(lambda _, y: [y[1], -1.5 * 9.81 * np.cos(y[0])], (0, 1), [0, 0], t_eval=t, **fine).y[0]
+
+    again = mb.compare(pendulum(), 1.0, [mb.Run(mb.RadauIIA(2, step=0.01))], measure="hinge.angle", reference=truth)
+    assert again.runs[0].error == pytest.approx(w.runs[4].error, rel=1e-2)
+    assert w.reference.difference < 1e-6
+
+
+def test_reference_is_tighter_than_the_smallest_accuracy_and_confirmed_by_another_method(w):
+    assert w.reference.accuracy <= 1e-6
+    assert "Radau" in w.reference.label
+    assert "IDA" in w.reference.confirmed_by
+    assert w.reference.trusted
+    assert f"{w.reference.difference:.1e}" in w.table()
+
+
+def test_table_and_json_tell_the_same(w, tmp_path):
+    w.to_json(tmp_path / "w.json")
+    data = json.loads((tmp_path / "w.json").read_text())
+    assert set(data) >= {"scene", "measure", "reference", "runs"}
+    promised = {"label", "solver", "form", "model", "accuracy", "error", "cpu_s", "residuals", "jacobians", "factorisations",
+                "failure"}  # fmt: skip
+    lines = w.table().splitlines()
+    for entry in data["runs"]:
+        assert set(entry) >= promised
+        shown = [text for text in cells(Row(**entry)) if text]
+        assert any(all(text in line for text in shown) for line in lines), shown
+
+
+def test_a_failed_run_shows_its_reason_in_table_and_json(w):
+    failed = [entry for entry in json.loads(w.to_json())["runs"] if entry["failure"]]
+    assert [entry["label"] for entry in failed] == ["IDA Index3", "IDA Index3"]
+    assert all(entry["error"] is None and "index 3" in entry["failure"] for entry in failed)
+    assert "failed: IDA Index3 asked for 1e-03, 1e-05" in w.table()
+    assert "index 3" in w.table()
+
+
+def test_a_run_that_stops_midway_keeps_its_counts_and_reason():
+    w = mb.compare(pendulum(), 50.0, [mb.Run(mb.RadauIIA(2, step=1e-3))], [1e-2], max_wall=0.5)
+    assert "max_wall" in w.runs[0].failure
+    assert w.runs[0].steps > 0
+    assert w.runs[0].cpu_s > 0
+
+
+def test_verdict_names_the_cheapest_run_of_each_accuracy(w):
+    for wanted in w.accuracies:
+        best = w.cheapest(wanted)
+        assert best.error <= wanted
+        assert not any(row.error is not None and row.error <= wanted and row.cpu_s < best.cpu_s for row in w.runs)
+        assert f"{wanted:.0e} by {best.label}" in w.verdict
+
+
+def test_the_front_holds_what_nothing_beats_in_both():
+    rows = [Row("a", "", "", None, 1, error=1e-3, cpu_s=1.0), Row("b", "", "", None, 1, error=1e-4, cpu_s=2.0),
+            Row("c", "", "", None, 1, error=1e-3, cpu_s=2.0), Row("d", "", "", None, 1, cpu_s=0.1, failure="no")]  # fmt: skip
+    assert [row.pareto for row in with_front(rows)] == [True, True, False, False]
+
+
+def test_whole_state_is_measured_without_a_sensor_and_a_result_serves_as_reference():
+    s = pendulum()
+    truth = s.simulate(1.0, accuracy=1e-9, solver=mb.RadauIIA(3))
+    w = mb.compare(s, 1.0, [mb.Run(mb.RadauIIA(3))], [1e-4], reference=truth)
+    assert "whole state" in w.what
+    assert 0 < w.runs[0].error < 1e-3
+
+
+def test_equations_without_a_scene_are_compared_too():
+    def oscillator(t, y, yp, out):
+        out[0], out[1] = yp[0] - y[1], yp[1] + y[0]
+
+    w = mb.compare(mb.DAE(oscillator, [1.0, 0.0], [0.0, -1.0]), 3.0, accuracies=[1e-4])
+    assert [row.solver for row in w.runs] == ["IDA", "RadauIIA(2)", "RadauIIA(3)"]
+    assert all(row.error < 1e-3 for row in w.runs)
+
+
+def test_solver_options_show_in_the_label_and_own_tolerances_run_once():
+    runs = [mb.Run(mb.IDA(rtol=1e-7, max_order=2)), mb.Run(mb.RadauIIA(3), mb.GGL(algebraic=True))]
+    w = mb.compare(pendulum(), 0.5, runs, [1e-3])
+    assert [row.label for row in w.runs] == ["IDA[max_order=2] GGL", "RadauIIA(3) GGL[algebraic=True]"]
+    assert [row.accuracy for row in w.runs] == [None, 1e-3]
+    assert w.runs[0].rtol == 1e-7
+
+
+def test_picture_has_two_logarithmic_panels_with_units(w, tmp_path):
+    figure = w.plot(tmp_path / "w.png")
+    assert (tmp_path / "w.png").read_bytes().startswith(b"\x89PNG")
+    assert [(a.get_xscale(), a.get_yscale()) for a in figure.axes] == [("log", "log")] * 2
+    assert figure.axes[0].get_ylabel() == "error: largest difference of hinge.angle [rad]"
+    assert figure.axes[0].get_xlabel() == "CPU time [s]"
+
+
+def test_total_work_is_that_of_the_solvers(w):
+    assert w.cpu_s >= sum(row.cpu_s for row in w.runs if row.cpu_s is not None)
+
+
+def test_compare_is_a_function_whatever_was_imported_first():
+    from importlib import import_module
+
+    assert callable(import_module("mbdae.compare"))
+    assert callable(mb.compare)
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda: mb.Run("ida"), "solver = 'ida'"),
+    (lambda: mb.Run(mb.IDA(), "ggl"), "form = 'ggl'"),
+    (lambda: mb.Run(mb.IDA(), model="clearance"), "model = 'clearance'"),
+    (lambda: mb.compare(pendulum(), 1.0, []), "give a list of mb.Run"),
+    (lambda: mb.compare(pendulum(), 1.0, accuracies=[]), "accuracies is empty"),
+    (lambda: mb.compare(pendulum(), -1.0), "t_end = -1.0"),
+    (lambda: mb.compare(pendulum(), 1.0, reference=3), "reference = 3"),
+    (lambda: mb.compare(pendulum(), 1.0, reference=np.sin), "name the sensor"),
+])  # fmt: skip
+def test_wrong_options_are_named_with_their_value(make, said):
+    with pytest.raises(mb.OptionError, match=said):
+        make()
+
+
+def test_an_unknown_sensor_is_refused_before_the_runs():
+    with pytest.raises(mb.SceneError, match=r"hinge\.angel"):
+        mb.compare(pendulum(), 1.0, measure="hinge.angel")

@@ -1,0 +1,200 @@
+"""Every exported law keeps the contract of laws; laws and derivations that break it are caught."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import symengine as se
+
+import mbdae as mb
+from mbdae import elements, forces, joints
+from mbdae.contracts import checks
+from mbdae.kernels import compile as kernels_compile
+from mbdae.symbolic import derive as symbolic_derive
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.vectors import ZERO
+
+kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
+LAWS = [getattr(module, name) for module in (joints, forces, elements) for name in module.__all__]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_law_keeps_the_contract(law: Any) -> None:
+    report = mb.selftest(law)
+    assert len(report.variants) >= 4
+    assert set(report.worst) >= {"Jacobian", "compiled kernel"}
+    assert "planar = spatial" in report.worst or law is forces.JointForce  # needs an axis in the plane
+    assert all(error <= checks.BOUNDS[name] for name, (error, _) in report.worst.items())
+
+
+def test_report_names_worst_entries() -> None:
+    text = str(mb.selftest(mb.Spherical))
+    assert "Spherical: 20 variants keep the contract" in text
+    assert "Jacobian" in text
+    assert "bound 1e-10" in text
+
+
+# ---- laws of one's own -------------------------------------------------------------------------------------------------
+
+
+class Screw(mb.Joint):
+    """Turns about and travels along k.z."""
+
+    params = mb.params(pitch=("m/rad", "travel per turn"))
+    frees = 1
+
+    def constraints(self, k: Any, l: Any) -> Any:
+        d = l.r - k.r
+        rows = {"x": k.x @ d, "y": k.y @ d, "tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y}
+        return {**rows, "travel": k.z @ d - self.pitch * self.angle(k, l)}
+
+
+class NotObjective(mb.Force):
+    """Depends on where the bodies are, not on how they lie to each other."""
+
+    params = mb.params(stiffness=("N/m", "stiffness"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.stiffness * (l.r[0] - 2 * k.r[0]) ** 2 / 2
+
+
+class Pump(mb.Force):
+    """Feeds energy and calls it dissipation."""
+
+    params = mb.params(damping=("N s/m", "damping"))
+    dissipative = True
+
+    def wrench(self, k: Any, l: Any) -> Any:
+        d = l.r - k.r
+        return self.damping * (d @ (l.v - k.v - k.w.cross(d))) / (d @ d) * d, ZERO
+
+
+class NoUnit(mb.Force):
+    params = mb.params(stiffness="")
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.stiffness * (l.r - k.r) @ (l.r - k.r) / 2
+
+
+class Gimbal(mb.Force):
+    """An angle that has no derivative at half a turn."""
+
+    params = mb.params(stiffness=("N m/rad", "stiffness"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.stiffness * se.acos((k.x @ l.x + k.y @ l.y + k.z @ l.z - 1) / 2) ** 2 / 2
+
+
+class Optioned(mb.Force):
+    options = ("power",)
+    params = mb.params(stiffness=("N/m", "stiffness"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.stiffness * ((l.r - k.r) @ (l.r - k.r)) ** self.power
+
+
+class Nothing(mb.Joint):
+    pass
+
+
+class Massive(Element):
+    """Kinetic energy that depends on the position: not what the derivation of inertia assumes."""
+
+    params = mb.params(mass=("kg", "mass"))
+
+    def kinetic_energy(self, b: Any) -> Any:
+        return self.mass * (1 + b.center[0] ** 2) * (b.center_velocity @ b.center_velocity) / 2
+
+
+def test_own_joint_passes() -> None:
+    assert "spatial - spatial" in mb.selftest(Screw, pitch=0.01).variants
+
+
+@pytest.mark.parametrize(
+    ("law", "options", "said"),
+    [
+        (NotObjective, {}, ["action = reaction, spatial - spatial: force x", "invariance, spatial - spatial: energy"]),
+        (Pump, {}, ["power, spatial - spatial: dissipated power below zero"]),
+        (NoUnit, {}, ["parameter 'stiffness' has no unit"]),
+        (Gimbal, {}, ["singular states, spatial - spatial: values half turn"]),
+        (Nothing, {}, ["no variant can be derived", "does not state `constraints(self, k, l)`"]),
+        (Optioned, {}, ["has the option 'power': say mb.selftest(Optioned, power=...)"]),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_broken_law_is_refused(law: Any, options: dict[str, Any], said: list[str]) -> None:
+    with pytest.raises(mb.LawError) as caught:
+        mb.selftest(law, **options)
+    for words in said:
+        assert words in str(caught.value)
+
+
+def test_option_given() -> None:
+    assert mb.selftest(Optioned, power=2).variants
+
+
+# ---- derivations that are wrong -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fresh() -> Iterator[None]:
+    """No derivation from before, none left behind."""
+    symbolic_derive.derive.cache_clear()
+    yield
+    symbolic_derive.derive.cache_clear()
+
+
+def test_geometric_stiffness_is_needed(monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    """Without d(G^T lambda)/dq the Jacobian contract fails, and only there."""
+    whole = kernels_plan.derivatives
+
+    def without(d: Any, e: Any) -> Any:
+        multipliers = {str(s) for s in d.multipliers}
+        free = {str(s) for s in e.free_symbols}
+        return {t: v for t, v in whole(d, e).items() if not (free & multipliers and t[0] == "q")}
+
+    monkeypatch.setattr(kernels_plan, "derivatives", without)
+    with pytest.raises(mb.LawError, match=r"Jacobian, spatial - spatial.*d\(u k 3\)/d\(q"):
+        mb.selftest(mb.Revolute)
+
+
+def test_wrong_rotation_rule_is_found(monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    """delta a = delta psi x a with the other sign breaks rates and virtual work."""
+    right = Variation._direct_gradient
+
+    def reversed_rule(f: Any, e: Any) -> Any:
+        move, turn = right(f, e)
+        return move, -turn
+
+    monkeypatch.setattr(Variation, "_direct_gradient", staticmethod(reversed_rule))
+    with pytest.raises(mb.LawError) as caught:
+        mb.selftest(mb.Spherical)
+    assert "rates, spatial - spatial: gd[x]" in str(caught.value)
+    assert "virtual work, spatial - spatial: u k 3" in str(caught.value)
+
+
+def test_lost_gyroscopic_moment_is_found(monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
+    from mbdae.contracts import case
+    from mbdae.symbolic import outputs
+
+    def without(d: Any) -> Any:
+        (b,) = d.frames
+        still = dict.fromkeys(b.spin, 0) if b.kind.turns else {}
+        return [(t, e.subs(still)) for t, e in outputs.dynamics(d)]
+
+    monkeypatch.setattr(case, "EVALUATED", tuple(without if o is outputs.dynamics else o for o in case.EVALUATED))
+    monkeypatch.setattr(checks, "dynamics", without)
+    with pytest.raises(mb.LawError, match="inertia, spatial: moment"):
+        mb.selftest(elements.RigidBody)
+
+
+def test_wrong_compilation_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = kernels_compile.Kernel.values
+    monkeypatch.setattr(kernels_compile.Kernel, "values", lambda self, x: np.asarray(right(self, x)) * (1 + 1e-9))
+    with pytest.raises(mb.LawError, match="compiled kernel"):
+        mb.selftest(mb.Spherical)

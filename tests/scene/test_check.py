@@ -1,0 +1,85 @@
+"""What check says: redundancy by joint and direction, the planar proof, freedoms, pruned rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+
+def four_bar(space: str = "auto", axis: Any = (0, 0, 1)) -> mb.Scene:
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0), space=space)
+    s.link("crank", (0, 0), (0, 0.3), mass=0.3)
+    s.link("coupler", (0, 0.3), (0.5, 0.6), mass=0.4)
+    s.link("rocker", (0.5, 0.6), (0.6, 0), mass=0.5)
+    s.revolute("A", s.ground, "crank", at=(0, 0))
+    s.revolute("B", "crank", "coupler", at=(0, 0.3), axis=axis)
+    s.revolute("C", "coupler", "rocker", at=(0.5, 0.6))
+    s.revolute("D", "rocker", s.ground, at=(0.6, 0))
+    return s
+
+
+def test_four_revolutes_in_space_are_redundant_at_the_last_joint() -> None:
+    c = four_bar("spatial").check()
+    assert not c.planar
+    assert c.degrees_of_freedom == 1
+    assert sorted(c.redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]
+    assert "redundant, left out (their reactions are not unique): D (z, tilt_y, tilt_x)" in str(c)
+    assert c.unknowns["multipliers"] == 17
+
+
+def test_the_same_loop_in_the_plane_is_not() -> None:
+    c = four_bar().check()
+    assert c.planar
+    assert c.degrees_of_freedom == 1
+    assert c.redundant == ()
+    assert "D.tilt_x" in c.pruned
+    assert "planar: every point, axis, velocity and load lies in the plane z = 0 and no law leaves it" in str(c)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda s: s.point_mass("p", 1.0, (0, 0, 0.1)), "body 'p' has a point at z = 0.1 m"),
+        (lambda s: s.rigid_body("p", 1.0, [[1, 0, 0.1], [0, 1, 0], [0.1, 0, 1]]), "body 'p' has products of inertia with z"),
+        (lambda s: s.point_mass("p", 1.0, (0, 0), velocity=(0, 0, 1)), "body 'p' starts with a velocity out of the plane"),
+        (lambda s: s.rigid_body("p", 1, 1, rotation=[[1, 0, 0], [0, 0, -1], [0, 1, 0]]), "body 'p' is rotated out of the plane"),
+        (lambda s: s.spring("S", "crank", "rocker", (0, 0), (0.6, 0, 0.2), stiffness=1.0), "spring 'S' has a point at z = 0.2 m"),
+        (lambda s: s.force("F", "crank", (0, 0, 1.0)), "F: AppliedForce is not planar: its force acts out of the plane"),
+        (lambda s: s.torque("T", "crank", (1.0, 0, 0)), "T: AppliedTorque is not planar: its force acts out of the plane"),
+        (lambda s: s.revolute("E", s.ground, "crank", at=(0, 0), axis=(1, 0, 1)), "is neither in the plane nor normal to it"),
+        (lambda s: setattr(s, "gravity", np.array([0, 0, 1.0])), "gravity has the z component 1 m/s^2"),
+    ],
+)  # fmt: skip
+def test_why_a_scene_is_not_planar(change: Any, reason: str) -> None:
+    from mbdae.system.model import build
+
+    s = four_bar()
+    change(s)
+    model = build(s)
+    assert not model.planar
+    assert reason in model.why
+    s.space = "planar"
+    with pytest.raises(mb.SceneError, match="space='planar' is not possible"):
+        build(s)
+
+
+def test_axis_in_the_plane_makes_a_scene_spatial() -> None:
+    from mbdae.system.model import build
+
+    model = build(four_bar(axis=(1, 0, 0)))
+    assert not model.planar
+    assert "B" in model.why
+
+
+def test_prismatic_joint_stays_planar() -> None:
+    s = mb.Scene("slider", gravity=(0, -9.81, 0))
+    s.rigid_body("block", 1.0, 0.0, at=(1, 0))
+    s.prismatic("P", s.ground, "block", at=(0, 0), axis=(1, 0, 0))
+    c = s.check()
+    assert c.planar
+    assert c.degrees_of_freedom == 1
+    assert set(c.pruned) == {"P.offset_x", "P.tilt_y", "P.twist"}

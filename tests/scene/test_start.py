@@ -1,0 +1,182 @@
+"""Consistent starts: what is held stays, loops close with the least change, everything else starts at relative rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import mbdae as mb
+from mbdae.system.prepare import Prepared, prepare
+
+A, B, C, D = (0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)
+
+
+def four_bar(space: str = "auto", **crank: object) -> mb.Scene:
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0), space=space)
+    s.link("crank", A, B, mass=0.3)
+    s.link("coupler", B, C, mass=0.4)
+    s.link("rocker", C, D, mass=0.5)
+    s.revolute("A", s.ground, "crank", at=A, **crank)  # type: ignore[arg-type]
+    s.revolute("B", "crank", "coupler", at=B)
+    s.revolute("C", "coupler", "rocker", at=C)
+    s.revolute("D", "rocker", s.ground, at=D)
+    return s
+
+
+def coordinate(p: Prepared, joint: str) -> tuple[float, float]:
+    """Value and rate of a joint coordinate at the start."""
+    from mbdae.system.start import Starter
+
+    starter = Starter(p.mechanics)
+    value, rate, _ = starter._coordinates(p.start.q, p.start.u, [p.model.scene[joint]])
+    return float(value[0]), float(rate[0])
+
+
+def violation(p: Prepared) -> float:
+    t, q, u = np.zeros(1), p.start.q[None], p.start.u[None]
+    m = p.mechanics
+    a = m.constraint_jacobian(t, q)[0] @ p.start.acceleration + m.acceleration_bias(t, q, u)[0]
+    g, gd = m.position_residual(t, q)[0], m.velocity_residual(t, q, u)[0]
+    return float(np.max(np.abs(np.r_[g, gd, a / (1 + np.max(np.abs(p.start.acceleration)))])))
+
+
+@pytest.mark.parametrize("space", ["auto", "spatial"])
+@pytest.mark.parametrize(
+    ("crank", "angle", "rate"),
+    [({"angle0": 0.4}, 0.4, 0.0), ({"angle0": 0.4, "rate0": -2.0}, 0.4, -2.0), ({"rate0": 3.0}, 0.0, 3.0),
+     ({"angle": 0.2 + 5 * mb.t}, 0.2, 5.0), ({"angle": sp.sin(3 * mb.t)}, 0.0, 3.0)],
+)  # fmt: skip
+def test_what_is_held_stays(space: str, crank: dict[str, object], angle: float, rate: float) -> None:
+    p = prepare(four_bar(space, **crank))
+    assert coordinate(p, "A") == pytest.approx((angle, rate), abs=1e-11)
+    assert violation(p) < 1e-10
+
+
+def test_angle_beyond_pi_keeps_its_turns() -> None:
+    s = mb.Scene("rod", gravity=(0, -9.81, 0))
+    s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("A", s.ground, "rod", at=(0, 0), angle0=7.0, spring=2.0)
+    assert coordinate(prepare(s), "A")[0] == pytest.approx(7.0, abs=1e-12)
+    for space in ("auto", "spatial"):
+        s.space = space
+        r = s.simulate(0.05, accuracy=1e-4, outputs=3)
+        assert r["A"].angle[0] == pytest.approx(7.0, abs=1e-9)
+        assert r.energy.potential[0] == pytest.approx(2 * 7.0**2 / 2 + 9.81 * 0.5 * np.sin(7.0), rel=1e-9)
+
+
+def test_spring_of_many_turns_in_space() -> None:
+    """phi = a sin(w t) with a = 10 rad: the state that follows the angle picks the right turn."""
+    s = mb.Scene("torsion", space="spatial")
+    s.rigid_body("rotor", 1.0, (1.0, 1.0, 0.5), at=(0, 0, 0))
+    s.revolute("A", s.ground, "rotor", at=(0, 0, 0), spring=2.0, rate0=20.0)
+    r = s.simulate(3.0, accuracy=1e-5, outputs=61)
+    assert np.max(np.abs(r["A"].angle - 10 * np.sin(2 * r.t))) < 1e-4
+    assert np.max(np.abs(r["A"].angle)) > 9.9
+    assert np.max(np.abs(r.energy.balance)) < 1e-3 * r.energy.kinetic[0]
+
+
+def test_loop_closes_with_the_least_weighted_change() -> None:
+    """The heavy link stays, the light one moves: the change is M-orthogonal to every motion the joints leave free."""
+    s = mb.Scene("open loop")
+    s.link("heavy", (0, 0), (1, 0), mass=100.0)
+    s.link("light", (1.0, 0), (2, 0.02), mass=0.1)
+    s.revolute("A", s.ground, "heavy", at=(0, 0), angle0=0.3)
+    s.revolute("B", "heavy", "light", at=(1, 0))
+    s.distance("C", "light", s.ground, (2, 0.02), (2, 1.0))
+    p = prepare(s)
+    assert coordinate(p, "A")[0] == pytest.approx(0.3, abs=1e-11)
+    assert violation(p) < 1e-10
+    assert [c for c in p.start.changes if "'light' moved by" in c and c.endswith("m to close the loops")]
+    assert not any("'heavy'" in c for c in p.start.changes)
+
+
+def test_free_loop_moves_light_bodies_more_than_heavy_ones() -> None:
+    s = mb.Scene("two rods")
+    s.point_mass("heavy", 99.0, (0, 0))
+    s.point_mass("light", 1.0, (1, 0))
+    joint = s.distance("rod", "heavy", "light", (0, 0), (1, 0))
+    joint.laws[0].length = 2.0
+    q = prepare(s).start.q
+    assert q[[0, 2]] == pytest.approx([-0.01, 1.99], abs=2e-6)  # the metric adds a millionth of the largest mass
+
+
+def test_relative_rest_elsewhere() -> None:
+    s = mb.Scene("arm")
+    s.link("upper", (0, 0), (1, 0), mass=1.0)
+    s.link("lower", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, "upper", at=(0, 0), rate0=2.0)
+    s.revolute("B", "upper", "lower", at=(1, 0))
+    p = prepare(s)
+    assert coordinate(p, "A")[1] == pytest.approx(2.0, abs=1e-12)
+    assert coordinate(p, "B")[1] == pytest.approx(0.0, abs=1e-12)
+    assert p.start.u == pytest.approx([0, 1, 2, 0, 3, 2], abs=1e-12)
+
+
+def test_contradicting_velocity_is_projected_and_reported() -> None:
+    s = mb.Scene("pendulum")
+    s.rigid_body("bob", 1.0, 1.0, at=(1, 0), velocity=(1, 1, 0))
+    s.revolute("A", s.ground, "bob", at=(0, 0))
+    start = prepare(s).start
+    assert start.u == pytest.approx([0, 0.5, 0.5], abs=1e-6)  # nearest in kinetic energy to (1, 1, 0)
+    assert start.changes == ["the given velocity of 'bob' contradicts the joints: changed by 1.118 m/s and 0.5 rad/s"]
+
+
+def test_consistent_velocity_is_left_alone() -> None:
+    s = mb.Scene("pendulum")
+    s.rigid_body("bob", 1.0, 1.0, at=(1, 0), velocity=(0, 2, 0), angular_velocity=(0, 0, 2))
+    s.revolute("A", s.ground, "bob", at=(0, 0))
+    start = prepare(s).start
+    assert start.u == pytest.approx([0, 2, 2], abs=1e-12)
+    assert start.changes == []
+
+
+def test_loop_that_cannot_close_says_where_and_by_how_much() -> None:
+    s = mb.Scene("too far")
+    s.link("a", (0, 0), (1, 0), mass=1)
+    s.link("b", (1, 0), (3, 0), mass=1)
+    s.revolute("A", s.ground, "a", at=(0, 0), angle0=3.0)
+    s.revolute("B", "a", "b", at=(1, 0))
+    s.revolute("C", "b", s.ground, at=(3, 0))
+    with pytest.raises(mb.StartError, match=r"joint 'C' cannot close: row C\.\w stays off by \d.* m; check the points"):
+        s.check()
+
+
+def test_held_value_out_of_reach() -> None:
+    s = mb.Scene("toggle")
+    s.link("a", (0, 0), (1, 0), mass=1)
+    s.link("b", (1, 0), (2, 0), mass=1)
+    s.revolute("A", s.ground, "a", at=(0, 0), angle0=1.5)
+    s.revolute("B", "a", "b", at=(1, 0))
+    s.revolute("C", "b", s.ground, at=(2, 0))
+    with pytest.raises(mb.StartError, match=r"'A'|joint 'C' cannot close"):
+        s.check()
+
+
+def test_spurious_branch_is_refused() -> None:
+    """Drawn upside down a revolute's rows hold as well; the start refuses it."""
+    from mbdae.system.mechanics import Mechanics, turned
+    from mbdae.system.model import build
+    from mbdae.system.numbering import constraint_rows
+    from mbdae.system.start import Starter
+
+    s = mb.Scene("flipped", space="spatial")
+    s.rigid_body("b", 1.0, (1, 1, 1), at=(0, 0, 0))
+    s.revolute("A", s.ground, "b", at=(0, 0, 0))
+    model = build(s)
+    starter = Starter(Mechanics(model, constraint_rows(model)))
+    q = starter.placed()
+    q[3:] = turned(q[3:], np.array([np.pi, 0.0, 0.0]))
+    assert np.max(np.abs(starter.mechanics.position_residual(np.zeros(1), q[None]))) < 1e-12
+    with pytest.raises(mb.StartError, match=r"joint 'A' starts on the wrong branch \(axes in the same sense: -1"):
+        starter.check_branches(q)
+
+
+def test_rows_that_contradict_although_redundant() -> None:
+    """A slide that forbids turning and a drive that turns: same gradients, other rates."""
+    s = mb.Scene("contradiction")
+    s.link("a", (0, 0), (1, 0), mass=1)
+    s.revolute("A", s.ground, "a", at=(0, 0), angle=mb.t)
+    s.prismatic("P", s.ground, "a", at=(0, 0), axis=(1, 0, 0))
+    with pytest.raises(mb.StartError, match=r"prescribed motions contradict: row P\.\w+ depends on the other rows"):
+        s.check()

@@ -1,0 +1,138 @@
+"""The command line: exit codes, clean JSON, messages without traceback, nothing written unless asked."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mbdae.cli import main
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+PENDULUM = """
+import mbdae as mb
+
+t_end = 0.5
+measure = "hinge.angle"
+print("the file itself prints")
+
+def scene():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    return s
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Writes a FILE and returns its name; the test runs in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text=PENDULUM, name="swing.py"):
+        (tmp_path / name).write_text(text)
+        return name
+
+    return write
+
+
+def said(capsys):
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return out, err
+
+
+def test_check_says_what_the_scene_is(file, capsys):
+    assert main(["check", file()]) == 0
+    assert "degrees of freedom: 1" in said(capsys)[0]
+
+
+@pytest.mark.parametrize("command", ["check", "run", "compare"])
+def test_json_stands_alone_on_standard_output(command, file, capsys):
+    options = ["--accuracies", "1e-3"] if command == "compare" else []
+    assert main([command, file(), "--json", *options]) == 0
+    out, err = said(capsys)
+    assert json.loads(out)["scene"] == "pendulum"
+    assert "the file itself prints" in err
+
+
+def test_nothing_is_written_unless_asked(file, tmp_path, capsys):
+    name = file()
+    assert main(["run", name]) == 0
+    assert main(["compare", name, "--accuracies", "1e-3"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} <= {name, "__pycache__"}
+
+
+def test_run_writes_result_and_picture_on_request(file, tmp_path, capsys):
+    assert main(["run", file(), "--out", "out", "--solver", "radau3", "--form", "index3", "--accuracy", "1e-5"]) == 0
+    assert "RadauIIA(3) Index3" in said(capsys)[0]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"swing.npz", "swing.png"}
+
+
+def test_compare_writes_picture_and_the_json_it_prints(file, tmp_path, capsys):
+    assert main(["compare", file(), "--out", "out", "--json", "--accuracies", "1e-3,1e-4", "--t-end", "0.2"]) == 0
+    data = json.loads(said(capsys)[0])
+    assert data["t_end"] == 0.2
+    assert data["accuracies"] == [1e-3, 1e-4]
+    assert json.loads((tmp_path / "out/swing_work_precision.json").read_text()) == data
+    assert (tmp_path / "out/swing_work_precision.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_takes_the_runs_of_the_file_and_fails_where_one_does(file, capsys):
+    runs = "\nruns = [mb.Run(mb.RadauIIA(3)), mb.Run(mb.IDA(), mb.Index3(), label='refused')]\n"
+    assert main(["compare", file(PENDULUM + runs), "--accuracies", "1e-3"]) == 1
+    assert "failed: refused" in said(capsys)[0]
+
+
+def test_a_scene_with_a_mistake_ends_with_1_and_names_it(file, capsys):
+    assert main(["check", file(PENDULUM.replace("mass=1.0", "mass=-1.0"))]) == 1
+    assert "mass = -1 kg is negative" in said(capsys)[1]
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["run", "absent.py"], "there is no file 'absent.py'"),
+    (["run", "empty.py"], "no function scene(); add one"),
+    (["run", "broken.py"], "line 1 of broken.py"),
+    (["check", "raising.py"], "scene() of 'raising.py' fails: ValueError: no (line 1 of raising.py)"),
+    (["check", "other.py"], "returns int, not a mb.Scene"),
+    (["run", "timeless.py"], "give --t-end T"),
+    (["run", "swing.py", "--accuracy", "7"], "accuracy = 7"),
+    (["run", "swing.py", "--form", "ode"], "form ODE needs a scene without constraints"),
+    (["run", "swing.py", "--solver", "ida", "--form", "index3"], "has index 3"),
+])  # fmt: skip
+def test_wrong_usage_ends_with_2_and_the_next_step(arguments, words, file, capsys):
+    file()
+    file("", "empty.py")
+    file("x = 1 / 0\n", "broken.py")
+    file("def scene(): raise ValueError('no')\n", "raising.py")
+    file("def scene(): return 3\n", "other.py")
+    file(PENDULUM.replace("t_end = 0.5", ""), "timeless.py")
+    assert main(arguments) == 2
+    assert words in said(capsys)[1]
+
+
+WRONG_WORDS = [["compute"], ["run", "a.py", "--solver", "euler"], ["compare", "a.py", "--accuracies", "fine"], []]
+
+
+@pytest.mark.parametrize("arguments", WRONG_WORDS)
+def test_unknown_words_end_with_2(arguments, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+
+
+def test_python_m_mbdae_is_the_same_command(file):
+    done = subprocess.run([sys.executable, "-m", "mbdae", "check", file()], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "scene 'pendulum'" in done.stdout
+
+
+def test_the_main_job_stays_affordable(capsys, tmp_path):
+    assert main(["compare", str(EXAMPLES / "ground_resonance.py"), "--json", "--out", str(tmp_path)]) == 0
+    data = json.loads(said(capsys)[0])
+    assert data["cpu_s"] < 60
+    assert {entry["solver"] for entry in data["runs"]} == {"IDA", "RadauIIA(2)", "RadauIIA(3)"}
+    assert not any(entry["failure"] for entry in data["runs"])

@@ -1,0 +1,98 @@
+"""Every example gives the number its docstring derives, or its published reference."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parent / "examples"
+NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def _examples_importable(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+def reference(name):
+    return json.loads((HERE / "reference" / f"{name}.json").read_text())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_example_states_what_the_command_line_needs(name):
+    example = importlib.import_module(name)
+    scene = example.scene()
+    assert scene.check().degrees_of_freedom >= 0
+    assert example.t_end > 0
+    item, _, quantity = example.measure.rpartition(".")
+    assert scene[item] is not None
+    assert quantity
+    assert f"examples/{name}.py" in example.__doc__
+
+
+def test_pendulum_has_the_period_of_the_elliptic_integral():
+    import pendulum
+
+    result = pendulum.scene().simulate(pendulum.t_end, accuracy=1e-8, solver=mb.RadauIIA(3))
+    assert pendulum.period_measured(result) == pytest.approx(pendulum.period_exact(), rel=1e-8)
+    published = dict(zip(*(reference("physical_pendulum")[key] for key in ("amplitude_deg", "period_s")), strict=True))
+    assert pendulum.period_exact() == pytest.approx(published[135], rel=1e-12)
+
+
+def test_four_bar_rocker_follows_the_two_circles():
+    import four_bar
+
+    result = four_bar.scene().simulate(four_bar.t_end, accuracy=1e-6)
+    np.testing.assert_allclose(result["D"].angle, four_bar.rocker_angle(result.t), atol=1e-7)
+
+
+def test_heavy_top_agrees_with_its_ode_and_the_reference():
+    import heavy_top
+
+    known = reference("heavy_top")["own"]
+    t = np.array(known["t"][:4])
+    np.testing.assert_allclose(heavy_top.centre(t), np.array(known["x"])[:4], atol=1e-9)
+    result = heavy_top.scene().simulate(heavy_top.t_end, accuracy=1e-7, solver=mb.RadauIIA(3))
+    np.testing.assert_allclose(result(t)["top"].position, np.array(known["x"])[:4], atol=1e-6)
+
+
+def test_andrews_squeezer_reaches_the_published_angles():
+    import andrews_squeezer
+
+    known = reference("andrews_squeezer")["own"]
+    result = andrews_squeezer.scene().simulate(andrews_squeezer.t_end, accuracy=1e-7, solver=mb.RadauIIA(3))
+    angles = andrews_squeezer.published_angles(result)[-1]
+    np.testing.assert_allclose(angles, known["q"], rtol=1e-7, atol=1e-7)
+
+
+def test_screw_falls_with_its_closed_form_over_many_turns():
+    import screw
+
+    result = screw.scene().simulate(screw.t_end, accuracy=1e-7)
+    np.testing.assert_allclose(result["thread"].displacement, screw.travel(result.t), atol=1e-6)
+    np.testing.assert_allclose(-result["nut"].position[:, 2], screw.travel(result.t), atol=1e-6)
+    assert screw.travel(screw.t_end) / screw.PITCH / (2 * np.pi) > 100  # turns
+
+
+CASES = {(1, False): "A1_prescribed_1axis", (2, False): "A2_prescribed_2axis_iso",
+         (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}  # fmt: skip
+
+
+@pytest.mark.parametrize("solver", [mb.IDA(), mb.RadauIIA(3)], ids=lambda solver: solver.label)
+@pytest.mark.parametrize(("axes", "free"), CASES)
+def test_ground_resonance_follows_the_nonlinear_reference(axes, free, solver):
+    import ground_resonance
+
+    known = reference("ground_resonance")["nonlinear"][CASES[axes, free]]
+    chosen = np.array(known["t"]) <= ground_resonance.t_end
+    t, lags, hub = (np.array(known[key])[chosen] for key in ("t", "lag_angles", "hub"))
+    result = ground_resonance.scene(axes, free).simulate(ground_resonance.t_end, accuracy=3e-7, solver=solver)(t)
+    np.testing.assert_allclose(np.stack([result[f"lag {i + 1}"].angle for i in range(4)], axis=1), lags, atol=1e-6)
+    np.testing.assert_allclose(result["hub"].position[:, :axes], hub, atol=1e-6)
