@@ -11,7 +11,7 @@ ROOT = Path(mbdae.__file__).parent
 LAYERS = [
     {"__init__", "__main__", "cli"}, {"api"}, {"selftest"}, {"contracts"}, {"reports", "compare"}, {"analysis"}, {"results"},
     {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
-    {"joints", "elements", "forces", "contact", "friction"}, {"symbolic"}, {"notation", "errors"},
+    {"joints", "elements", "forces", "contact", "friction"}, {"symbolic"}, {"notation", "errors", "threads"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
@@ -35,6 +35,7 @@ def test_imports_point_downwards() -> None:
         here = path.relative_to(ROOT).parts[0].removesuffix(".py")
         for name in imports(path):
             there = name.split(".")[1] if name.startswith("mbdae.") else here
+            assert {here, there} <= set(LEVEL), f"{path.relative_to(ROOT)} imports {name}: give both a layer here"
             allowed = LEVEL[there] <= LEVEL[here] or (path.name == "__init__.py" and here == "__init__")
             if there == "kernels" != here:
                 allowed &= here in KERNELS_CALLED_BY or name == "mbdae.kernels.plan"

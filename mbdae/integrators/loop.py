@@ -15,6 +15,7 @@ import numpy as np
 from mbdae.errors import SolverError
 from mbdae.integrators.solution import Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
+from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
 
@@ -57,6 +58,8 @@ class StepLoop:
         return self._y[-1], self._yp[-1]
 
     def __enter__(self) -> Self:
+        self._threads = one_thread()
+        self._threads.__enter__()
         self._wall, self._cpu = time.perf_counter(), time.process_time()
         if threading.current_thread() is threading.main_thread():
             self._handler = signal.signal(signal.SIGINT, self._interrupt)
@@ -66,6 +69,7 @@ class StepLoop:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._restore_handler()
+        self._threads.__exit__(kind, error, trace)
         self._clock()
         if error is not None and not isinstance(error, SolverError):
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")

@@ -16,6 +16,7 @@ from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, po
 from mbdae.system.base import Array
 from mbdae.system.model import Model
 from mbdae.system.numbering import Numbering, Row
+from mbdae.threads import one_thread
 
 
 def _inertia(d: Derived) -> Any:
@@ -144,10 +145,12 @@ class Mechanics:
         n = self.nu + self.m
         scale = np.r_[1 / self.velocity_units, np.ones(self.m)]
         out = np.empty((len(t), n))
-        for i in range(len(t)):
-            K = np.zeros((n, n))
-            K[: self.nu, : self.nu], K[: self.nu, self.nu :], K[self.nu :, : self.nu] = self.mass, G[i].T, G[i]
-            out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
+        K = np.zeros((n, n))
+        K[: self.nu, : self.nu] = self.mass
+        with one_thread():
+            for i in range(len(t)):
+                K[: self.nu, self.nu :], K[self.nu :, : self.nu] = G[i].T, G[i]
+                out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
         return out[:, : self.nu], out[:, self.nu :]
 
     def integrate_positions(self, q: Array, displacement: Array) -> Array:

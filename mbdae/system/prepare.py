@@ -17,6 +17,7 @@ from mbdae.system.numbering import constraint_rows
 from mbdae.system.redundancy import RankReport, analyse, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
 from mbdae.system.start import Start, Starter, state_rate_outputs
+from mbdae.threads import single_threaded
 
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
@@ -38,6 +39,7 @@ class Prepared:
         return self.model.length
 
 
+@single_threaded
 def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None) -> Prepared:
     """Check a scene and find its start; raises SceneError with every problem found.
 
@@ -59,7 +61,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError(problems)
     mechanics = Mechanics(model, rank.kept)
     begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0).run()
-    problems = _contradictions(everything, rank, begin)
+    problems = _contradictions(everything, rank, begin) or _later_contradictions(everything, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
     return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin))
@@ -80,6 +82,24 @@ def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> li
     return found
 
 
+def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
+    """The same at later times, in positions where the rows kept are satisfied."""
+    timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
+    dropped, q = {row.name for row in rank.dropped}, start.q
+    for share in (0.01, 0.1, 0.5) if timed and dropped else ():
+        closer = Starter(mechanics, start.t + share * (end - start.t))
+        closer._held_joints = lambda value: []  # type: ignore[method-assign]
+        try:
+            q = closer.close(q)
+        except StartError:
+            break  # too far for one step
+        for row, g in zip(everything.rows, everything.position_residual(closer.t, q[None])[0], strict=True):
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, everything.model.length):
+                return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
+                        f"{closer.t[0]:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
+    return []
+
+
 def _continued(mechanics: Mechanics, start: Start) -> Start:
     """The start of a continued run: its state, accelerations anew."""
     t = np.array([start.t])
@@ -87,6 +107,7 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
     return Start(start.t, start.q, start.u, start.s, a[0], multipliers[0])
 
 
+@single_threaded
 def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
     """The System of a prepared scene in a form, with start and scales."""
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time

@@ -180,3 +180,18 @@ def test_rows_that_contradict_although_redundant() -> None:
     s.prismatic("P", s.ground, "a", at=(0, 0), axis=(1, 0, 0))
     with pytest.raises(mb.StartError, match=r"prescribed motions contradict: row P\.\w+ depends on the other rows"):
         s.check()
+
+
+def test_rows_that_contradict_later() -> None:
+    """t^4 has neither rate nor acceleration at the start; the slide forbids the turn all the same."""
+    s = mb.Scene("contradiction")
+    s.link("a", (0, 0), (1, 0), mass=1)
+    s.revolute("A", s.ground, "a", at=(0, 0), angle=mb.t**4)
+    s.prismatic("P", s.ground, "a", at=(0, 0), axis=(1, 0, 0))
+    with pytest.raises(mb.StartError, match=r"contradict: row P\.\w+ .* but at t = \S+ s they leave it off by"):
+        s.check()
+
+
+def test_redundant_rows_with_a_drive_that_agrees() -> None:
+    s = four_bar("spatial", angle=0.1 * sp.sin(mb.t))
+    assert sorted(s.check().redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]

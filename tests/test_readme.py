@@ -1,0 +1,66 @@
+"""The README is true: its Python blocks run, its commands exist, what it lists as public is."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+import mbdae as mb
+from mbdae.cli import main
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = [(m.group(1), m.group(2), README[: m.start()].count("\n") + 1)
+          for m in re.finditer(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)]  # fmt: skip
+PYTHON = [(text, line) for language, text, line in BLOCKS if language == "python"]
+COMMANDS = [command for language, text, _ in BLOCKS if language == "bash" for command in text.splitlines()]
+
+
+@pytest.mark.parametrize(("text", "line"), PYTHON, ids=[f"line {line}" for _, line in PYTHON])
+def test_python_blocks_run(text, line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(compile("\n" * line + text, "README.md", "exec"), {"__name__": "readme"})  # errors name the line of the README
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("mbdae ")])
+def test_commands_are_understood(command, monkeypatch, tmp_path):
+    """Parsed and their files found; `check` runs, the others are run by `.ci/run` and tests/test_cli.py."""
+    from mbdae.cli import _parser
+
+    arguments = _parser().parse_args(shlex.split(command)[1:])
+    assert (ROOT / arguments.file).is_file()
+    if arguments.command.__name__ == "check":
+        monkeypatch.chdir(ROOT)
+        assert main(shlex.split(command)[1:]) == 0
+
+
+def test_first_screen_is_short_and_marked():
+    lines = README.splitlines()
+    assert "![" not in README, "no badges"
+    assert [language for language, _, line in BLOCKS if line <= 45][:2] == ["bash", "python"]
+    for mark, command in (("<!-- ci: test -->", "python -m pytest"), ("<!-- ci: main -->", "mbdae compare ")):
+        at = [i for i, text in enumerate(lines) if text == mark]
+        assert len(at) == 1
+        assert lines[at[0] + 1] == "```bash"
+        assert lines[at[0] + 2].startswith(command)
+        assert lines[at[0] + 3] == "```"
+
+
+def test_names_of_the_readme_are_public():
+    for name in set(re.findall(r"\bmb\.([A-Za-z]\w*)", README)):
+        assert name in mb.__all__, f"README names mb.{name}"
+    methods = {m for table in re.findall(r"^\| (?:Bodies|Joints|Forces) \|.*$", README, re.MULTILINE)
+               for m in re.findall(r"`([a-z]\w*)`", table)}  # fmt: skip
+    for method in methods:
+        assert callable(getattr(mb.Scene, method)), f"README lists s.{method}"
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/accuracy.md"])
+def test_links_lead_somewhere(name):
+    path = ROOT / name
+    for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8")):
+        assert (path.parent / target).exists(), f"{name} links to {target}"
