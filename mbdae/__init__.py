@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import AccuracyWarning, LawError, MbdaeError, OptionError, SceneError, SolverError, StartError
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.results.storage import load
     from mbdae.scene.components import Kinematic
-    from mbdae.selftest import selftest
+    from mbdae.contracts.selftest import selftest
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.dae import DAE
 
@@ -28,7 +30,7 @@ _HOME = {
     "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
     "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage",
-    "params": "mbdae.symbolic.law", "selftest": "mbdae.selftest",
+    "params": "mbdae.symbolic.law", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
@@ -50,6 +52,17 @@ def __getattr__(name: str) -> Any:
         globals()[name] = value
         return value
     raise AttributeError(f"module 'mbdae' has no attribute {name!r}")
+
+
+class _Package(ModuleType):
+    """Keeps public names public: importing the package `mbdae.compare` must not hide the function of that name."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __dir__() -> list[str]:

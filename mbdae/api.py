@@ -97,10 +97,8 @@ class _Job:
                 return run
             why = f"IDA came to {run.estimate:.1e}"
         except (SolverError, OptionError) as error:
-            if isinstance(error, OptionError) and self.form.label == "Index3":
-                why = "IDA does not take index 3"
-            else:
-                why = str(error)
+            refused = isinstance(error, OptionError) and self.form.label == "Index3"
+            why = "IDA does not take index 3" if refused else str(error)
         again = self.run(RadauIIA(3))
         self.choice = f"RadauIIA(3): {why}"
         return again
@@ -156,11 +154,25 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
         notes += run.notes
+    notes += _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     for row, novelty in prepared.rank.doubtful:
         notes.append(f"constraint row {row.name} is nearly redundant at the start ({novelty:.1e}); its reaction is uncertain")
     return notes
+
+
+def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
+    """Constraint rows, the redundant ones included, that the run does not keep."""
+    m, t = prepared.everything, run.solution.t
+    if not m.m:
+        return []
+    t = t[:: len(t) // 200 + 1]
+    off = np.max(np.abs(m.position_residual(t, run.solution(t)[:, : m.nq])), axis=0) / max(prepared.length, 1.0)
+    worst = int(np.argmax(off))
+    if off[worst] <= 10 * (asked if asked is not None else 1e-6):
+        return []
+    return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: prescribed motions may contradict each other later on"]
 
 
 def _last_state(result: Result) -> Start:

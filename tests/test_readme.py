@@ -9,12 +9,20 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
+from mbdae import forces, joints
 from mbdae.cli import main
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = [(m.group(1), m.group(2), README[: m.start()].count("\n") + 1)
-          for m in re.finditer(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)]  # fmt: skip
+
+
+def blocks(document: str) -> list[tuple[str, str, int]]:
+    """Language, text and line of every code block."""
+    found = re.finditer(r"^```(\w+)\n(.*?)^```$", document, re.MULTILINE | re.DOTALL)
+    return [(m.group(1), m.group(2), document[: m.start()].count("\n") + 1) for m in found]
+
+
+BLOCKS = blocks(README)
 PYTHON = [(text, line) for language, text, line in BLOCKS if language == "python"]
 COMMANDS = [command for language, text, _ in BLOCKS if language == "bash" for command in text.splitlines()]
 
@@ -24,6 +32,19 @@ def test_python_blocks_run(text, line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     exec(compile("\n" * line + text, "README.md", "exec"), {"__name__": "readme"})  # errors name the line of the README
     assert not list(tmp_path.iterdir())
+
+
+def test_laws_of_the_contributing_guide_work(monkeypatch):
+    """Each block is a file; its laws are exported, keep the contract, and the tests among the blocks pass."""
+    for text in (text for language, text, _ in blocks((ROOT / "CONTRIBUTING.md").read_text()) if language == "python"):
+        space = {"__name__": "contributing"}
+        exec(compile(text, text.splitlines()[0], "exec"), space)
+        for name, value in space.items():
+            if name.startswith("test_"):
+                value()
+            elif getattr(value, "__module__", "") == "contributing":
+                mb.selftest(value)
+                monkeypatch.setattr(joints if issubclass(value, mb.Joint) else forces, name, value, raising=False)
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("mbdae ")])

@@ -1,1 +1,1 @@
-"""The contract of laws: states, variants and checks behind `mbdae.selftest`."""
+"""The contract of laws: states, variants and checks behind `mb.selftest`."""

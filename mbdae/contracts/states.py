@@ -1,4 +1,4 @@
-"""Random states of a law for `mbdae.selftest`: a drawing of both sides, a state of motion, values of all symbols by name."""
+"""Random states of a law for `mb.selftest`: a drawing of both sides, a state of motion, values of all symbols by name."""
 
 from __future__ import annotations
 

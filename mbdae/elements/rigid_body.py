@@ -13,7 +13,8 @@ class RigidBody(Element):
     params = params(
         mass=("kg", "mass"),
         Jxx=("kg m^2", "moment of inertia about body x"), Jyy=("kg m^2", "about body y"), Jzz=("kg m^2", "about body z"),
-        Jxy=("kg m^2", "product of inertia, element xy of the matrix"), Jxz=("kg m^2", "element xz"), Jyz=("kg m^2", "element yz"),
+        Jxy=("kg m^2", "product of inertia, element xy of the matrix"),
+        Jxz=("kg m^2", "element xz"), Jyz=("kg m^2", "element yz"),
     )  # fmt: skip
 
     def kinetic_energy(self, b: Frame) -> Expr:

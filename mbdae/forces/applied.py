@@ -12,7 +12,7 @@ _TORQUE = params(mx=("N m", "torque, x"), my=("N m", "torque, y"), mz=("N m", "t
 
 def _resolved(l: Frame, value: Vec, following: bool) -> Vec:
     """The value in inertial axes, or along the axes of the body it follows."""
-    return value[0] * l.x + value[1] * l.y + value[2] * l.z if following else value
+    return l.x * value[0] + l.y * value[1] + l.z * value[2] if following else value
 
 
 class AppliedForce(Force):

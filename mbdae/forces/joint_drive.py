@@ -13,7 +13,7 @@ class JointTorque(Force):
     params = params(torque=("N m", "torque on l about the joint axis"))
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
-        return ZERO, self.torque * (k.z + l.z) / 2
+        return ZERO, (k.z + l.z) * (self.torque / 2)
 
 
 class JointForce(Force):
@@ -22,4 +22,4 @@ class JointForce(Force):
     params = params(force=("N", "force on l along the joint axis"))
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
-        return self.force * k.z, ZERO
+        return k.z * self.force, ZERO

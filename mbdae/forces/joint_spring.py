@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.law import Force, Parameter, Structure, params
 from mbdae.symbolic.variation import nearest_turn, rate
@@ -20,7 +22,7 @@ class JointSpring(Force):
         turns=("rad", "whole turns of the start angle"),
     )  # fmt: skip
     options = ("joint",)
-    states = {"followed": Parameter("rad", "angle followed through all turns")}
+    states: ClassVar[dict[str, Parameter]] = {"followed": Parameter("rad", "angle followed through all turns")}
 
     def _coordinate(self, k: Frame, l: Frame) -> Expr:
         return self.joint.symbolic(Structure()).coordinate(k, l)

@@ -24,4 +24,5 @@ class ODE(Form):
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:
             return None
-        return f"form ODE needs a scene without constraints; this one has {len(rows)} rows, the first is {rows[0].name}; use mb.GGL()"
+        found = f"this one has {len(rows)} rows, the first is {rows[0].name}"
+        return f"form ODE needs a scene without constraints; {found}; use mb.GGL()"

@@ -68,7 +68,7 @@ def _angle_between(P: Array, Q: Array) -> Array:
     """Angle (nt,) of the rotation between quaternions (nt, 4) of any length."""
     p, q = P / np.linalg.norm(P, axis=1, keepdims=True), Q / np.linalg.norm(Q, axis=1, keepdims=True)
     gap = np.minimum(np.linalg.norm(p - q, axis=1), np.linalg.norm(p + q, axis=1))
-    return 4 * np.arcsin(np.clip(gap / 2, 0, 1))
+    return np.asarray(4 * np.arcsin(np.clip(gap / 2, 0, 1)))
 
 
 def scaled_distance(system: System, a: Array, b: Array) -> Array:

@@ -17,6 +17,7 @@ from mbdae.results.sensors import BodySensor, ConnectionSensor, coordinate_outpu
 from mbdae.scene.components import Body, Connection, Place
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.redundancy import unit_rows
 from mbdae.system.start import Start
 
 
@@ -204,10 +205,17 @@ class Result:
 
     @cached_property
     def drift(self) -> Drift:
-        """Constraint violation over the result's times."""
-        m, (q, u, _) = self.prepared.mechanics, self._states
+        """Constraint violation over the result's times, of all rows: also of those left out as redundant."""
+        m, (q, u, _) = self.prepared.everything, self._states
         g, gd = m.position_residual(self.t, q), m.velocity_residual(self.t, q, u)
         return Drift(np.max(np.abs(g), axis=1, initial=0.0), np.max(np.abs(gd), axis=1, initial=0.0))
+
+    @cached_property
+    def smallest_singular_value(self) -> Array:
+        """(nt,) of the constraint rows, each of unit length: near zero, positions are singular and reactions uncertain."""
+        m = self.prepared.mechanics
+        G = m.constraint_jacobian(self.t, self.q)
+        return np.array([np.linalg.svd(unit_rows(m, g), compute_uv=False)[-1] if m.m else 1.0 for g in G])
 
     # -- output
 

@@ -135,7 +135,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         q, u = [r[0], r[1], theta], [v[0], v[1], w[2]]
         bx = Vec(se.cos(theta), se.sin(theta), 0)
         _bind(body, (bx, UNIT[2].cross(bx), UNIT[2]), structure, meaning)
-        _bind((s,), (offset[0] * body[0] + offset[1] * body[1],), structure, meaning)
+        _bind((s,), (body[0] * offset[0] + body[1] * offset[1],), structure, meaning)
         parameters = [offset[0], offset[1], theta0]
         parameters += _axes_columns(axes, Q, body, (x, y, z), structure, meaning)
         spin = w
@@ -156,7 +156,8 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
 
 
 def _combine(columns: tuple[Vec, Vec, Vec], c: list[Expr]) -> Vec:
-    return c[0] * columns[0] + c[1] * columns[1] + c[2] * columns[2]
+    combined: Vec = columns[0] * c[0] + columns[1] * c[1] + columns[2] * c[2]
+    return combined
 
 
 def _bind(symbols: tuple[Vec, ...], values: tuple[Vec, ...], structure: dict[Expr, Expr], meaning: dict[Expr, Expr]) -> None:

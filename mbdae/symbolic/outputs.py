@@ -36,8 +36,8 @@ def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Ex
 def weighted(d: Derived, weights: list[Expr], side: str) -> Pair:
     """G^T weights on one side."""
     pairs = [row[side] for row in d.G]
-    move = sum((w * p[0] for w, p in zip(weights, pairs, strict=True)), ZERO)
-    return move, sum((w * p[1] for w, p in zip(weights, pairs, strict=True)), ZERO)
+    move = sum((p[0] * w for w, p in zip(weights, pairs, strict=True)), ZERO)
+    return move, sum((p[1] * w for w, p in zip(weights, pairs, strict=True)), ZERO)
 
 
 def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
@@ -56,7 +56,7 @@ def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
 def loads(d: Derived) -> list[tuple[Target, Expr]]:
     """The left-hand side without multipliers and accelerations: - f."""
     if isinstance(d.law, Element):
-        acceleration = {a: 0 for a in _accelerations(d.frames[0])}
+        acceleration = dict.fromkeys(_accelerations(d.frames[0]), 0)
         return [(t, e) for t, e in ((t, e.subs(acceleration)) for t, e in _inertia(d)) if e != 0]
     return [entry for f in d.frames if f.side in d.force for entry in scatter_pair(f, d.force[f.side])]
 

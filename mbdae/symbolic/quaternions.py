@@ -21,13 +21,13 @@ def rotation_columns(P: Sequence[Expr]) -> tuple[Vec, Vec, Vec]:
 def rate_from_body_spin(P: Sequence[Expr], Omega: Vec) -> list[Expr]:
     """P' = 1/2 P o (0, Omega) with the spin in body components."""
     p0, p = P[0], Vec(*P[1:])
-    return [-(p @ Omega) / 2, *((p0 * Omega + p.cross(Omega)) / 2)]
+    return [-(p @ Omega) / 2, *((Omega * p0 + p.cross(Omega)) / 2)]
 
 
 def rate_from_spatial_spin(P: Sequence[Expr], omega: Vec) -> list[Expr]:
     """P' = 1/2 (0, omega) o P with the spin in inertial components."""
     p0, p = P[0], Vec(*P[1:])
-    return [-(p @ omega) / 2, *((p0 * omega + omega.cross(p)) / 2)]
+    return [-(p @ omega) / 2, *((omega * p0 + omega.cross(p)) / 2)]
 
 
 def rotation_per_component(P: Sequence[Expr]) -> list[list[Expr]]:

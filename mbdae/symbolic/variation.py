@@ -137,9 +137,9 @@ class Variation:
             key = (rule, f.side, name)
             if key not in self._gradients:
                 inner = getattr(self, rule)(f, self.values[name])
-                self._gradients[key] = tuple(Vec(*map(self.resolve, part)) for part in inner)
+                self._gradients[key] = Vec(*map(self.resolve, inner[0])), Vec(*map(self.resolve, inner[1]))
             dm, dt = self._gradients[key]
-            move, turn = move + factor * dm, turn + factor * dt
+            move, turn = move + dm * factor, turn + dt * factor
         return move, turn
 
     def rate(self, e: Expr) -> Expr:
@@ -169,7 +169,8 @@ class Variation:
 
 
 def _intermediates(e: Expr) -> set[Expr]:
-    return e.atoms(se.FunctionSymbol) | e.atoms(se.floor) | e.atoms(se.atan2)
+    found: set[Expr] = e.atoms(se.FunctionSymbol) | e.atoms(se.floor) | e.atoms(se.atan2)
+    return found
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:

@@ -77,7 +77,7 @@ class SceneSystem(System):
 
     def _kinds(self) -> tuple[str, ...]:
         nb = self.numbering
-        sizes = {"q": nb.nq, "v": nb.nu, "s": len(nb.states)} | {b: nb.m for b in self.spec.blocks}
+        sizes = {"q": nb.nq, "v": nb.nu, "s": len(nb.states)} | dict.fromkeys(self.spec.blocks, nb.m)
         return tuple(kind for kind, size in sizes.items() for _ in range(size))
 
     def _equations(self) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ class SceneSystem(System):
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         values = self._derivative.values(np.array([t]), y, yp)
         weighted = values * np.where(self._jacobian_dotted, cj, 1.0)
-        data = np.bincount(self._jacobian_place, weighted, self._size + 1)
+        data: Array = np.bincount(self._jacobian_place, weighted, self._size + 1)
         data += self._c[0]
         data += cj * self._c[1]
         out.reshape(-1)[:] = data[:-1]

@@ -140,7 +140,7 @@ class Mechanics:
         """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique."""
         f = self.load(t, q, u, s)
         if not self.m:
-            return np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0))
+            return np.asarray(np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, dtype=float), np.zeros((len(t), 0))
         G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
         n = self.nu + self.m
         scale = np.r_[1 / self.velocity_units, np.ones(self.m)]
@@ -188,12 +188,12 @@ def _largest(values: Array, otherwise: float) -> float:
 def _solve(K: Array, right: Array, scale: Array) -> Array:
     """Solution of K x = right; least norm in scaled unknowns where K is singular."""
     try:
-        x = np.linalg.solve(K, right)
+        x: Array = np.linalg.solve(K, right)
         if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
             return x
     except np.linalg.LinAlgError:
         pass
-    return scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0]
+    return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
 
 
 def quaternion_product(a: Array, b: Array) -> Array:

@@ -44,7 +44,7 @@ class Instance:
 class Group:
     """Laws of one class and structure between nodes of the same kinds: one kernel for all of them."""
 
-    key: tuple[type[Law], Structure, tuple[Side, ...]]
+    key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its sides
     instances: list[Instance] = field(default_factory=list)
 
     @property
@@ -98,7 +98,7 @@ def build(scene: SceneData) -> Model:
 def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
     points = [p for b in scene.bodies for p in (b.position, *b.outline)]
-    points += [law.at for c in scene.connections for law in c.laws]  # type: ignore[attr-defined]
+    points += [law.at for c in scene.connections for law in c.laws]
     points += [law.at_l for c in scene.connections for law in c.laws if getattr(law, "at_l", None) is not None]
     extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
     return extent if extent > 0 else 1.0
@@ -121,7 +121,7 @@ def out_of_plane(scene: SceneData) -> str | None:
             return f"body '{b.name}' has products of inertia with z"
     for c in scene.connections:
         for law in c.laws:
-            for point in (law.at, getattr(law, "at_l", None)):  # type: ignore[attr-defined]
+            for point in (law.at, getattr(law, "at_l", None)):
                 if point is not None and abs(point[2]) > tolerance:
                     return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
     return None
@@ -130,7 +130,8 @@ def out_of_plane(scene: SceneData) -> str | None:
 def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
     nodes, q, u = [], 0, 0
     for b in scene.bodies:
-        kind = (NodeKind.PLANAR_POINT if b.is_point else NodeKind.PLANAR) if planar else (NodeKind.POINT if b.is_point else NodeKind.SPATIAL)
+        point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
+        kind = point if b.is_point else turning
         nodes.append(Node(b, kind, q, u))
         q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_body = {n.body: n for n in nodes}
@@ -143,9 +144,13 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
         timed = {p: v for p, v in values.items() if not isinstance(v, float)}
         numbers |= {p: v for p, v in values.items() if p not in timed}
-        key = (type(law), law.structure(frozenset(timed)), sides)
+        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), law.structure(frozenset(timed)), sides)
         try:
-            vanished += [f"{item}.{row}" for row in derive(*key).vanished]
+            rows = derive(*key).vanished
+            vanished += [f"{item}.{row}" for row in rows]
+            if "drive" in rows:
+                refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
+                               f"use s.rigid_body")  # fmt: skip
         except LawError as error:
             if planar:
                 raise LawError(f"{item}: {error}") from error
@@ -177,7 +182,8 @@ def element_of(b: Body) -> Element:
     return RigidBody(b.name, mass=float(b.mass), Jxx=float(J[0, 0]), Jyy=float(J[1, 1]), Jzz=float(J[2, 2]), **products)
 
 
-def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...], planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:
+def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
+           planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
     """Kinds and axes of the law's frames, and the numbers of those frames."""
     if isinstance(law, Element):
         assert nodes[0] is not None

@@ -50,7 +50,8 @@ def constraint_rows(model: Model) -> list[Row]:
 class Numbering:
     """y = (q, u, s, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere."""
 
-    def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False) -> None:
+    def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"),
+                 derivatives: bool = False) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives = model, rows, derivatives
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
         self.states = {
@@ -131,8 +132,9 @@ class Numbering:
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of constant parameters."""
-        return np.array([[instance.numbers[name] for name in inputs.parameters] for instance in self.model.groups[g].instances]).reshape(
-            len(self.model.groups[g].instances), len(inputs.parameters))  # fmt: skip
+        instances = self.model.groups[g].instances
+        values = np.array([[instance.numbers[name] for name in inputs.parameters] for instance in instances])
+        return values.reshape(len(instances), len(inputs.parameters))
 
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""

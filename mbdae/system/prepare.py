@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,11 @@ class Prepared:
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
-    regularisation: Array = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def everything(self) -> Mechanics:
+        """With the redundant rows too: what a run is checked against."""
+        return Mechanics(self.model, constraint_rows(self.model))
 
     @property
     def length(self) -> float:

@@ -29,7 +29,7 @@ class RankReport:
     smallest: float = 1.0  #: smallest singular value of the kept rows, of unit length
 
 
-def weighted_rows(mechanics: Mechanics, G: Array) -> Array:
+def unit_rows(mechanics: Mechanics, G: Array) -> Array:
     """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
     B = G * mechanics.velocity_units
     norms = np.linalg.norm(B, axis=1, keepdims=True)
@@ -78,7 +78,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
 
 
 def _rows_at(mechanics: Mechanics, q: Array) -> Array:
-    return weighted_rows(mechanics, mechanics.constraint_jacobian(np.zeros(1), q[None])[0])
+    return unit_rows(mechanics, mechanics.constraint_jacobian(np.zeros(1), q[None])[0])
 
 
 def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[Array]:
@@ -86,7 +86,7 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[A
     free = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
     released = Mechanics(mechanics.model, [mechanics.rows[i] for i in free])
     closer = Starter(released, float(starter.t[0]))
-    closer._held_joints = lambda value: []  # type: ignore[method-assign, assignment]
+    closer._held_joints = lambda value: []  # type: ignore[method-assign]
     rng = np.random.default_rng(11)
     found = []
     for _ in range(SAMPLES):

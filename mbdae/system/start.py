@@ -115,7 +115,7 @@ class Starter:
         while at not in self.tree.roots:
             parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
             if joint.kind == "revolute":
-                turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])  # type: ignore[attr-defined]
+                turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])
             at = parent
         return heading(body.rotation) + turn
 
@@ -160,12 +160,13 @@ class Starter:
     def _cannot_close(self, worst: int, g: Array) -> str:
         if worst >= self.mechanics.m:
             joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
+            unit = "rad" if joint.kind == "revolute" else "m"
             return (f"the held value {self.held_value(joint):.6g} of '{joint.name}' cannot be reached: the loop stays off by "
-                    f"{abs(g[worst]):.3g} {'rad' if joint.kind == 'revolute' else 'm'}; change it, or the lengths of the loop")  # fmt: skip
+                    f"{abs(g[worst]):.3g} {unit}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{'rad' if 't' == name.rsplit('.', 1)[1][:1] else 'm'}; check the points of the bodies it connects")  # fmt: skip
+                f"{'rad' if name.rsplit('.', 1)[1][:1] == 't' else 'm'}; check the points of the bodies it connects")  # fmt: skip
 
     def _held_joints(self, value: Any) -> list[Connection]:
         """Held joints whose value is not a constraint row already."""
@@ -188,10 +189,10 @@ class Starter:
     def _closure(self, q: Array) -> Array:
         joints = self._held_joints(self.held_value)
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), joints)
-        off = value - np.array([self.held_value(c) for c in joints], dtype=float)
+        off: Array = value - np.array([self.held_value(c) for c in joints], dtype=float)
         turns = np.array([2 * np.pi if c.kind == "revolute" else np.inf for c in joints])
         off -= np.where(np.isfinite(turns), turns * np.round(off / turns), 0.0)
-        return np.r_[self.mechanics.position_residual(self.t, q[None])[0], off]
+        return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
     def _closure_jacobian(self, q: Array) -> Array:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
@@ -231,8 +232,8 @@ class Starter:
             for i, instance in enumerate(self.model.groups[g].instances):
                 for o, target in enumerate(p.targets):
                     if values[0, i, o] <= 0:
-                        problems.append(f"joint '{instance.item}' starts on the wrong branch ({target[1]}: {values[0, i, o]:.3g}, "
-                                        f"must be positive); draw the bodies nearer to their start")  # fmt: skip
+                        problems.append(f"joint '{instance.item}' starts on the wrong branch ({target[1]}: "
+                                        f"{values[0, i, o]:.3g}, must be positive); draw the bodies nearer to their start")  # fmt: skip
         if problems:
             raise StartError(problems)
 
@@ -295,7 +296,8 @@ class Starter:
         speed = float(np.max(np.abs(projected) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         if len(left) and np.max(np.abs(left)) > 1e-8 * speed * max(1.0, self.model.length):
             worst = int(np.argmax(np.abs(left)))
-            name = self.mechanics.rows[worst].name if worst < self.mechanics.m else f"rate of {joints[worst - self.mechanics.m].name}"
+            m = self.mechanics.m
+            name = self.mechanics.rows[worst].name if worst < m else f"rate of {joints[worst - m].name}"
             raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                               f"release one of the prescribed or held rates"])  # fmt: skip
         self._report_velocities(u, projected)
@@ -308,7 +310,8 @@ class Starter:
             v, w = float(np.linalg.norm(change[:n])), float(np.linalg.norm(change[n:]))
             speed = 1e-9 * (1 + float(np.max(np.abs(after))))
             if node.body.given_velocity and (v > speed or w > speed):
-                self.changes.append(f"the given velocity of '{node.body.name}' contradicts the joints: changed by {v:.4g} m/s and {w:.4g} rad/s")
+                self.changes.append(f"the given velocity of '{node.body.name}' contradicts the joints: changed by {v:.4g} m/s "
+                                    f"and {w:.4g} rad/s")  # fmt: skip
 
     # -- states
 

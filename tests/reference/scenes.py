@@ -111,9 +111,11 @@ def andrews() -> mb.Scene:
         (p["ra"] * c(be), p["ra"] * s_(be)),
         (p["rr"] * c(be) - p["da"] * c(be + th), p["rr"] * s_(be) - p["da"] * s_(be + th)),
         (p["xb"] + p["sa"] * s_(ga) + p["sb"] * c(ga), p["yb"] - p["sa"] * c(ga) + p["sb"] * s_(ga)),
-        (p["xa"] + p["zt"] * c(de) + (p["e"] - p["ea"]) * s_(ph + de), p["ya"] + p["zt"] * s_(de) - (p["e"] - p["ea"]) * c(ph + de)),
+        (p["xa"] + p["zt"] * c(de) + (p["e"] - p["ea"]) * s_(ph + de),
+         p["ya"] + p["zt"] * s_(de) - (p["e"] - p["ea"]) * c(ph + de)),
         (p["xa"] + p["ta"] * c(de) - p["tb"] * s_(de), p["ya"] + p["ta"] * s_(de) + p["tb"] * c(de)),
-        (p["xa"] + p["u"] * s_(ep) + (p["zf"] - p["fa"]) * c(om + ep), p["ya"] - p["u"] * c(ep) + (p["zf"] - p["fa"]) * s_(om + ep)),
+        (p["xa"] + p["u"] * s_(ep) + (p["zf"] - p["fa"]) * c(om + ep),
+         p["ya"] - p["u"] * c(ep) + (p["zf"] - p["fa"]) * s_(om + ep)),
         (p["xa"] + p["ua"] * s_(ep) - p["ub"] * c(ep), p["ya"] - p["ua"] * c(ep) - p["ub"] * s_(ep)),
     ]
     s = mb.Scene("Andrews")

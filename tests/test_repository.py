@@ -1,0 +1,91 @@
+"""Facts about the repository itself: small text files, short functions, documented names, nothing of one machine."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+MODULES = sorted((ROOT / "mbdae").rglob("*.py"))
+LARGEST, FILE_LINES, FUNCTION_LINES = 200_000, 400, 60  # bytes, lines, lines
+GENERATED = re.compile(r"(^|/)(__pycache__|build|dist|out|\.venv[^/]*|[^/]*\.egg-info|\.(pytest|mypy|ruff)_cache)/|"
+                       r"\.(pyc|so|o|png|svg|gif|npz|whl|html|pdf)$")  # fmt: skip
+#: absolute paths of a home, a scratch or a work directory
+MACHINE = re.compile(r"(?<![\w.~/-])/(?:home|root|Users|work|tmp|mnt|var)/[\w.-]+|\b[A-Z]:\\\\?\w")
+
+
+def kept_files() -> list[Path]:
+    """Files under version control, and those that would be with the next `git add`."""
+    listed = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    try:
+        names = subprocess.run(listed, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    return [ROOT / name for name in names.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_files_are_small_text() -> None:
+    for path in kept_files():
+        content = path.read_bytes()
+        assert len(content) <= LARGEST, f"{path} has {len(content)} bytes"
+        assert b"\0" not in content, f"{path} is binary"
+        content.decode("utf-8")
+
+
+def test_nothing_generated_is_kept() -> None:
+    wrong = [name for name in (str(path.relative_to(ROOT)) for path in kept_files()) if GENERATED.search(name)]
+    assert not wrong
+
+
+def test_no_paths_of_one_machine() -> None:
+    wrong = [f"{path.relative_to(ROOT)}:{i + 1}: {line.strip()[:100]}"
+             for path in kept_files() if path != Path(__file__).resolve()
+             for i, line in enumerate(path.read_text(encoding="utf-8").splitlines()) if MACHINE.search(line)]  # fmt: skip
+    assert not wrong
+
+
+def functions(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+
+
+def test_files_and_functions_are_short() -> None:
+    wrong = []
+    for path in MODULES:
+        length = len(path.read_text(encoding="utf-8").splitlines())
+        wrong += [f"{path.relative_to(ROOT)}: {length} lines"] if length > FILE_LINES else []
+        for node in functions(path):
+            size = (node.end_lineno or node.lineno) - node.lineno + 1
+            wrong += [f"{path.relative_to(ROOT)}: {node.name} has {size} lines"] if size > FUNCTION_LINES else []
+    assert not wrong
+
+
+def undocumented(tree: ast.Module) -> list[str]:
+    """Public classes, functions and methods without a docstring; methods that fill in a base's may inherit it."""
+    found = [] if ast.get_docstring(tree) or not tree.body else ["the module"]
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            found += [node.name] if not ast.get_docstring(node) else []
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_") and not node.bases:
+            found += [f"{node.name}.{method.name}" for method in node.body
+                      if isinstance(method, ast.FunctionDef) and not method.name.startswith("_")
+                      and not ast.get_docstring(method)]  # fmt: skip
+    return found
+
+
+def test_public_names_are_documented() -> None:
+    wrong = [f"{path.relative_to(ROOT)}: {name}" for path in MODULES
+             for name in undocumented(ast.parse(path.read_text(encoding="utf-8")))]  # fmt: skip
+    assert not wrong
+
+
+def test_continuous_integration_runs_what_the_readme_says() -> None:
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "set -euo pipefail" in script
+    assert (ROOT / ".ci" / "run").stat().st_mode & 0o111
+    for mark in ("main", "test"):
+        assert f"readme_command {mark}" in script
