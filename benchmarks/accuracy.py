@@ -26,7 +26,8 @@ ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 def example(name: str) -> mb.Scene:
     """The scene of an example file."""
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.scene()
@@ -65,7 +66,8 @@ def main() -> None:
     for name in sys.argv[1:] or SCENES:
         for r in ratios(name):
             print(f"| {r['scene']} | {r['solver']} | {r['accuracy']:.0e} | {r['error']:.3f} | {r['estimate']:.2f} | "
-                  f"{'yes' if r['warned'] else 'no'} | {r['rtol']:.1e} | {r['runs']} | {r['cpu_s']:.2f} |", flush=True)  # fmt: skip
+                  f"{'yes' if r['warned'] else 'no'} | {r['rtol']:.1e} | {r['runs']} | "
+                  f"{r['cpu_s']:.2f} |", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -11,13 +11,13 @@ from mbdae.errors import AccuracyWarning, LawError, MbdaeError, OptionError, Sce
 if TYPE_CHECKING:
     from mbdae.api import Scene
     from mbdae.compare import Run, compare
+    from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index3
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.results.storage import load
     from mbdae.scene.components import Kinematic
-    from mbdae.contracts.selftest import selftest
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.dae import DAE
 

@@ -111,7 +111,8 @@ class _Job:
         other: Solver = IDA() if isinstance(run.solver, RadauIIA) else RadauIIA(3)
         system = system_for(self.prepared, None, other.highest_index)
         end = np.array([self.t_end])
-        again = run_controlled(system, self.prepared, other, max(self.accuracy / 10, 1e-10), self.t_end, end, **self.options).solution
+        tighter = max(self.accuracy / 10, 1e-10)
+        again = run_controlled(system, self.prepared, other, tighter, self.t_end, end, **self.options).solution
         if not (again.complete and run.solution.complete):
             return None
         times = np.linspace(again.t[0], again.t[-1], 2001)
@@ -172,7 +173,8 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
     worst = int(np.argmax(off))
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return []
-    return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: prescribed motions may contradict each other later on"]
+    return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "
+            f"prescribed motions may contradict each other later on"]  # fmt: skip
 
 
 def _last_state(result: Result) -> Start:

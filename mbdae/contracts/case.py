@@ -161,6 +161,7 @@ def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Itera
 
 
 def label(d: Derived, target: Target) -> str:
+    """A target in words: constraint rows by name, everything else by kind, side and number."""
     if target[0] in ("g", "gd", "gdd", "lambda", "mu"):
         return f"{target[0]}[{d.rows[target[1]]}]"
     return " ".join(map(str, target))

@@ -36,7 +36,8 @@ class IDA(Solver):
     atol: Any = None
     max_order: int = 5
 
-    factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 3e-3, "ODE": 1e-2, "DAE": 3e-3}}
+    factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
+    error_fall: ClassVar[float] = 0.4  # the error of a variable-order run scatters by a factor of 5 over nearby rtol
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 

@@ -24,7 +24,6 @@ from mbdae.system.prepare import Prepared
 
 COMPANION = 10.0  #: tolerance of the companion over that of the run
 LOOSEST = 1e-2
-FALL = 0.6  #: a tolerance smaller by r makes an error smaller by r**FALL at least (measured: 0.7 to 1.1)
 ATTEMPTS = 5
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
 BETWEEN = 3  #: points compared inside every step of the coarser run
@@ -125,7 +124,7 @@ def _controlled(system: System, measure: Callable[[Array, Array], Array], solver
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(coarse(times), fine(times))))
-        best = Controlled(fine, tight, gap * max(ratio**FALL, 0.05), runs, cpu, best.notes)
+        best = Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
         if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
             return best
         wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))

@@ -364,7 +364,7 @@ class SceneData:
             return np.eye(3) if shape == (3, 3) else np.zeros(shape)
         if not np.all(np.isfinite(array)):
             self.problems.append(f"'{item}': {option} = {array.tolist()} is not finite")
-            return np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0)
+            return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))
         return array
 
     def _vector(self, item: str, option: str, value: Any, unit: str) -> Array:

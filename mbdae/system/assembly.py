@@ -181,7 +181,7 @@ class SceneSystem(System):
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         values = self._derivative.values(np.array([t]), y, yp)
         weighted = values * np.where(self._jacobian_dotted, cj, 1.0)
-        data: Array = np.bincount(self._jacobian_place, weighted, self._size + 1)
+        data: Any = np.bincount(self._jacobian_place, weighted, self._size + 1)
         data += self._c[0]
         data += cj * self._c[1]
         out.reshape(-1)[:] = data[:-1]

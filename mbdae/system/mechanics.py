@@ -188,7 +188,7 @@ def _largest(values: Array, otherwise: float) -> float:
 def _solve(K: Array, right: Array, scale: Array) -> Array:
     """Solution of K x = right; least norm in scaled unknowns where K is singular."""
     try:
-        x: Array = np.linalg.solve(K, right)
+        x = np.asarray(np.linalg.solve(K, right), dtype=float)
         if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
             return x
     except np.linalg.LinAlgError:
@@ -198,7 +198,8 @@ def _solve(K: Array, right: Array, scale: Array) -> Array:
 
 def quaternion_product(a: Array, b: Array) -> Array:
     """a o b for arrays (4,)."""
-    return np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
+    product: Array = np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
+    return product
 
 
 def turned(P: Array, rotation: Array) -> Array:

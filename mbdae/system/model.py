@@ -14,7 +14,7 @@ from mbdae.scene.components import Array, Body
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.law import Element, Law, Structure
+from mbdae.symbolic.law import Element, Structure
 
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
 

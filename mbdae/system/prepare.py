@@ -11,7 +11,6 @@ from mbdae.errors import SceneError, StartError
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
-from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import constraint_rows

@@ -233,7 +233,8 @@ class Starter:
                 for o, target in enumerate(p.targets):
                     if values[0, i, o] <= 0:
                         problems.append(f"joint '{instance.item}' starts on the wrong branch ({target[1]}: "
-                                        f"{values[0, i, o]:.3g}, must be positive); draw the bodies nearer to their start")  # fmt: skip
+                                        f"{values[0, i, o]:.3g}, must be positive); "
+                                        f"draw the bodies nearer to their start")  # fmt: skip
         if problems:
             raise StartError(problems)
 

@@ -26,12 +26,14 @@ def test_outputs_do_not_change_the_steps(solver):
     times = [0.0, 0.123, 1.9, 2.0]
     listed = solver.solve(decay(), 2.0, outputs=times)
     spaced = solver.solve(decay(), 2.0, outputs=5)
-    assert plain.outputs is None and plain.complete
+    assert plain.outputs is None
+    assert plain.complete
     assert np.array_equal(listed.t, plain.t)
     assert listed.outputs.y == pytest.approx(exact(times), abs=3e-5)
     assert spaced.outputs.t == pytest.approx([0, 0.5, 1, 1.5, 2])
     assert spaced.outputs.yp == pytest.approx(-exact(spaced.outputs.t), abs=1e-3)
-    assert plain.t[-1] == 2.0 and plain(plain.t) == pytest.approx(plain.y, abs=1e-15)
+    assert plain.t[-1] == 2.0
+    assert plain(plain.t) == pytest.approx(plain.y, abs=1e-15)
 
 
 @every_solver
@@ -47,8 +49,10 @@ def test_failure_tells_where_and_keeps_the_solution(solver):
     with pytest.raises(SolverError, match=r"stopped at t = .* of 2") as caught:
         solver.solve(blow_up(), 2.0)
     error = caught.value
-    assert error.time == pytest.approx(1, abs=0.02) and error.culprit == "y[0]"
-    assert error.solution.t[-1] == error.time and not error.solution.complete
+    assert error.time == pytest.approx(1, abs=0.02)
+    assert error.culprit == "y[0]"
+    assert error.solution.t[-1] == error.time
+    assert not error.solution.complete
     assert error.solution(0.5) == pytest.approx([2.0], rel=1e-3)
 
 
@@ -61,7 +65,8 @@ def test_equation_that_turns_into_nan_is_named(solver, capfd):
 
     with pytest.raises(SolverError, match=r"F\[1\] is not finite near t = 0\.5") as caught:
         solver.solve(DAE(residual, [1.0, 1.0], [-1.0, -1.0]), 1.0)
-    assert caught.value.culprit == "F[1]" and caught.value.time > 0.45
+    assert caught.value.culprit == "F[1]"
+    assert caught.value.time > 0.45
     assert capfd.readouterr() == ("", "")
 
 
@@ -113,7 +118,8 @@ def test_ctrl_c_stops_between_steps(solver):
 
     system.accept = accept
     solution = solver.solve(system, 5.0, outputs=[0.0, 5.0])
-    assert not solution.complete and len(solution.t) == 4
+    assert not solution.complete
+    assert len(solution.t) == 4
     assert len(solution.outputs.t) == 1
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -123,7 +129,8 @@ def test_progress_is_reported_sparingly(solver):
     calls = []
     solver.solve(decay(), 2.0, progress=lambda *arguments: calls.append(arguments))
     assert 1 <= len(calls) <= 3
-    assert calls[0][1] == 2.0 and calls[0][2].steps >= 1
+    assert calls[0][1] == 2.0
+    assert calls[0][2].steps >= 1
 
 
 @pytest.mark.parametrize(
@@ -167,7 +174,8 @@ def test_accuracy_becomes_rtol():
     assert RadauIIA(3).at_accuracy(1e-6, "GGL").rtol == pytest.approx(1e-6)
     assert RadauIIA(3).at_accuracy(3e-6, "Index3").rtol == pytest.approx(1e-7)
     fixed = RadauIIA(2, step=0.1)
-    assert fixed.fixed and fixed.at_accuracy(1e-12, "GGL") is fixed
+    assert fixed.fixed
+    assert fixed.at_accuracy(1e-12, "GGL") is fixed
     with pytest.raises(OptionError, match=r"round-off allows 1e-12: ask for 1\.0e-10 or more, or use RadauIIA"):
         IDA().at_accuracy(1e-13, "GGL")
 
@@ -189,4 +197,5 @@ def test_singular_matrix_names_the_unknown():
     )
     with pytest.raises(SolverError, match="singular") as caught:
         RadauIIA().solve(system, 1.0)
-    assert caught.value.culprit == "idle" and caught.value.time == 0.0
+    assert caught.value.culprit == "idle"
+    assert caught.value.time == 0.0

@@ -31,7 +31,8 @@ def _axis(rng: np.random.Generator, planar: bool) -> np.ndarray:
     return np.array([0.0, 0.0, 1.0 if rng.random() < 0.8 else -1.0]) if planar else _direction(rng, False)
 
 
-def _body(s: mb.Scene, rng: np.random.Generator, name: str, a: np.ndarray, b: np.ndarray, planar: bool, free: bool = False) -> mb.scene.components.Body:  # type: ignore[name-defined]
+def _body(s: mb.Scene, rng: np.random.Generator, name: str, a: np.ndarray, b: np.ndarray, planar: bool,
+          free: bool = False) -> mb.scene.components.Body:  # type: ignore[name-defined]  # fmt: skip
     mass = float(10 ** rng.uniform(-0.7, 0.7))
     length2 = float(np.sum((b - a) ** 2))
     base = mass * length2 / 12
@@ -53,14 +54,16 @@ def _tree(s: mb.Scene, rng: np.random.Generator, planar: bool, n: int) -> None:
             body = s.point_mass(name, float(10 ** rng.uniform(-0.5, 0.5)), at=b)
             s.distance(f"J{i + 1}", parent, body, a, b)
             if not planar and rng.random() < 0.5:
-                s.spring(f"S{i + 1}", s.ground, body, b + np.array([0.0, 1.0, 0.3]), b, stiffness=float(10 ** rng.uniform(0, 2)), damping=0.1)
+                stiffness = float(10 ** rng.uniform(0, 2))
+                s.spring(f"S{i + 1}", s.ground, body, b + np.array([0.0, 1.0, 0.3]), b, stiffness=stiffness, damping=0.1)
             ends.append((body, b))
             continue
         body = _body(s, rng, name, a, b, planar)
         _join(s, rng, f"J{i + 1}", parent, body, a, b, planar)
         if rng.random() < 0.2:
             anchor = b + 0.7 * _direction(rng, planar)
-            s.spring(f"S{i + 1}", s.ground, body, anchor, b, stiffness=float(10 ** rng.uniform(0, 2)), damping=float(rng.uniform(0, 0.5)))
+            stiffness, damping = float(10 ** rng.uniform(0, 2)), float(rng.uniform(0, 0.5))
+            s.spring(f"S{i + 1}", s.ground, body, anchor, b, stiffness=stiffness, damping=damping)
         if rng.random() < 0.1:
             value = rng.normal(size=3)
             value[2] = 0 if planar else value[2]
@@ -68,7 +71,8 @@ def _tree(s: mb.Scene, rng: np.random.Generator, planar: bool, n: int) -> None:
         ends.append((body, b))
 
 
-def _join(s: mb.Scene, rng: np.random.Generator, name: str, k: object, l: object, a: np.ndarray, b: np.ndarray, planar: bool) -> None:
+def _join(s: mb.Scene, rng: np.random.Generator, name: str, k: object, l: object, a: np.ndarray, b: np.ndarray,
+          planar: bool) -> None:  # fmt: skip
     kind = rng.choice(["revolute", "revolute", "revolute", "prismatic", "spherical", "weld", "bushing", "drive", "orientation"])
     if getattr(k, "is_point", False):
         kind = "spherical"  # a point mass has no axes a joint could use

@@ -35,7 +35,9 @@ def test_physical_pendulum_period(solver, case):
 
 
 @both
-@pytest.mark.parametrize(("n", "space"), [(2, "auto"), (5, "auto"), (10, "auto"), (20, "auto"), (2, "spatial"), (5, "spatial"), (10, "spatial")])
+@pytest.mark.parametrize(("n", "space"), [
+    (2, "auto"), (5, "auto"), (10, "auto"), (20, "auto"), (2, "spatial"), (5, "spatial"), (10, "spatial"),
+])  # fmt: skip
 def test_chain_of_rods(solver, n, space):
     e = data("n_pendulum_rods")["results"][str(n)]
     r = run(n_rods(n, space), e["t"], 1e-7, solver)
