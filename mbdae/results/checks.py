@@ -26,8 +26,13 @@ class Check:
 
     @property
     def redundant(self) -> tuple[str, ...]:
-        """Constraint rows that say nothing new, "joint.row"; they are left out, their reactions are not unique."""
+        """Constraint rows that say nothing new, "joint.row"; they are left out."""
         return tuple(row.name for row in self.prepared.rank.dropped)
+
+    @property
+    def not_unique(self) -> tuple[str, ...]:
+        """Constraint rows whose reactions are not unique, "joint.row": the redundant rows could share them."""
+        return tuple(row.name for row in self.prepared.rank.not_unique)
 
     @property
     def pruned(self) -> tuple[str, ...]:
@@ -47,7 +52,8 @@ class Check:
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
-        lines += _by_joint("  redundant, left out (their reactions are not unique)", self.redundant)
+        lines += _by_joint("  redundant, left out", self.redundant)
+        lines += _by_joint("  reactions not unique", self.not_unique)
         lines += _by_joint("  pruned, zero in every position", self.pruned)
         for row in p.rank.singular_here:
             lines.append(f"  dependent at the start only: {row.name}; the scene starts in a singular position")

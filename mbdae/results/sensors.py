@@ -152,6 +152,12 @@ class ConnectionSensor:
         """(nt, 3) N m on body l about the joint, inertial frame (in a planar model: the z component only)."""
         return self._wrench[:, 3:]
 
+    @property
+    def reaction_is_unique(self) -> bool:
+        """False where redundant constraints could share the reaction: one of many possible values is shown."""
+        prefix = self._item.name + "."
+        return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
+
     @cached_property
     def power(self) -> Array:
         """(nt,) W delivered to the bodies."""

@@ -78,7 +78,7 @@ def _scene(prepared: Prepared) -> dict[str, Any]:
 
 
 def _rank(rank: RankReport) -> dict[str, Any]:
-    names = {what: [row.name for row in getattr(rank, what)] for what in ("kept", "dropped", "singular_here")}
+    names = {what: [row.name for row in getattr(rank, what)] for what in ("kept", "dropped", "singular_here", "not_unique")}
     doubtful = [[row.name, size] for row, size in rank.doubtful]
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
@@ -86,7 +86,7 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 def _prepared(header: dict[str, Any], start: Start) -> Prepared:
     model = build(replay(header["scene"], SceneData))
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
-    lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here")}
+    lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here", "not_unique")}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
     return Prepared(model, Mechanics(model, rank.kept), rank, start, header["time"])

@@ -91,8 +91,7 @@ def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: Ran
     timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
     dropped, q = {row.name for row in rank.dropped}, start.q
     for share in (0.01, 0.1, 0.5) if timed and dropped else ():
-        closer = Starter(mechanics, start.t + share * (end - start.t))
-        closer._held_joints = lambda value: []  # type: ignore[method-assign]
+        closer = Starter(mechanics, start.t + share * (end - start.t), holding=False)
         try:
             q = closer.close(q)
         except StartError:

@@ -25,6 +25,7 @@ class RankReport:
     dropped: list[Row] = field(default_factory=list)
     doubtful: list[tuple[Row, float]] = field(default_factory=list)
     singular_here: list[Row] = field(default_factory=list)
+    not_unique: list[Row] = field(default_factory=list)  #: rows whose reactions the redundant ones could share
     degrees_of_freedom: int = 0
     smallest: float = 1.0  #: smallest singular value of the kept rows, of unit length
 
@@ -56,7 +57,8 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
         return RankReport([], degrees_of_freedom=mechanics.nu)
     closing = {c.name for c in starter.tree.closing}
     order = sorted(range(mechanics.m), key=lambda i: mechanics.rows[i].name.rsplit(".", 1)[0] in closing)
-    new = np.array([novelty(_rows_at(mechanics, p)[order]) for p in [q, *_other_positions(mechanics, starter, q)]])
+    places = [q, *_other_positions(mechanics, starter, q)]
+    new = np.array([novelty(_rows_at(mechanics, starter.t, p)[order]) for p in places])
     here, best = new[0], new.max(axis=0)
     report = RankReport([])
     for place, i in enumerate(order):
@@ -73,20 +75,28 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
     report.kept = [row for row in mechanics.rows if row.name in kept]
     report.degrees_of_freedom = mechanics.nu - len(report.kept)
     rows = [i for i, row in enumerate(mechanics.rows) if row.name in kept]
-    report.smallest = float(np.linalg.svd(_rows_at(mechanics, q)[rows], compute_uv=False)[-1]) if rows else 1.0
+    here_rows = _rows_at(mechanics, starter.t, q)
+    report.smallest = float(np.linalg.svd(here_rows[rows], compute_uv=False)[-1]) if rows else 1.0
+    report.not_unique = [mechanics.rows[i] for i in _dependent_on_others(here_rows)] if report.dropped else []
     return report
 
 
-def _rows_at(mechanics: Mechanics, q: Array) -> Array:
-    return unit_rows(mechanics, mechanics.constraint_jacobian(np.zeros(1), q[None])[0])
+def _dependent_on_others(B: Array) -> list[int]:
+    """Rows whose multiplier can change without any effect: they take part in a dependency."""
+    left, sizes, _ = np.linalg.svd(B)
+    null = left[:, int(np.sum(sizes > DEPENDENT)) :]
+    return [int(i) for i in np.flatnonzero(np.max(np.abs(null), axis=1, initial=0.0) > 1e-6)]
+
+
+def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
+    return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
 
 
 def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[Array]:
     """Consistent positions reached by moving along the freedoms (drives released) and closing the loops again."""
     free = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
     released = Mechanics(mechanics.model, [mechanics.rows[i] for i in free])
-    closer = Starter(released, float(starter.t[0]))
-    closer._held_joints = lambda value: []  # type: ignore[method-assign]
+    closer = Starter(released, float(starter.t[0]), holding=False)
     rng = np.random.default_rng(11)
     found = []
     for _ in range(SAMPLES):

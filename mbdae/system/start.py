@@ -73,7 +73,8 @@ def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Starter:
     """Finds the start of a model by mass-weighted Gauss-Newton and projections."""
 
-    def __init__(self, mechanics: Mechanics, t0: float = 0.0) -> None:
+    def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True) -> None:
+        self.holding = holding
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
         self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
         self.changes: list[str] = []
@@ -137,27 +138,27 @@ class Starter:
         """Close loops: mass-weighted Gauss-Newton with backtracking on the constraints and the held coordinates."""
         before, g = q, self._closure(q)
         for _ in range(50):
-            size = self._size(g)
+            A = self._closure_jacobian(q)
+            units = self._row_units(A)
+            size = _largest(g, units)
             if size <= CLOSED:
                 break
-            step = self._least_change(self._closure_jacobian(q), -g)
-            factor = 1.0
+            step, factor = self._least_change(A, -g), 1.0
             while factor > 1e-4:
                 candidate = self.mechanics.integrate_positions(q, factor * step)
                 g_new = self._closure(candidate)
-                if self._size(g_new) < size:
+                if _largest(g_new, units) < size:
                     break
                 factor /= 2
             if factor <= 1e-4:
                 break
             q, g = candidate, g_new
-        if self._size(g) > 1e-9:
-            worst = int(np.argmax(np.abs(g) / self._row_units()))
-            raise StartError([self._cannot_close(worst, g)])
+        if size > 1e-9:
+            raise StartError([self._cannot_close(int(np.argmax(np.abs(g) / units)), g, A)])
         self._report_positions(before, q)
         return q
 
-    def _cannot_close(self, worst: int, g: Array) -> str:
+    def _cannot_close(self, worst: int, g: Array, A: Array) -> str:
         if worst >= self.mechanics.m:
             joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
             unit = "rad" if joint.kind == "revolute" else "m"
@@ -165,12 +166,13 @@ class Starter:
                     f"{abs(g[worst]):.3g} {unit}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
+        unit = "m" if np.any(A[worst][~self.mechanics.rotational]) else "rad"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
-                f"{'rad' if name.rsplit('.', 1)[1][:1] == 't' else 'm'}; check the points of the bodies it connects")  # fmt: skip
+                f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
     def _held_joints(self, value: Any) -> list[Connection]:
-        """Held joints whose value is not a constraint row already."""
-        return [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
+        """Held joints whose value is not a constraint row already; none where the starter does not hold."""
+        return [] if not self.holding else [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
 
     def _coordinates(self, q: Array, u: Array, joints: list[Connection]) -> tuple[Array, Array, Array]:
         """Values (j,), rates (j,) and gradients (j, nu) of joint coordinates."""
@@ -198,15 +200,10 @@ class Starter:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
         return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
 
-    def _row_units(self) -> Array:
-        """(rows,) the scene's length for rows in m, 1 for rows in rad: size of G over unit displacements."""
-        length = self.model.length
-        units = [1.0 if r.name.rsplit(".", 1)[1].startswith(("t", "d")) else length for r in self.mechanics.rows]
-        held = [1.0 if c.kind == "revolute" else length for c in self._held_joints(self.held_value)]
-        return np.array(units + held)
-
-    def _size(self, g: Array) -> float:
-        return float(np.max(np.abs(g) / self._row_units(), initial=0.0))
+    def _row_units(self, A: Array) -> Array:
+        """(rows,) what a row changes by over unit displacements: about the scene's length, or 1 rad."""
+        size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
+        return np.asarray(np.where(size > 0, size, 1.0))
 
     def _least_change(self, A: Array, right: Array) -> Array:
         """x with A x = right (least squares) of least mass-weighted size."""
@@ -325,6 +322,10 @@ class Starter:
                 for o, target in enumerate(p.targets):
                     s[nb.unknown(target, g, i)[0] - nb.start["s"]] = values[0, i, o]
         return s
+
+
+def _largest(g: Array, units: Array) -> float:
+    return float(np.max(np.abs(g) / units, initial=0.0))
 
 
 def rotation_of(kind: NodeKind, q: Array) -> Array:
