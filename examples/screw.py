@@ -31,7 +31,6 @@ class Screw(mb.Joint):
 
     params = mb.params(pitch=("m/rad", "travel per angle"))
     coordinate_unit = "m"
-    frees = 1
 
     def constraints(self, k, l):
         d = l.r - k.r

@@ -11,7 +11,6 @@ class Distance(Joint):
     """The points of k and l keep their distance `length` (> 0). The multiplier is the compression of the rod, N."""
 
     params = params(length=("m", "distance as drawn"))
-    frees = 5
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return {"length": (l.r - k.r).norm() - self.length}

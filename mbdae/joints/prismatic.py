@@ -13,7 +13,6 @@ class Prismatic(Joint):
 
     params = params(drive=("m", "prescribed relative displacement"))
     coordinate_unit = "m"
-    frees = 1
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         d = l.r - k.r

@@ -20,7 +20,6 @@ class Revolute(Joint):
 
     params = params(drive=("rad", "prescribed relative angle phi(t)"))
     coordinate_unit = "rad"
-    frees = 1
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         rows = same_point(k, l) | same_axis(k, l)

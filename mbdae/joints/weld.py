@@ -11,7 +11,6 @@ from mbdae.symbolic.vectors import Expr
 class Weld(Joint):
     """l moves with k."""
 
-    frees = 0
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_point(k, l) | same_attitude(k, l)

@@ -37,9 +37,10 @@ class Plan:
         self.inserted = insert(d, self.stated)
         self._unknown = {symbol: target for target, symbol in input_symbols(d)}
 
-    def inputs(self, expressions: Sequence[Expr]) -> Inputs:
-        """The unknowns and parameters some expressions depend on, in a fixed order."""
-        used = set().union(*(e.free_symbols for e in expressions)) if expressions else set()
+    def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
+        """The unknowns and parameters some expressions depend on, in a fixed order; `used`: their symbols, if known."""
+        if used is None:
+            used = set().union(*(e.free_symbols for e in expressions))
         unknowns = [(s, t) for s, t in self._unknown.items() if s in used]
         parameters = sorted((s for s in used if s not in self._unknown), key=str)
         symbols = tuple(s for s, _ in unknowns) + tuple(parameters)
@@ -68,9 +69,10 @@ class LinearisedPlan(Plan):
         partials = [derivatives(d, e) for e in self.stated]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
         values = insert(d, [value for row in partials for value in row.values()])
+        symbols = [value.free_symbols for value in values]
         clock = {symbol for pair in d.variation.clock.items() for symbol in pair}
         varying = set(self._unknown) | clock
-        constant = [not (value.free_symbols & varying) for value in values]
+        constant = [not (found & varying) for found in symbols]
         curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
         curved |= {i for i, e in enumerate(self.inserted) if e.free_symbols & clock}
         self.nonlinear = [i for i in range(len(self.inserted)) if i in curved]
@@ -79,14 +81,13 @@ class LinearisedPlan(Plan):
         self.constant_places = [p for p, fixed in zip(places, constant, strict=True) if fixed]
         self.offset_places = linear
         offsets = [self._offset(i, places, values, origin) for i in linear]
-        self.constants = Kernel(*self._with_inputs([v for v, fixed in zip(values, constant, strict=True) if fixed] + offsets))
+        fixed_values = [v for v, fixed in zip(values, constant, strict=True) if fixed]
+        self.constants, self.constant_inputs = self._kernel(fixed_values + offsets)
         self.jacobian_places = [p for p, fixed in zip(places, constant, strict=True) if not fixed]
         varying_values = [v for v, fixed in zip(values, constant, strict=True) if not fixed]
-        self.residual = Kernel(*self._with_inputs([self.inserted[i] for i in self.nonlinear]))
-        self.jacobian = Kernel(*self._with_inputs(varying_values))
-        self.residual_inputs = self.inputs(self.residual.expressions)
-        self.jacobian_inputs = self.inputs(varying_values)
-        self.constant_inputs = self.inputs(self.constants.expressions)
+        used = set().union(*(found for found, fixed in zip(symbols, constant, strict=True) if not fixed))
+        self.jacobian, self.jacobian_inputs = self._kernel(varying_values, used)
+        self.residual, self.residual_inputs = self._kernel([self.inserted[i] for i in self.nonlinear])
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
         """Where the offset of a linear output is taken: all unknowns 0, quaternions at (1, 0, 0, 0), where R exists."""
@@ -99,8 +100,9 @@ class LinearisedPlan(Plan):
         linear = sum((v * origin[symbol[t]] for (o, t), v in zip(places, values, strict=True) if o == i), se.Integer(0))
         return self.inserted[i].subs(origin) - linear
 
-    def _with_inputs(self, expressions: list[Expr]) -> tuple[Any, list[Expr]]:
-        return self.inputs(expressions).symbols, expressions
+    def _kernel(self, expressions: list[Expr], used: set[Expr] | None = None) -> tuple[Kernel, Inputs]:
+        inputs = self.inputs(expressions, used)
+        return Kernel(inputs.symbols, expressions), inputs
 
 
 @lru_cache(maxsize=512)

@@ -78,7 +78,12 @@ def values(e: Expr, times: NDArray[np.float64]) -> NDArray[np.float64]:
     if not e.free_symbols:
         return np.full(len(times), float(e))
     with np.errstate(all="ignore"):
-        return np.asarray(se.Lambdify([TIME], [e], backend="llvm")(np.asarray(times, dtype=float)[:, None])).reshape(-1)
+        return np.asarray(_compiled(e)(np.asarray(times, dtype=float)[:, None])).reshape(-1)
+
+
+@lru_cache(maxsize=256)
+def _compiled(e: Expr) -> Any:
+    return se.Lambdify([TIME], [e], backend="llvm")
 
 
 def first_jump(e: Expr, t0: float, t_end: float) -> tuple[float, float] | None:

@@ -106,7 +106,6 @@ class Joint(Law):
     """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
 
     coordinate_unit: ClassVar[str] = ""
-    frees: ClassVar[int | None] = None
 
     def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), **values: Any) -> None:
         super().__init__(name, **values)

@@ -55,7 +55,6 @@ class DAE(System):
         self.scale = np.maximum(1.0, np.abs(self.y0)) if scale is None else self._checked_scale(scale)
         self.names = self._checked_names(names)
         self.equations = tuple(f"F[{i}]" for i in range(self.n))
-        self.kinds = ("y",) * self.n
         self.sparsity = None if sparsity is None else csc_pattern(sparsity, self.n)
         self._function, self._jacobian = residual, jacobian
         self._check_residual()
@@ -63,6 +62,8 @@ class DAE(System):
         parts = [self._dense_parts(*point) for point in self._probes()]
         self._check_start(*parts[0])
         self.index = self._checked_index(index, parts)
+        algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
+        self.kinds = tuple("lambda" if found else "y" for found in algebraic)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""

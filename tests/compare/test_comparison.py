@@ -132,13 +132,6 @@ def test_total_work_is_that_of_the_solvers(w):
     assert w.cpu_s >= sum(row.cpu_s for row in w.runs if row.cpu_s is not None)
 
 
-def test_compare_is_a_function_whatever_was_imported_first():
-    from importlib import import_module
-
-    assert callable(import_module("mbdae.compare"))
-    assert callable(mb.compare)
-
-
 @pytest.mark.parametrize(("make", "said"), [
     (lambda: mb.Run("ida"), "solver = 'ida'"),
     (lambda: mb.Run(mb.IDA(), "ggl"), "form = 'ggl'"),

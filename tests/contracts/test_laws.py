@@ -46,7 +46,6 @@ class Screw(mb.Joint):
     """Turns about and travels along k.z."""
 
     params = mb.params(pitch=("m/rad", "travel per turn"))
-    frees = 1
 
     def constraints(self, k: Any, l: Any) -> Any:
         d = l.r - k.r

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import mbdae as mb
@@ -31,6 +30,6 @@ def test_drift_over_ten_seconds(joint, solver):
     JOINTS[joint](s, arm, rod)
     at_accuracy = solver.at_accuracy(1e-8, "GGL")
     r = s.simulate(10.0, solver=at_accuracy, outputs=1001)
-    inside = r(np.array([t for t in r.solution.t]))  # at the steps, where the equations hold
+    inside = r(r.solution.t)  # at the steps, where the equations hold
     assert inside.drift.position.max() <= 1e-9
     assert inside.drift.velocity.max() <= 1e-8

@@ -19,7 +19,7 @@ def run(scene: mb.Scene, times: list[float], tolerance: float, solver: object) -
 
 @both
 def test_a01_point_pendulum(solver):
-    d = data("iftomm_a01_pendulum")
+    d = data("iftomm_a01")
     r = run(a01(), d["t"], 1e-8, solver)
     assert np.abs(r["bob"].position[:, :2] - np.c_[d["x"], d["y"]]).max() <= 1e-8
 

@@ -13,7 +13,7 @@ import mbdae as mb
 
 def deviation(n: int, accuracy: float, solver: object = None) -> tuple[float, mb.Result]:  # type: ignore[name-defined]
     """Largest error of the first bar's tip over the reference times, and the run."""
-    d = data("iftomm_a02_nfourbar")["results"][str(n)]
+    d = data("iftomm_a02")["results"][str(n)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", mb.AccuracyWarning)
         r = n_four_bar(n).simulate(10.0, accuracy, solver=solver, outputs=np.array([0.0, *d["t"]]))

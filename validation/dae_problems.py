@@ -1,4 +1,4 @@
-"""Problems shared by the integrator tests: equations as SymPy expressions, exact Jacobians derived from them."""
+"""Equations shared by claims and integrator tests: SymPy expressions, exact Jacobians derived from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes of the reference problems; data copied from the files beside."""
+"""Scenes of the reference problems, for the claims here and for the tests."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import mbdae as mb
 
 
-def data(name: str) -> Any:
-    """A reference file as it stands."""
-    return json.loads((Path(__file__).parent / f"{name}.json").read_text())
+def data(claim: str) -> Any:
+    """The reference of a claim as it stands."""
+    return json.loads((Path(__file__).parent / claim / "reference.json").read_text())
 
 
 def a01(space: str = "auto") -> mb.Scene:
