@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,14 +24,19 @@ SCENES = {"pendulum": 5.0, "four_bar": 1.0, "andrews_squeezer": 0.03, "heavy_top
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 
 
-def example(name: str) -> mb.Scene:
-    """The scene of an example file."""
+def example_module(name: str) -> Any:
+    """An example file as a module."""
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.scene()
+    return module
+
+
+def example(name: str) -> mb.Scene:
+    """The scene of an example file."""
+    return example_module(name).scene()
 
 
 def reference(scene: mb.Scene, t_end: float, times: np.ndarray) -> tuple[object, np.ndarray]:

@@ -38,6 +38,14 @@ class Scene(SceneData):
         prepared = prepare(self, start)
         return system_for(prepared, form)
 
+    def draw(self, path: Any = None) -> Any:
+        """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
+
+        path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
+        from mbdae.results.drawing import draw
+
+        return draw(prepare(self), path)
+
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
                  outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,
                  max_wall: float | None = None, progress: Callable[..., None] | bool | None = None) -> Result:  # fmt: skip

@@ -38,8 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error, 2)
     except MbdaeError as error:
         return _complain(error, 1)
-    except KeyboardInterrupt:
-        return _complain(RuntimeError("interrupted"), 1)
+    except KeyboardInterrupt as stop:
+        return _complain(RuntimeError(f"interrupted{f': {stop}' if str(stop) else ''}"), 1)
 
 
 def _complain(error: Exception, code: int) -> int:
@@ -94,21 +94,44 @@ def compare(a: argparse.Namespace) -> int:
     options: dict[str, Any] = {} if a.accuracies is None else {"accuracies": a.accuracies}
     try:
         w = compare_runs(_scene(module, a.file), t_end, getattr(module, "runs", None), measure=getattr(module, "measure", None),
-                         progress=lambda done, total, label: shown.show(done / total, "compare", label), **options)  # fmt: skip
+                         progress=lambda done, total, label: shown.show(done / total, "compare", label),
+                         resume=a.resume, **options)  # fmt: skip
     finally:
         shown.close()
-    written = []
-    if out:
-        written = [out / f"{Path(a.file).stem}_work_precision{ending}" for ending in (".png", ".json")]
-        w.plot(written[0])
-        w.to_json(written[1])
+    written = _write_comparison(w, out / f"{Path(a.file).stem}_work_precision") if out else []
     if a.json:
         _json(a, w.to_dict())
     else:
         print(w.table())
-        _list([str(path) for path in written])
+        _list(written)
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     return 0 if reached and not w.failures and w.reference.trusted else 1
+
+
+def validate(a: argparse.Namespace) -> int:
+    """Measure the claims of a checkout; 1 where one does not hold."""
+    from mbdae import validation
+    from mbdae.results.progress import bar
+
+    folder, shown = validation.find(a.root), bar()
+    checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]
+    out, measured = _folder(a.out), []
+    try:
+        for i, found in enumerate(checks):
+            shown.show(i / len(checks), "validate", found.claim.name)
+            measured.append(validation.Measured(found.claim, found.run()))
+            shown.close()
+            if not a.json:
+                print(validation.text(measured[-1]), flush=True)
+    finally:
+        shown.close()
+    written = [str(path) for path in validation.write(measured, out)] if out else []
+    if a.json:
+        _json(a, validation.to_dict(measured) | {"written": written})
+    else:
+        print(validation.verdict(measured))
+        _list(written)
+    return 0 if all(m.holds for m in measured) else 1
 
 
 # -- what commands share
@@ -134,6 +157,13 @@ def _write_result(r: Any, measure: str | None, out: Path, stem: str) -> list[str
         written.append(out / f"{stem}.png")
         r.plot(measure, path=written[1])
     return [str(path) for path in written]
+
+
+def _write_comparison(w: Any, stem: Path) -> list[str]:
+    writers = {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}
+    for ending, write in writers.items():
+        write(stem.with_name(stem.name + ending))
+    return [str(stem.with_name(stem.name + ending)) for ending in writers]
 
 
 def _list(written: Sequence[str]) -> None:
@@ -236,8 +266,21 @@ def _parser() -> argparse.ArgumentParser:
     _common(p, "folder for the result (.npz) and a picture of `measure`")
     p = _command(commands, "compare", compare, "solvers side by side against a confirmed reference")
     p.add_argument("--accuracies", type=_numbers, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
-    _common(p, "folder for the work-precision picture (.png) and its data (.json)")
+    resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
+    p.add_argument("--resume", metavar="FILE.json", help=resumed)
+    _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    _validate(commands)
     return parser
+
+
+def _validate(commands: Any) -> None:
+    text = "measure the claims of validation/ against their references"
+    p = commands.add_parser("validate", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("claims", nargs="*", metavar="CLAIM", help="name of a folder of validation/ (default: all)")
+    p.add_argument("--root", metavar="DIR", help="the checkout (default: the working directory or one above it)")
+    p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
+    p.add_argument("--out", metavar="DIR", help="folder for validation.html and validation.md; nothing is written without it")
+    p.set_defaults(command=validate)
 
 
 def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:

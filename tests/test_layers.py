@@ -9,7 +9,7 @@ import mbdae
 
 ROOT = Path(mbdae.__file__).parent
 LAYERS = [
-    {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare"}, {"analysis"}, {"results"},
+    {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"results"},
     {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
     {"joints", "elements", "forces", "contact", "friction"}, {"symbolic"}, {"notation", "errors", "threads"},
 ]  # fmt: skip

@@ -1,9 +1,9 @@
-"""Runs x accuracies on one scene: error, CPU time and evaluations of each, against a confirmed reference."""
+"""Joint models x solvers x forms x accuracies on one scene: error, CPU time and evaluations of each run."""
 
 from __future__ import annotations
 
 import json
-import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,15 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.job import Job
-from mbdae.compare.reference import Reference, computed_reference, given_reference
-from mbdae.compare.rows import Row, cheapest, with_front
+from mbdae.compare.checkpoint import checkpoint
+from mbdae.compare.environment import environment
+from mbdae.compare.job import new_job
+from mbdae.compare.pairwise import Pairwise, pairwise
+from mbdae.compare.reference import Reference, given_reference
+from mbdae.compare.rows import Row, asked_for, cheapest, with_front
 from mbdae.compare.run import Run, checked_runs, default_runs
-from mbdae.errors import MbdaeError, OptionError, SolverError
-from mbdae.integrators.solution import Stats
+from mbdae.compare.statement import statement
+from mbdae.compare.work import Work
+from mbdae.errors import OptionError
 from mbdae.results.control import plausible
-from mbdae.system.base import System
-from mbdae.system.prepare import prepare
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 MAX_WALL = 60.0  #: s of wall time per run
@@ -27,7 +29,7 @@ MAX_WALL = 60.0  #: s of wall time per run
 
 @dataclass(frozen=True)
 class Comparison:
-    """Rows (one per solver run) with what they were measured against."""
+    """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
 
     scene: str
     t_end: float  #: s
@@ -36,7 +38,10 @@ class Comparison:
     reference: Reference
     accuracies: tuple[float, ...]
     runs: tuple[Row, ...]
+    pairwise: Pairwise
     cpu_s: float  #: CPU s in all solver calls, repeats and reference included
+    total_cpu_s: float  #: CPU s of the whole comparison
+    environment: dict[str, str | int]
 
     @property
     def failures(self) -> tuple[Row, ...]:
@@ -48,8 +53,8 @@ class Comparison:
         return cheapest(self.runs, accuracy)
 
     @property
-    def verdict(self) -> str:
-        """One sentence: the cheapest run that reached each accuracy wanted."""
+    def choices(self) -> tuple[str, ...]:
+        """For each accuracy wanted, the cheapest run that reached it, in words."""
         parts = []
         for wanted in self.accuracies:
             row = self.cheapest(wanted)
@@ -57,33 +62,44 @@ class Comparison:
                 parts.append(f"{wanted:.0e} by no run")
             else:
                 cost = f"{row.cpu_s:.3f} s, error {row.error:.1e}"
-                parts.append(f"{wanted:.0e} by {row.label} asked for {_short(row.accuracy)} ({cost})")
-        return "Reached at least cost: " + "; ".join(parts) + "."
+                parts.append(f"{wanted:.0e} by {row.label} asked for {asked_for(row.accuracy)} ({cost})")
+        return tuple(parts)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: the cheapest run that reached each accuracy wanted."""
+        return "Reached at least cost: " + "; ".join(self.choices) + "."
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values; unknown ones are None."""
         best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
-        return {
+        data = {
             "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,
             "reference": asdict(self.reference), "accuracies": list(self.accuracies),
-            "runs": [asdict(row) for row in self.runs], "cheapest": best, "cpu_s": self.cpu_s,
+            "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
+            "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
         }  # fmt: skip
+        return dict(json.loads(json.dumps(data)))
 
     def to_json(self, path: Any = None) -> str:
         """JSON text, written to `path` where one is given."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
-        if path is not None:
-            Path(path).write_text(text, encoding="utf-8")
-        return text
+        return _written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
+
+    def to_html(self, path: Any = None) -> str:
+        """One self-contained HTML page with picture, tables and verdict, written to `path` where one is given."""
+        from mbdae.compare.page import page
+
+        return _written(page(self), path)
 
     def table(self) -> str:
-        """The rows as plain text, with reference, failures and verdict."""
+        """The rows as plain text, with reference, failures, pairwise differences and verdict."""
         from mbdae.compare.table import table
 
         return table(self)
 
     def plot(self, path: Any = None) -> Any:
-        """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` is given."""
+        """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
+        is given."""
         from mbdae.compare.picture import work_precision
 
         return work_precision(self, path)
@@ -94,25 +110,29 @@ class Comparison:
 
 def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accuracies: Sequence[float] = ACCURACIES,
             measure: str | None = None, reference: Any = None, max_wall: float | None = MAX_WALL,
-            progress: Callable[[int, int, str], None] | None = None) -> Comparison:  # fmt: skip
+            progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:  # fmt: skip
     """Run a scene (or a System) to t_end (s) by every run at every accuracy.
 
     runs: list of mb.Run; default IDA and Radau. measure: a sensor, "C.angle"; default the whole state.
     reference: a Result, or a function of the times that returns the measure; default a tight Radau run that a second
     method confirms. max_wall: s of wall time per run. progress(done, total, label): called before every run.
+    resume: a JSON file that keeps every finished run; where it exists, runs it holds are not made again.
     """
+    begin = time.process_time()
     asked = _checked_accuracies(accuracies)
-    job = _job(scene, t_end, measure, max_wall)
-    chosen = checked_runs(runs) if runs is not None else default_runs(job.constrained, job.given)
-    queue: list[tuple[Run, float | None]] = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
-    tell = progress or (lambda done, total, label: None)
-    tell(0, len(queue) + 1, "reference")
-    truth, values = given_reference(job, reference) if reference is not None else computed_reference(job, min(asked))
-    rows = []
-    for i, (run, accuracy) in enumerate(queue):
-        tell(i + 1, len(queue) + 1, f"{run.name('')} {_short(accuracy)}")
-        rows.append(_row(job, run, accuracy, values))
-    return Comparison(job.name, job.t_end, measure, job.what, truth, asked, with_front(rows), job.spent)
+    job = new_job(scene, t_end, measure, max_wall)
+    chosen = checked_runs(runs) if runs is not None else default_runs(job.constrained, job.stated.given, job.other_model)
+    given = given_reference(job, reference) if reference is not None else None
+    kept = checkpoint(resume, statement(job, chosen, asked, given[1] if given else None))
+    state = kept.load()
+    if given is not None:
+        state.reference, state.truth = given
+    queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
+    Work(job, queue, min(asked), state, kept, begin).do(progress or (lambda done, total, label: None))
+    assert state.reference is not None
+    differences = pairwise(list(state.finals.values()), job.error)
+    return Comparison(job.name, job.t_end, measure, job.what, state.reference, asked, with_front(state.rows), differences,
+                      state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 
 
 def _checked_accuracies(accuracies: Sequence[float]) -> tuple[float, ...]:
@@ -124,41 +144,7 @@ def _checked_accuracies(accuracies: Sequence[float]) -> tuple[float, ...]:
     return tuple(sorted(set(values), reverse=True))
 
 
-def _job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) -> Job:
-    given = scene if isinstance(scene, System) else None
-    prepared = None if given is not None else prepare(scene)
-    if given is not None and measure is not None:
-        raise OptionError(f"measure = {measure!r}: a System has no sensors; leave it out, the error is that of all unknowns")
-    start = given.t0 if given is not None else prepared.start.t  # type: ignore[union-attr]
-    if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > start):
-        raise OptionError(f"t_end = {t_end}: give a time after the start t = {start:g} s")
-    return Job(prepared, given, float(t_end), measure, max_wall)
-
-
-def _row(job: Job, run: Run, accuracy: float | None, reference: Any) -> Row:
-    form = run.form.label if run.form is not None else job.system(None).label
-    model = type(run.model).__name__ if run.model is not None else None
-    facts: dict[str, Any] = {"label": run.name(form), "solver": run.solver.label, "form": form, "model": model}
-    facts["accuracy"] = accuracy
-    spent = job.spent
-    try:
-        solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, job.system(run.form).label)
-        facts["rtol"] = None if solver.fixed else solver.rtol
-        done = job.solve(solver, run.form)
-    except SolverError as error:
-        reached = error.solution.stats if error.solution is not None else Stats()
-        return Row(**facts, cpu_s=job.spent - spent, **counts(reached), failure=str(error))
-    except (MbdaeError, np.linalg.LinAlgError) as error:
-        return Row(**facts, failure=str(error))
-    error_now = job.error(job.values(done.solution, form), reference)
-    return Row(**facts, error=error_now, cpu_s=done.cpu_s, cpu_spread_s=done.spread_s, **counts(done.solution.stats))
-
-
-def counts(stats: Stats) -> dict[str, Any]:
-    """The evaluations a row tells."""
-    names = ("steps", "rejected", "residuals", "jacobians", "factorisations")
-    return {name: int(getattr(stats, name)) for name in names}
-
-
-def _short(accuracy: float | None) -> str:
-    return "its own tolerance" if accuracy is None else f"{accuracy:.0e}"
+def _written(text: str, path: Any) -> str:
+    if path is not None:
+        Path(path).write_text(text, encoding="utf-8")
+    return text

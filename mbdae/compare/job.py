@@ -1,26 +1,34 @@
-"""What all runs of a comparison share: the prepared scene, its systems by form, the time grid and the measure."""
+"""What all runs of a comparison share: equations by joint model, the time grid, the measure and the CPU time spent."""
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
-from mbdae.formulations import Form, default_form, system_for
+from mbdae.compare.equations import Equations
+from mbdae.compare.run import Run
+from mbdae.errors import MbdaeError, OptionError
+from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
 from mbdae.results.control import measure_of
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.scene.components import Classical, JointModel, Kinematic
+from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array, System
-from mbdae.system.prepare import Prepared
+from mbdae.system.prepare import prepare
 
 GRID = 1001  #: times at which trajectories are compared
 SHORT = 0.5  #: s; shorter runs are timed twice
-WHOLE_SCENE = "whole state: positions over the scene's length, angles in rad, velocities over the largest characteristic speed"
+FEW = 10  #: revolute joints of a scene up to which a second joint model is among the runs by default
+WHOLE_SCENE = (
+    "whole state of the bodies: positions over the scene's length, angles in rad, velocities over the largest characteristic speed"
+)
 WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
 
@@ -35,26 +43,26 @@ class Timed:
 
 @dataclass
 class Job:
-    """A scene prepared once (or a System as it is), run to t_end s by many solvers."""
+    """A scene (or a System as it is), run to t_end s by many solvers; `stated` are its equations as the user states them."""
 
-    prepared: Prepared | None
-    given: System | None
+    scene: SceneData | None
+    stated: Equations
     t_end: float
     measure: str | None
     max_wall: float | None
-    systems: dict[Form | None, System] = field(default_factory=dict)
+    variants: dict[str, Equations | MbdaeError] = field(default_factory=dict)
     spent: float = 0.0  #: CPU s inside solver calls, repeats included
 
     @property
     def name(self) -> str:
         """Name of the scene, or of the system's form."""
-        return self.prepared.model.scene.name if self.prepared is not None else f"system ({self.system(None).label})"
+        return self.scene.name if self.scene is not None else f"system ({self.system(None).label})"
 
     @property
     def what(self) -> str:
         """What the error is, in words with its unit."""
         if self.measure is None:
-            return WHOLE_SCENE if self.prepared is not None else WHOLE_SYSTEM
+            return WHOLE_SCENE if self.scene is not None else WHOLE_SYSTEM
         quantity = QUANTITIES.get(self.measure.rpartition(".")[2])
         return f"largest difference of {self.measure}" + (f" [{quantity.unit}]" if quantity and quantity.unit else "")
 
@@ -66,28 +74,53 @@ class Job:
     @property
     def constrained(self) -> bool:
         """Whether a scene has constraints (so that index 3 exists)."""
-        return self.prepared is not None and self.prepared.mechanics.m > 0
+        return self.stated.prepared is not None and self.stated.prepared.mechanics.m > 0
+
+    @property
+    def other_model(self) -> JointModel | None:
+        """The classical model beside the kinematic one, where revolute joints are few enough to make that cheap."""
+        revolutes = [c for c in self.scene.joints if c.kind == "revolute"] if self.scene is not None else []
+        return Classical() if 0 < len(revolutes) <= FEW and self.stated.bodies_alone else None
 
     def system(self, form: Form | None) -> System:
-        """The equations in a form, assembled once and called once so that compilation is not timed."""
-        if form not in self.systems:
-            self.systems[form] = self._assemble(form)
-            _warm(self.systems[form])
-        return self.systems[form]
+        """The equations as stated, in a form."""
+        return self.stated.system(form)
 
-    def _assemble(self, form: Form | None) -> System:
-        if self.prepared is None:
-            assert self.given is not None
-            if form is not None:
-                raise OptionError(f"form {form.label}: a System comes in its own form; leave the form of its runs out")
-            return self.given
-        return system_for(self.prepared, form)
+    def equations(self, run: Run) -> Equations:
+        """The equations with the joint models of a run, prepared once; what speaks against them is raised again."""
+        if not run.models:
+            return self.stated
+        key = repr(sorted(run.models.items(), key=lambda item: item[0]))
+        if key not in self.variants:
+            try:
+                self.variants[key] = self._with_models(run)
+            except MbdaeError as error:
+                self.variants[key] = error
+        found = self.variants[key]
+        if isinstance(found, MbdaeError):
+            raise found
+        return found
 
-    def solve(self, solver: Solver, form: Form | None, repeat: bool = True) -> Timed:
+    def _with_models(self, run: Run) -> Equations:
+        if self.scene is None:
+            raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
+        if not any(c.kind == "revolute" for c in self.scene.joints):
+            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute joint it could describe")
+        scene: Any = self.scene
+        for name, model in run.models.items():
+            scene = scene.replace(*([name] if name else []), model=model)
+        return Equations(prepare(scene, t_end=self.t_end))
+
+    @cached_property
+    def yardstick(self) -> Equations:
+        """Equations in whose unknowns runs are compared: those of the bodies, which all joint models have."""
+        if self.scene is None or self.stated.bodies_alone:
+            return self.stated
+        return Equations(prepare(self.scene.replace(model=Kinematic()), t_end=self.t_end))
+
+    def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
         """Run a solver; short runs twice, for the least CPU time."""
-        if self.prepared is not None:
-            form = (form if form is not None else default_form(self.prepared)).for_index(solver.highest_index)
-        system, seconds = self.system(form), []
+        system, seconds = (equations or self.stated).for_solver(form, solver), []
         for _ in range(2 if repeat else 1):
             begin = time.process_time()
             try:
@@ -101,30 +134,32 @@ class Job:
                 break
         return Timed(solution, min(seconds), max(seconds) - min(seconds) if len(seconds) > 1 else None)
 
-    def values(self, solution: Solution, form_label: str) -> Array:
+    def values(self, solution: Solution, equations: Equations | None = None) -> Array:
         """What is compared, (nt, ...) at `times`: the sensor, or the positions and velocities (all unknowns of a System)."""
-        if self.prepared is None:
+        own = equations or self.stated
+        if self.scene is None:
             return solution(self.times)
         if self.measure is not None:
-            info = RunInfo(solution.solver, form_label, Accuracy(None, None), solution.stats)
-            return Result(self.prepared, solution, info, self.times).read(self.measure)
-        m = self.prepared.mechanics
-        return solution(self.times)[:, : m.nq + m.nu]
+            return own.sensor(solution, self.measure, self.times)
+        return own.motion_as_in(self.yardstick, solution(self.times))
 
     def error(self, values: Any, reference: Any) -> float:
         """Largest difference over the run."""
         if self.measure is None:
-            return float(np.max(measure_of(self.system(None), self.prepared)(values, reference)))
+            return float(np.max(measure_of(self.yardstick.system(None), self.yardstick.prepared)(values, reference)))
         return float(np.max(np.abs(values - reference)))
 
 
-def _warm(system: System) -> None:
-    """Call everything once: kernels compile and caches fill on first use."""
-    y, yp, out = system.y0, system.yp0, np.empty(system.n)
-    shape = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)
-    system.residual(system.t0, y, yp, out)
-    system.jacobian(system.t0, y, yp, 1.0, np.zeros(shape))
-    system.jacobian_parts(system.t0, y, yp)
-    for stages in (2, 3):
-        t, many = np.full(stages, system.t0), (stages, system.n)
-        system.residual_stages(t, np.broadcast_to(y, many).copy(), np.broadcast_to(yp, many).copy(), np.empty(many))
+def new_job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) -> Job:
+    """A job for a scene or a System, its options checked."""
+    given = scene if isinstance(scene, System) else None
+    if given is not None and measure is not None:
+        raise OptionError(f"measure = {measure!r}: a System has no sensors; leave it out, the error is that of all unknowns")
+    if given is None and not isinstance(scene, SceneData):
+        raise OptionError(f"scene = {scene!r}: give a mb.Scene or a System such as mb.DAE")
+    finite = isinstance(t_end, int | float) and math.isfinite(t_end)
+    stated = Equations(None, given) if given is not None else Equations(prepare(scene, t_end=t_end if finite else None))
+    start = given.t0 if given is not None else stated.prepared.start.t  # type: ignore[union-attr]
+    if not (finite and t_end > start):
+        raise OptionError(f"t_end = {t_end}: give a time after the start t = {start:g} s")
+    return Job(None if given is not None else scene, stated, float(t_end), measure, max_wall)

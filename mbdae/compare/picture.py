@@ -1,7 +1,11 @@
-"""Work-precision picture: error over CPU time and over residual evaluations, readable in grey."""
+"""Work-precision picture: error over CPU time and over residual evaluations, readable in grey; failures with their reasons."""
 
 from __future__ import annotations
 
+import io
+import re
+import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from mbdae.compare.rows import Row
@@ -12,34 +16,75 @@ if TYPE_CHECKING:
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
+FRONT = "filled: no other run is both cheaper in CPU time and more accurate"
+BELOW = "below the reference's own uncertainty"
+LETTERS = 13.5  #: of small text per inch
 
 
-def work_precision(w: Comparison, path: Any = None) -> Any:
-    """Two panels, one line per run; filled markers lie on the Pareto front of error and CPU time."""
+def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> Any:
+    """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
     labels = list(dict.fromkeys(row.label for row in w.runs))
+    names = [_name(label, [row for row in w.runs if row.label == label]) for label in labels]
+    width = 4.6 if stacked else 9.0
+    columns, names = _legend_shape([*names, BELOW], width)
+    entry_lines = sum(name.count("\n") + 1 for name in names) / columns
+    figure = Figure(figsize=(width, (6.6 if stacked else 3.9) + 0.18 * entry_lines), layout="constrained")
+    axes = figure.subplots(2, 1) if stacked else figure.subplots(1, 2, sharey=True)
     for axis, (work, title) in zip(axes, PANELS, strict=True):
         for i, label in enumerate(labels):
-            _line(axis, [row for row in w.runs if row.label == label], work, i, label)
+            _line(axis, [row for row in w.runs if row.label == label], work, i, names[i])
         _dress(axis, w, title)
-    axes[0].set_ylabel(_error_label(w))
-    figure.suptitle(f"{w.scene}, t = 0 .. {w.t_end:g} s", fontsize="medium")
-    handles, names = axes[0].get_legend_handles_labels()
-    legend = {"loc": "outside lower center", "ncols": min(len(names), 4), "frameon": False, "fontsize": "small"}
-    told = "filled: no other run is both cheaper in CPU time and more accurate"
-    figure.legend(handles, names, title=told, title_fontsize="small", **legend)
+    for axis in axes if stacked else axes[:1]:
+        axis.set_ylabel("\n".join(textwrap.wrap(_error_label(w), 40)))
+    head = f"{w.scene}, t = 0 .. {w.t_end:g} s"
+    figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
+    handles, texts = axes[0].get_legend_handles_labels()
+    told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
+    look = {"frameon": False, "fontsize": "small", "title": told, "title_fontsize": "small"}
+    figure.legend(handles, texts, loc="outside lower center", ncols=columns, **look)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure
 
 
-def _line(axis: Any, rows: list[Row], work: str, i: int, label: str) -> None:
-    points = sorted((getattr(row, work), row.error, row.pareto) for row in rows if row.measured is not None and row.error)
+def inline_svg(w: Comparison, stacked: bool, title: str, name: str) -> str:
+    """The picture as an <svg> element for a page, told to screen readers by its title; ids begin with `name`."""
+    import matplotlib
+
+    out = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with matplotlib.rc_context({"svg.hashsalt": name}):
+        work_precision(w, stacked=stacked).savefig(out, format="svg", metadata=nothing)
+    text = out.getvalue()
+    text = text[text.index("<svg") :].strip()
+    ids = sorted(set(re.findall(r'\bid="([^"]+)"', text)), key=len, reverse=True)
+    for found in ids:
+        text = text.replace(f'id="{found}"', f'id="{name}-{found}"').replace(f'"#{found}"', f'"#{name}-{found}"')
+        text = text.replace(f"url(#{found})", f"url(#{name}-{found})")
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1), count=1)
+    return text.replace("<svg", f'<svg role="img" aria-labelledby="{name}-title"', 1).replace(
+        ">", f'><title id="{name}-title">{title}</title>', 1
+    )
+
+
+def _name(label: str, rows: Sequence[Row]) -> str:
+    """A run in the legend, with why it failed where it did."""
+    reasons = list(dict.fromkeys(" ".join(row.failure.split()) for row in rows if row.failure))
     failed = sum(row.failure is not None for row in rows)
-    name = label + (f" ({failed} of {len(rows)} failed)" if failed else "")
+    return label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else "")
+
+
+def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
+    """Columns of the legend, and its entries wrapped to the figure's width in inches."""
+    room = int(width * LETTERS)
+    columns = max(1, min(4, room // (max(map(len, names)) + 7)))
+    return columns, ["\n".join(textwrap.wrap(name, room - 8)) for name in names]
+
+
+def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
+    points = sorted((getattr(row, work), row.error, row.pareto) for row in rows if row.measured is not None and row.error)
     x, y = [p[0] for p in points], [p[1] for p in points]
     look = style(i)
     axis.loglog(x, y, label=name, marker=MARKERS[i % len(MARKERS)], markerfacecolor="white", markersize=6, **look)
@@ -55,7 +100,7 @@ def _dress(axis: Any, w: Comparison, title: str) -> None:
     if w.reference.difference:
         low = axis.get_ylim()[0]
         if w.reference.difference > low:
-            axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label="below the reference's own uncertainty")
+            axis.axhspan(low, w.reference.difference, color="0.94", zorder=0, label=BELOW)
             axis.set_ylim(bottom=low)
 
 

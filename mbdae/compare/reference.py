@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.compare.equations import Equations
 from mbdae.compare.job import Job
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.integrators.base import Solver
@@ -43,22 +44,27 @@ class Reference:
 def given_reference(job: Job, given: Any) -> tuple[Reference, Any]:
     """A reference the user brought: a Result of the same scene, or values of the measure as a function of time."""
     if isinstance(given, Result):
-        if job.prepared is None:
-            raise OptionError("reference is the Result of a scene, compared is a System; leave it out")
-        if given.prepared.mechanics.nq != job.prepared.mechanics.nq or given.solution.t[-1] < job.t_end:
-            end = given.solution.t[-1]
-            raise OptionError(f"reference ends at t = {end:g} s or is of another scene; run this scene to {job.t_end:g} s")
-        label = f"given result, {given.solution.solver.label} {given.info.form}"
-        return Reference(label, given.accuracy.asked, None, None), job.values(given.solution, given.info.form)
+        return _given_result(job, given)
     if not isinstance(given, Callable):  # type: ignore[arg-type]
         raise OptionError(f"reference = {given!r}: give a Result, a function of the times (nt,), or None to have one computed")
     if job.measure is None:
         raise OptionError("reference is a function: name the sensor it stands for, measure='C.angle'")
     values = np.asarray(given(job.times), dtype=float)
-    shape = job.values(job.solve(_radau(job, 1e-3), None, repeat=False).solution, "").shape
+    shape = job.values(job.solve(_radau(job, 1e-3), None, repeat=False).solution).shape
     if values.shape != shape:
         raise OptionError(f"reference returns shape {values.shape}, {job.measure} has {shape} at the times given")
     return Reference("given function", None, None, None), values
+
+
+def _given_result(job: Job, given: Result) -> tuple[Reference, Any]:
+    if job.scene is None:
+        raise OptionError("reference is the Result of a scene, compared is a System; leave it out")
+    bodies = [b.name for b in job.scene.bodies]
+    if [b.name for b in given.prepared.model.scene.bodies] != bodies or given.solution.t[-1] < job.t_end:
+        end = given.solution.t[-1]
+        raise OptionError(f"reference ends at t = {end:g} s or is of another scene; run this scene to {job.t_end:g} s")
+    label = f"given result, {given.solution.solver.label} {given.info.form}"
+    return Reference(label, given.accuracy.asked, None, None), job.values(given.solution, Equations(given.prepared))
 
 
 def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
@@ -66,7 +72,7 @@ def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
     system = job.system(None)
     solver = _radau(job, max(smallest / TIGHTER, FLOOR))
     run = job.solve(solver, None, repeat=False)
-    values = job.values(run.solution, system.label)
+    values = job.values(run.solution)
     label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}"
     found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
     reasons: list[str] = []
@@ -76,7 +82,7 @@ def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
         except MbdaeError as error:
             reasons.append(str(error))
             continue
-        gap = job.error(job.values(other.solution, system.label), values)
+        gap = job.error(job.values(other.solution), values)
         if found.difference is None or gap < found.difference:
             found = replace(found, confirmed_by=f"{second.label} {system.label}, rtol {second.tolerance:.1e}", difference=gap)
         if gap <= smallest / 3:

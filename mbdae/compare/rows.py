@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 class Row:
     """One solver run. `error` as the measure says, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
 
-    accuracy, rtol: asked of the solver, None where its step is constant; failure: why it did not finish; pareto: no
-    other run was at least as accurate and as cheap.
+    accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the accepted steps kept
+    (t, y, y'), which grows with steps times unknowns and is most of what a run leaves in memory; failure: why it did not
+    finish; pareto: no other run was at least as accurate and as cheap.
     """
 
     label: str
@@ -28,6 +29,8 @@ class Row:
     residuals: int = 0
     jacobians: int = 0
     factorisations: int = 0
+    newton_iterations: int = 0
+    stored_bytes: int | None = None
     failure: str | None = None
     pareto: bool = False
 
@@ -54,3 +57,8 @@ def cheapest(rows: Sequence[Row], wanted: float) -> Row | None:
     """The run with the least CPU time among those whose error is at most `wanted`."""
     reached = [(r.measured[1], i) for i, r in enumerate(rows) if r.measured is not None and r.measured[0] <= wanted]
     return rows[min(reached)[1]] if reached else None
+
+
+def asked_for(accuracy: float | None) -> str:
+    """The accuracy asked of a run, as text."""
+    return "its own tolerance" if accuracy is None else f"{accuracy:.0e}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, Index3
 from mbdae.integrators.base import Solver
-from mbdae.scene.components import Kinematic
+from mbdae.scene.components import JointModel
 from mbdae.system.base import System
 
 #: options that a label need not tell: the table has them in columns of their own, or the solver's name holds them
@@ -22,12 +22,13 @@ TOLD_ELSEWHERE = ("rtol", "stages")
 class Run:
     """A solver on a form (None: the scene's default), with a joint model (None: as the scene states it).
 
-    A solver that has no tolerance or step of its own is run once for every accuracy; one that has is run as it is.
+    model: one joint model for all revolute joints, or {name of a joint: its model}. A solver that has no tolerance or
+    step of its own is run once for every accuracy; one that has is run as it is.
     """
 
     solver: Solver
     form: Form | None = None
-    model: Kinematic | None = None
+    model: JointModel | Mapping[str, JointModel] | None = None
     label: str | None = None
 
     def __post_init__(self) -> None:
@@ -35,8 +36,22 @@ class Run:
             raise OptionError(f"solver = {self.solver!r}: give a solver object such as mb.IDA() or mb.RadauIIA(3)")
         if self.form is not None and not isinstance(self.form, Form):
             raise OptionError(f"form = {self.form!r}: give a form object such as mb.GGL(), or None for the scene's default")
-        if self.model is not None and not isinstance(self.model, Kinematic):
-            raise OptionError(f"model = {self.model!r} is not a joint model; use mb.Kinematic() or None")
+        if not _is_model(self.model):
+            raise OptionError(f"model = {self.model!r} is not a joint model; give one such as mb.Kinematic(), "
+                              f"{{name of a joint: model}}, or None")  # fmt: skip
+
+    @property
+    def models(self) -> dict[str, JointModel]:
+        """Model by name of a joint; the name "" stands for all revolute joints."""
+        if self.model is None:
+            return {}
+        return {"": self.model} if isinstance(self.model, JointModel) else dict(self.model)
+
+    @property
+    def model_label(self) -> str | None:
+        """The models in words; None where the scene's own are used."""
+        told = {name: described(m, type(m).__name__) for name, m in self.models.items()}
+        return ", ".join(f"{name}: {m}" if name else m for name, m in told.items()) or None
 
     @property
     def as_it_is(self) -> bool:
@@ -44,8 +59,15 @@ class Run:
         return self.solver.fixed or self.solver.rtol is not None
 
     def name(self, form_label: str) -> str:
-        """Label for tables: what the user gave, or solver, form and every option that differs from its default."""
-        return self.label or f"{described(self.solver, self.solver.label)} {described(self.form, form_label)}"
+        """Label for tables: what the user gave, or solver, form, model and every option that differs from its default."""
+        own = [described(self.solver, self.solver.label), described(self.form, form_label), self.model_label]
+        return self.label or " ".join(part for part in own if part)
+
+
+def _is_model(model: Any) -> bool:
+    if isinstance(model, Mapping):
+        return bool(model) and all(isinstance(m, JointModel) for m in model.values())
+    return model is None or isinstance(model, JointModel)
 
 
 def described(choice: Any, name: str) -> str:
@@ -57,15 +79,19 @@ def described(choice: Any, name: str) -> str:
     return f"{name}[{', '.join(changed)}]" if changed else name
 
 
-def default_runs(constrained: bool, system: System | None = None) -> list[Run]:
-    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1."""
+def default_runs(constrained: bool, system: System | None = None, other_model: JointModel | None = None) -> list[Run]:
+    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1.
+
+    other_model: a joint model that is compared beside the one the scene states."""
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
     runs = [Run(IDA()), Run(RadauIIA(2)), Run(RadauIIA(3))]
     if system is not None and int(np.max(system.index)) > 1:
         runs = runs[1:]
-    return [*runs, Run(RadauIIA(3), Index3())] if constrained else runs
+    if constrained:
+        runs.append(Run(RadauIIA(3), Index3()))
+    return [*runs, Run(RadauIIA(3), model=other_model)] if other_model is not None else runs
 
 
 def checked_runs(runs: Sequence[Run]) -> list[Run]:

@@ -1,8 +1,8 @@
-"""A comparison as plain text."""
+"""A comparison as plain text; the page shows the same cells."""
 
 from __future__ import annotations
 
-import io
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,48 +11,86 @@ from mbdae.compare.rows import Row
 if TYPE_CHECKING:
     from mbdae.compare.comparison import Comparison
 
-WIDTH = 128
-COLUMNS = ("run", "asked", "rtol", "error", "CPU s", "spread", "steps", "rejected", "residuals", "Jacobians", "factoris.", "")
+WIDTH = 128  #: of sentences; the grid is as wide as it must be
+#: heading of each column, and what it means
+COLUMNS = {
+    "run": "solver, form, joint model and options that differ from their defaults",
+    "asked": "accuracy asked of the solver",
+    "rtol": "relative tolerance the solver ran with",
+    "error": "largest error over the run against the reference",
+    "CPU s": "CPU time in s, the least of its repeats",
+    "spread": "largest minus least CPU time of the repeats, s",
+    "steps": "accepted steps",
+    "rejected": "rejected steps",
+    "residuals": "evaluations of the equations",
+    "Jacobians": "evaluations of the Jacobian",
+    "factoris.": "factorisations",
+    "Newton": "Newton iterations",
+    "kB": "size of the accepted steps kept (t, y, y')",
+    "": "* no other run is both cheaper in CPU time and more accurate",
+}
 
 
 def table(w: Comparison) -> str:
-    """Heading, one line per run, failures with their reasons, verdict."""
-    from rich.console import Console
-    from rich.table import Table
-
-    grid = Table(*COLUMNS, box=None, pad_edge=False, header_style="", show_edge=False)
-    for column in grid.columns[1:-1]:
-        column.justify = "right"
-    for column in grid.columns:
-        column.no_wrap = True
-    for row in w.runs:
-        grid.add_row(*cells(row))
-    out = io.StringIO()
-    console = Console(file=out, width=WIDTH, color_system=None, force_terminal=False, highlight=False, markup=False)
-    console.print(f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", "", sep="\n")
-    console.print(grid)
-    console.print("* no other run is both cheaper and more accurate", "", sep="\n")
-    for (label, reason), asked in _by_reason(w.failures).items():
-        console.print(f"failed: {label} asked for {', '.join(asked)}: {reason}")
-    console.print(w.verdict)
-    return "\n".join(line.rstrip() for line in out.getvalue().splitlines())
+    """Heading, one line per run, failures with their reasons, pairwise differences, verdict."""
+    lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
+    lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
+    lines += ["* no other run is both cheaper and more accurate", ""]
+    lines += failure_lines(w.failures)
+    lines += [str(w.pairwise), *grid(pairwise_cells(w)), "", w.verdict, environment_line(w)]
+    return "\n".join(part for line in lines for part in _wrapped(line))
 
 
-def _by_reason(failures: Sequence[Row]) -> dict[tuple[str, str], list[str]]:
+def _wrapped(line: str) -> list[str]:
+    if len(line) <= WIDTH or "  " in line:
+        return [line]
+    return textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def grid(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of cells, the first column to the left, the others to the right."""
+    if not rows:
+        return []
+    widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
+    return ["  ".join([row[0].ljust(widths[0]), *(c.rjust(n) for c, n in zip(row[1:], widths[1:], strict=True))]).rstrip()
+            for row in rows]  # fmt: skip
+
+
+def failure_lines(failures: Sequence[Row]) -> list[str]:
     """Accuracies asked, by run and reason: the same reason is told once."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
-        reasons.setdefault((row.label, row.failure or ""), []).append(_number(row.accuracy, ".0e"))
-    return reasons
+        reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
+    return [f"failed: {label} asked for {', '.join(asked)}: {reason}" for (label, reason), asked in reasons.items()]
+
+
+def pairwise_cells(w: Comparison) -> list[tuple[str, ...]]:
+    """Heading and lower triangle of the differences between the tightest runs; nothing for fewer than two."""
+    p = w.pairwise
+    if len(p.runs) < 2:
+        return []
+    lines = [("tightest runs", *(f"({j + 1})" for j in range(len(p.runs) - 1)))]
+    for i, (label, asked) in enumerate(zip(p.runs, p.asked, strict=True)):
+        shown = [f"{d:.1e}" if j < i else "" for j, d in enumerate(p.differences[i][: len(p.runs) - 1])]
+        lines.append((f"({i + 1}) {label}, {asked}", *shown))
+    return lines
+
+
+def environment_line(w: Comparison) -> str:
+    """CPU time spent, and what with."""
+    versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
+    return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
+            f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """One run as texts, in the order of COLUMNS."""
-    counts = [str(n) for n in (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations)]
+    counts = (row.steps, row.rejected, row.residuals, row.jacobians, row.factorisations, row.newton_iterations)
     mark = "failed" if row.failure else "*" if row.pareto else ""
     times = (_number(row.cpu_s, ".3f"), _number(row.cpu_spread_s, ".3f"))
     asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
-    return (row.label, *asked, _number(row.error, ".1e"), *times, *counts, mark)
+    size = None if row.stored_bytes is None else row.stored_bytes / 1000
+    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), _number(size, ".0f"), mark)
 
 
 def _number(value: float | None, form: str) -> str:

@@ -31,8 +31,8 @@ def statement(d: Derived) -> list[tuple[Target, Expr]]:
     if not isinstance(d.law, Force):
         return []
     v, law = d.variation, d.law
-    force, torque = law.wrench(*d.frames) or (ZERO, ZERO)
-    parts = [law.energy(*d.frames), law.dissipation(*d.frames), *force, *torque, *d.frames[-1].r]
+    force, torque = law.wrench(*d.sides) or (ZERO, ZERO)
+    parts = [law.energy(*d.sides), law.dissipation(*d.frames), *force, *torque, *d.frames[1].r]
     names = ["V", "R", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "rx", "ry", "rz"]
     return [((n,), v.resolve(v.name(e))) for n, e in zip(names, parts, strict=True)]
 

@@ -95,7 +95,7 @@ def virtual_work(case: Case) -> Iterator[Measured]:
     if isinstance(d.law, Element):
         return
     stated = {n: c.real for n, c in table(case, statement, case.values).items()}
-    lam = columns(d.multipliers, case.values)
+    lam = _row_forces(case)
     for f in d.frames:
         for i in range(f.kind.sizes[1]):
             unit = {side: np.zeros_like(u) for side, u in case.u.items()}
@@ -107,6 +107,17 @@ def virtual_work(case: Case) -> Iterator[Measured]:
             yield from compared([f"u {f.side} {i}"], got[:, None], expected[:, None])
 
 
+def _row_forces(case: Case) -> Array:
+    """(points, rows) lambda, or scaling lambda + 2 penalty c where the joint has the scaling and penalty of Eq. 2."""
+    d, values = case.d, case.values
+    lam = columns(d.multipliers, values)
+    if getattr(d.law, "scaling", None) is not None:
+        lam = lam * values["scaling"][:, None]
+    if getattr(d.law, "penalty", None) is not None:
+        lam = lam + 2 * values["penalty"][:, None] * case.evaluate(position, values).real
+    return lam
+
+
 def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: dict[str, Array]) -> Array:
     """dV + dR/du - wrench on a unit velocity of one side."""
     symbol = str(f.u[i])
@@ -115,7 +126,7 @@ def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: 
     shifted = case.values | {symbol: case.values[symbol] + 1j * STEP}
     dR = case.evaluate(statement, shifted).imag[:, names.index("R")] / STEP
     force, torque, point = (np.stack([stated[a + b] for b in "xyz"], axis=-1) for a in "FMr")
-    n = 2 if f.kind.flat else 3
+    n = f.kind.translations
     center, move, spin = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
     center[:, :n] = np.stack([case.values[str(s)] for s in f.q[:n]], axis=-1)
     move[:, :n] = unit[f.side][:, :n]
@@ -184,7 +195,7 @@ def inertia(case: Case) -> Iterator[Measured]:
     up = np.stack([values[f"{b.side}_up{i + 1}"] for i in range(u.shape[1])], axis=-1)
     F = covector(case, values)
     stepped = values | {str(s): u[:, i] + 1j * STEP * up[:, i] for i, s in enumerate(b.u)}
-    dT = case.evaluate(scalars, stepped).imag[:, 0] / STEP
+    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # the one scalar of an element; a massless one has none
     yield from compared(["dT/dt"], power_on(case, F, {b.side: u})[:, None], dT[:, None])
     if b.kind is NodeKind.SPATIAL:
         L, L_dot = (_angular_momentum(case, values, b, w) for w in (u, up))
@@ -195,7 +206,7 @@ def inertia(case: Case) -> Iterator[Measured]:
 def _angular_momentum(case: Case, values: Values, b: Frame, u: Array) -> Array:
     """dT/dOmega (points, 3) at velocities u, body components."""
     at = values | {str(s): u[:, i] for i, s in enumerate(b.u)}
-    columns_ = [case.evaluate(scalars, at | {str(s): at[str(s)] + 1j * STEP}).imag[:, 0] / STEP for s in b.u[3:]]
+    columns_ = [case.evaluate(scalars, at | {str(s): at[str(s)] + 1j * STEP}).imag.sum(axis=1) / STEP for s in b.u[3:]]
     return np.stack(columns_, axis=-1)
 
 
@@ -226,7 +237,7 @@ def planar(case: Case) -> Iterator[Measured]:
     if not any(f.kind.flat for f in d.frames) or (d.frames[0].axes is Axes.IN_PLANE and not isinstance(d.law, Joint)):
         return
     kinds = {NodeKind.PLANAR: NodeKind.SPATIAL, NodeKind.PLANAR_POINT: NodeKind.POINT, NodeKind.PLANAR_GROUND: NodeKind.GROUND}
-    other = case.variant(tuple((kinds[f.kind], Axes.GENERAL) for f in d.frames))
+    other = case.variant(tuple((kinds.get(f.kind, f.kind), Axes.GENERAL) for f in d.frames))
     values = embedded(d, case.values, other.d)
     states = {f"state_{name}": start.real for name, start in table(other, starts, values).items()}
     own, values = case.values | states, values | states

@@ -48,7 +48,7 @@ class States:
     def _point(self, relative: Any, together: bool) -> dict[str, float]:
         d, rng = self.d, self.rng
         flat = any(f.kind.flat for f in d.frames)
-        J = joint_axes(d.frames[0].axes if d.frames[0].kind.oriented else d.frames[-1].axes, rng)
+        J = joint_axes(d.frames[0].axes if d.frames[0].kind.oriented else d.sides[-1].axes, rng)
         values = {str(s): float(rng.normal()) for s in [*d.multipliers, *d.stabilisers]}
         values |= {f"{prefix}_{n}": float(rng.normal()) for n in d.law.states for prefix in ("state", "statep")}
         for name in d.law.params:
@@ -60,7 +60,9 @@ class States:
         if any(f.kind in (NodeKind.GROUND, NodeKind.PLANAR_GROUND) for f in d.frames):
             common = np.eye(3) if not d.frames[0].kind.moves else turn(about).T
         at: Array | None = None
-        for f in d.frames:
+        for f in d.frames[2:]:
+            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)}
+        for f in d.sides:
             motion = common if f is d.frames[0] else common @ turn(about)
             at = self._side(values, f, J, motion, at if together else None)
         return values
@@ -143,6 +145,8 @@ def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Value
     A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])
     out = dict(values)
     for f in d.frames:
+        if f.kind is NodeKind.COORDINATE:
+            continue
         n = 2 if flat else 3
         q, u = positions(f, values).copy(), velocities(f, values).copy()
         q[:, :n], u[:, :n] = q[:, :n] @ A[:n, :n].T + c[:n], u[:, :n] @ A[:n, :n].T
@@ -159,7 +163,10 @@ def rigid_velocities(d: Derived, values: Values, direction: int) -> dict[str, Ar
     e = np.eye(3)[direction % 3]
     out = {}
     for f in d.frames:
-        q, n = positions(f, values), 2 if f.kind.flat else 3
+        q, n = positions(f, values), f.kind.translations
+        if f.kind is NodeKind.COORDINATE:
+            out[f.side] = np.zeros((len(q), 1))
+            continue
         center = np.zeros((len(q), 3))
         center[:, :n] = q[:, :n]
         u = np.zeros((len(q), f.kind.sizes[1]))
@@ -175,7 +182,7 @@ def embedded(d: Derived, values: Values, spatial: Derived) -> Values:
     out = dict(values)
     zero = np.zeros(len(next(iter(values.values()))))
     out |= {str(s): zero for s in [*spatial.multipliers, *spatial.stabilisers] if str(s) not in values}
-    for f, s in zip(d.frames, spatial.frames, strict=True):
+    for f, s in zip(d.sides, spatial.sides, strict=True):
         q, u = positions(f, values), velocities(f, values)
         if s.kind is NodeKind.SPATIAL:
             c, h = np.cos(q[:, 2] / 2), np.sin(q[:, 2] / 2)

@@ -22,13 +22,14 @@ _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
 def sides_of(law: type[Law]) -> list[tuple[Side, ...]]:
     """Node kinds and axes patterns a law may meet."""
     if issubclass(law, Element):
-        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR) if kind.moves]
+        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, NodeKind.COORDINATE) if kind.moves]
     pairs = [(k, l, Axes.GENERAL) for k, l in product(_SPATIAL, _SPATIAL)]
     pairs += [(k, l, Axes.NORMAL) for k, l in product(_PLANAR, _PLANAR)]
     pairs += [(k, l, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for k, l in product(_PLANAR[:2], _PLANAR[:1])]
     outside = issubclass(law, Force) and law.external
+    own = [(NodeKind.COORDINATE, Axes.GENERAL)] if law.coordinates else []
     allowed = [(k, l, a) for k, l, a in pairs if (k.moves or l.moves) and not (outside and k.moves)]
-    return [((k, axes), (l, axes)) for k, l, axes in allowed]
+    return [((k, axes), (l, axes), *own) for k, l, axes in allowed]
 
 
 def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
@@ -82,7 +83,7 @@ def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -
 def _is_main(law: type[Law], sides: tuple[Side, ...]) -> bool:
     """Between two bodies (a body and the ground for loads from outside), the axis of a planar variant along the normal."""
     outside = issubclass(law, Force) and law.external
-    return all(kind.turns for kind, _ in sides[1 if outside else 0 :]) and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)
+    return all(kind.turns for kind, _ in sides[1 if outside else 0 : 2]) and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)
 
 
 def _variant_name(structure: Structure, sides: tuple[Side, ...]) -> str:

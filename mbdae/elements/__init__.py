@@ -1,6 +1,7 @@
 """Element laws (bodies), one per file."""
 
+from mbdae.elements.joint_coordinate import JointCoordinate
 from mbdae.elements.point_mass import PointMass
 from mbdae.elements.rigid_body import RigidBody
 
-__all__ = ["PointMass", "RigidBody"]
+__all__ = ["JointCoordinate", "PointMass", "RigidBody"]

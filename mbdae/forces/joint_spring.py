@@ -10,26 +10,40 @@ from mbdae.symbolic.variation import nearest_turn, rate
 from mbdae.symbolic.vectors import Expr
 
 
-class JointSpring(Force):
+class _OnCoordinate(Force):
+    """A law on the free coordinate of the joint it belongs to: its relative motion, or its own unknown."""
+
+    options = ("joint",)
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return tuple(self.joint.coordinates)
+
+    def _coordinate(self, k: Frame, l: Frame) -> Expr:
+        joint = self.joint.symbolic(Structure())
+        for name in self.own_coordinates:
+            setattr(joint, name, getattr(self, name))
+        return joint.coordinate(k, l)
+
+
+class JointSpring(_OnCoordinate):
     """V = stiffness (c - rest)^2 / 2 of the joint's coordinate c (angle or displacement); paper Eq. 18, any attitude.
 
-    In space the angle is known modulo a turn only. One differential state follows it (its rate is the rate of the
-    angle), its value selects the turn: no history, safe under rejected steps. In the plane no state is needed.
+    In space the angle is known modulo a turn only, unless the joint keeps it as an unknown. One differential state
+    follows it (its rate is the rate of the angle), its value selects the turn: no history, safe under rejected steps.
+    In the plane no state is needed.
     """
 
     params = params(
         stiffness=("N m/rad or N/m", "stiffness"), rest=("rad or m", "coordinate without force"),
         turns=("rad", "whole turns of the start angle"),
     )  # fmt: skip
-    options = ("joint",)
     states: ClassVar[dict[str, Parameter]] = {"followed": Parameter("rad", "angle followed through all turns")}
-
-    def _coordinate(self, k: Frame, l: Frame) -> Expr:
-        return self.joint.symbolic(Structure()).coordinate(k, l)
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         c = self._coordinate(k, l)
-        if self.joint.coordinate_unit == "rad" and NodeKind.PLANAR not in (k.kind, l.kind):
+        known_modulo_turns = self.joint.coordinate_unit == "rad" and not self.own_coordinates
+        if known_modulo_turns and NodeKind.PLANAR not in (k.kind, l.kind):
             c = nearest_turn(c, self.followed)
         return self.stiffness * (c - self.rest) ** 2 / 2
 
@@ -40,12 +54,10 @@ class JointSpring(Force):
         return {"followed": self._coordinate(k, l) + self.turns}
 
 
-class JointDamper(Force):
+class JointDamper(_OnCoordinate):
     """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, any attitude."""
 
     params = params(damping=("N m s/rad or N s/m", "damping"))
-    options = ("joint",)
 
     def dissipation(self, k: Frame, l: Frame) -> Expr:
-        c = self.joint.symbolic(Structure()).coordinate(k, l)
-        return self.damping * rate(c) ** 2 / 2
+        return self.damping * rate(self._coordinate(k, l)) ** 2 / 2

@@ -8,7 +8,7 @@ from typing import ClassVar
 from mbdae.formulations.base import Form
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
-from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, state_rows, velocity
+from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, scaled, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
 
@@ -17,7 +17,7 @@ def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """q' = H (u + G^T mu), M u' + G^T lambda = f, G u + g_t = 0, g = 0."""
     if isinstance(d.law, Element):
         return [*kinematics(d), *dynamics(d)]
-    return [*dynamics(d), *correction(d), *velocity(d), *position(d), *state_rows(d)]
+    return [*dynamics(d), *correction(d), *scaled(d, velocity(d)), *scaled(d, position(d)), *state_rows(d)]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import symengine as se
 
 from mbdae.joints.coincidence import same_axis, same_point
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Joint, params
+from mbdae.symbolic.law import AUGMENTED, Joint, params
 from mbdae.symbolic.vectors import Expr
 
 
@@ -18,7 +18,7 @@ class Revolute(Joint):
     The multiplier of the driven row is the torque of the drive on l about k.z, N m.
     """
 
-    params = params(drive=("rad", "prescribed relative angle phi(t)"))
+    params = params(drive=("rad", "prescribed relative angle phi(t)")) | AUGMENTED
     coordinate_unit = "rad"
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:

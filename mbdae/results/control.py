@@ -53,9 +53,10 @@ def distance(prepared: Prepared, a: Array, b: Array) -> Array:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
-        n = 2 if node.kind.flat else 3
+        n = node.kind.translations
         q_a, q_b = a[:, node.q : node.q + node.kind.sizes[0]], b[:, node.q : node.q + node.kind.sizes[0]]
-        worst = np.maximum(worst, np.linalg.norm(q_a[:, :n] - q_b[:, :n], axis=1) / prepared.length)
+        unit = prepared.length if node.body is not None else 1.0
+        worst = np.maximum(worst, np.linalg.norm(q_a[:, :n] - q_b[:, :n], axis=1) / unit)
         if q_a.shape[1] == 3 and node.kind.turns:
             worst = np.maximum(worst, np.abs(q_a[:, 2] - q_b[:, 2]))
         elif q_a.shape[1] == 7:

@@ -1,17 +1,21 @@
-"""Pictures of sensors over time: readable in grey and by the colour-blind, a unit on every axis."""
+"""Pictures of sensors: readable in grey and by the colour-blind, a unit on every axis."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mbdae.errors import OptionError
 from mbdae.notation import axis_label
+from mbdae.scene.components import Array, Body, Connection, Place
 
 #: Okabe and Ito's colours, ordered by falling contrast; the line style changes with the colour for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+PICTURES = (".png", ".svg", ".pdf")
 
 
 def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
@@ -21,46 +25,194 @@ def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any,
     figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
     for a in axes:
-        a.grid(True, color="0.9")
-        a.spines[["top", "right"]].set_visible(False)
+        dress(a)
     return figure, list(axes)
 
 
+def dress(axis: Any) -> None:
+    """Light grid, no box."""
+    axis.grid(True, color="0.9")
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
 def style(i: int) -> dict[str, Any]:
-    """Colour and dash of the i-th line."""
-    return {"color": COLOURS[i % len(COLOURS)], "linestyle": STYLES[i % len(STYLES)], "linewidth": 1.4}
+    """Colour and dash of the i-th line; no pair comes twice before the 49th."""
+    n = len(COLOURS)
+    return {"color": COLOURS[i % n], "linestyle": STYLES[(i + i // n) % len(STYLES)], "linewidth": 1.4}
 
 
-def plot_results(results: Sequence[Any], sensors: Sequence[str], path: Any = None, labels: Sequence[str] = ()) -> Any:
-    """One panel per quantity; sensors of the same quantity share it, vectors show their components."""
-    by_quantity: dict[str, list[str]] = {}
-    for sensor in sensors:
-        by_quantity.setdefault(sensor.rpartition(".")[2], []).append(sensor)
-    figure, axes = new_figure(len(by_quantity))
-    for axis, (quantity, paths) in zip(axes, by_quantity.items(), strict=True):
-        _draw(axis, results, paths, labels)
-        axis.set_ylabel(axis_label(quantity.replace("_", " "), quantity))
-        if len(axis.lines) > 1:
-            axis.legend(frameon=False, fontsize="small", ncols=2)
-        elif paths:
-            axis.set_title(paths[0], fontsize="medium", loc="left")
-    axes[-1].set_xlabel(axis_label("time", "time"))
+def checked(path: Any, suffixes: Sequence[str] = PICTURES, what: str = "plot") -> Path:
+    """The path to write to; OptionError where its suffix or its folder cannot be used."""
+    file = Path(path)
+    if file.suffix.lower() not in suffixes:
+        known = ", ".join(suffixes[:-1]) + f" or {suffixes[-1]}"
+        raise OptionError(f"{what} writes {known}, got {str(path)!r}")
+    if not file.parent.is_dir():
+        raise OptionError(f"{what}: there is no folder {str(file.parent)!r} to write {file.name!r} into; make it first")
+    return file
+
+
+def written(figure: Any, path: Any, what: str = "plot") -> Any:
+    """The figure, saved where a path is given."""
     if path is not None:
-        figure.savefig(path, dpi=150)
+        figure.savefig(checked(path, what=what), dpi=150)
     return figure
 
 
-def _draw(axis: Any, results: Sequence[Any], paths: Sequence[str], labels: Sequence[str]) -> None:
-    line = 0
-    for path in paths:
-        for n, result in enumerate(results):
-            values = result.read(path)
-            columns = values[:, None] if values.ndim == 1 else values.reshape(len(values), -1)
-            for j in range(columns.shape[1]):
-                if columns.shape[1] > 1 and not np.any(columns[:, j]):
-                    continue  # a planar model has no such component
-                name = path + (f" {'xyz'[j]}" if columns.shape[1] == 3 else "") + (f" ({labels[n]})" if labels else "")
-                axis.plot(result.t, columns[:, j], label=name, **style(line))
-                line += 1
+# ---- reading sensors ---------------------------------------------------------------------------------------------------
 
 
+def numbers(result: Any, sensor: str) -> Array:
+    """A sensor as (nt, n) numbers; SceneError where there is none of that name, OptionError where it is no number."""
+    values = result.read(sensor)
+    if values.dtype.kind not in "fi" or values.shape[:1] != result.t.shape:
+        raise OptionError(f"'{sensor}' is not a quantity over time; plot a sensor such as '{sensor.rpartition('.')[0]}.position'")
+    return np.asarray(values.reshape(len(values), -1), dtype=float)
+
+
+def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
+    """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars; of a planar model those in its plane."""
+    values, quantity = numbers(result, sensor), sensor.rpartition(".")[2]
+    names = {1: [""], 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
+    shown = names
+    if result.prepared.model.planar and len(names) == 3:
+        shown = ["z"] if quantity in ("angular_velocity", "torque") else ["x", "y"]
+    elif result.prepared.model.planar and len(names) == 9:
+        shown = ["xx", "xy", "yx", "yy"]
+    return [(name, values[:, names.index(name)]) for name in shown]
+
+
+def quantity_of(result: Any, sensor: str) -> str:
+    """Key of the table of symbols: what a sensor measures and in which unit."""
+    name, _, quantity = sensor.rpartition(".")
+    law = getattr(result.prepared.model.scene[name], "joint", None)
+    return "speed" if quantity == "rate" and getattr(law, "coordinate_unit", "") == "m" else quantity
+
+
+def label_of(result: Any, sensor: str, component: str = "") -> str:
+    """A sensor's name and component with its unit."""
+    return axis_label(sensor + (f" {component}" if component else ""), quantity_of(result, sensor))
+
+
+def track(result: Any, place: Any) -> tuple[str, Array]:
+    """Name and path (nt, 3), m, of a place: a Place, or the name of a body, of a joint, or of a position sensor."""
+    if isinstance(place, Place):
+        at = ", ".join(f"{x:g}" for x in place.point[: 2 if result.prepared.model.planar else 3])
+        return f"{place.body.name} at ({at})", np.asarray(result[place].position)
+    name, _, quantity = str(place.name if isinstance(place, Body | Connection) else place).rpartition(".")
+    name, quantity = (name, quantity) if name else (quantity, "position")
+    item = result.prepared.model.scene[name]
+    if isinstance(item, Connection) and quantity == "position":
+        law: Any = item.joint
+        at_l = getattr(law, "at_l", None)
+        return name, np.asarray(result[Place(item.l, law.at if at_l is None else at_l)].position)
+    if quantity != "position":
+        raise OptionError(f"'{place}' is not a place; name a body, a joint, '{name}.position' or a place such as body.at(point)")
+    return name, np.asarray(result.read(f"{name}.position"))
+
+
+def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tuple[str, Any]]:
+    """(label, result) of a result and those it is compared with; labels are made where none are given."""
+    others = [] if against is None else list(against) if isinstance(against, list | tuple) else [against]
+    results = [result, *others]
+    if labels is None:
+        labels = _told_apart(results) if others else [""]
+    if isinstance(labels, str) or len(labels) != len(results):
+        given = 1 if isinstance(labels, str) else len(labels)
+        raise OptionError(f"labels has {given} entries for {len(results)} results; give one for each, this result first")
+    return list(zip(labels, results, strict=True))
+
+
+def _told_apart(results: list[Any]) -> list[str]:
+    solvers = [f"{r.info.solver.label} {r.info.form}" for r in results]
+    for names in ([r.prepared.model.scene.name for r in results], solvers):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{i + 1}: {name}" for i, name in enumerate(solvers)]
+
+
+# ---- pictures ----------------------------------------------------------------------------------------------------------
+
+
+def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], path: Any = None) -> Any:
+    """One panel per quantity; sensors of the same quantity share it, vectors show their components."""
+    if not sensors:
+        raise OptionError("plot: name at least one sensor, e.g. r.plot('C.angle')")
+    if path is not None:
+        checked(path)
+    first, by_quantity = results[0][1], dict[str, list[str]]()
+    for sensor in sensors:
+        numbers(first, sensor)
+        by_quantity.setdefault(quantity_of(first, sensor), []).append(sensor)
+    figure, axes = new_figure(len(by_quantity))
+    for axis, (quantity, names) in zip(axes, by_quantity.items(), strict=True):
+        _panel(axis, results, names)
+        axis.set_ylabel(axis_label(quantity.replace("_", " "), quantity))
+        _legend(axis)
+    axes[-1].set_xlabel(axis_label("time", "time"))
+    return written(figure, path)
+
+
+def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str]) -> None:
+    for sensor in sensors:
+        for label, result in results:
+            for component, values in components(result, sensor):
+                name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
+                axis.plot(result.t, values, label=name, **style(len(axis.lines)))
+
+
+def _legend(axis: Any) -> None:
+    if len(axis.lines) > 1:
+        axis.legend(frameon=False, fontsize="small", ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+    else:
+        axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")
+
+
+def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = None) -> Any:
+    """One sensor against another; components of vectors in pairs."""
+    figure, (axis,) = new_figure(1, 6.0, 4.2)
+    for label, result in results:
+        across, up = components(result, x), components(result, y)
+        if len(across) != len(up) and 1 not in (len(across), len(up)):
+            raise OptionError(f"phase: '{x}' has {len(across)} components and '{y}' has {len(up)}; give two of equal number")
+        n = max(len(across), len(up))
+        for (cx, a), (cy, b) in zip(across * (n // len(across)), up * (n // len(up)), strict=True):
+            part = "" if n == 1 else cx if cx == cy else f"{cx}{cy}"
+            _path(axis, a, b, " ".join(p for p in (part, label) if p) or None)
+    first = results[0][1]
+    _frame(axis, label_of(first, x), label_of(first, y))
+    return written(figure, path, "phase")
+
+
+def plot_orbit(results: Sequence[tuple[str, Any]], place: Any, axes: str, path: Any = None) -> Any:
+    """Path of a place seen along the third axis, equal scales, m."""
+    if len(axes) != 2 or axes[0] == axes[1] or not set(axes) <= set("xyz"):
+        raise OptionError(f"orbit: axes={axes!r} is not a plane; give two of x, y and z, e.g. axes='xy'")
+    figure, (axis,) = new_figure(1, 6.0, 4.8)
+    i, j = "xyz".index(axes[0]), "xyz".index(axes[1])
+    for label, result in results:
+        name, r = track(result, place)
+        _path(axis, r[:, i], r[:, j], label or None)
+    axis.set_aspect("equal", "datalim")
+    _frame(axis, axis_label(f"{name} {axes[0]}", "position"), axis_label(f"{name} {axes[1]}", "position"))
+    return written(figure, path, "orbit")
+
+
+def _path(axis: Any, x: Array, y: Array, label: str | None) -> None:
+    """A line with its start (ring) and end (square) marked."""
+    look = style(len(axis.lines) // 3)
+    axis.plot(x, y, label=label, **look)
+    for k, marker, face in ((0, "o", "white"), (-1, "s", look["color"])):
+        axis.plot(x[k], y[k], marker, color=look["color"], markerfacecolor=face, markersize=6.5, markeredgewidth=1.5)
+
+
+def _frame(axis: Any, x: str, y: str) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [line for line in axis.lines if not line.get_label().startswith("_")]
+    handles += [Line2D([], [], color="0.3", marker=m, markerfacecolor=f, linestyle="", label=text)
+                for m, f, text in (("o", "white", "start"), ("s", "0.3", "end"))]  # fmt: skip
+    axis.set_xlabel(x)
+    axis.set_ylabel(y)
+    axis.legend(handles=handles, frameon=False, fontsize="small", ncols=4, loc="lower left", bbox_to_anchor=(0, 1))

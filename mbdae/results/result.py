@@ -219,11 +219,39 @@ class Result:
 
     # -- output
 
-    def plot(self, *sensors: str, path: Any = None) -> Any:
-        """Draw sensors ("C.angle", "D.force") over time; returns the matplotlib figure, saved where `path` is given."""
-        from mbdae.results.plots import plot_results
+    def plot(self, *sensors: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
+        """Draw sensors ("C.angle", "D.force") over time, one panel per quantity; returns the matplotlib figure.
 
-        return plot_results([self], sensors, path)
+        against: a Result or a list of them drawn along; labels: one per result, this one first; path: .png, .svg, .pdf."""
+        from mbdae.results.plots import compared, plot_results
+
+        return plot_results(compared(self, against, labels), sensors, path)
+
+    def phase(self, x: str, y: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
+        """Draw one sensor over another ("C.angle", "C.rate"), start and end marked; options as for `plot`."""
+        from mbdae.results.plots import compared, plot_phase
+
+        return plot_phase(compared(self, against, labels), x, y, path)
+
+    def orbit(self, place: Any, axes: str = "xy", against: Any = None, labels: Sequence[str] | None = None,
+              path: Any = None) -> Any:  # fmt: skip
+        """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
+
+        place: a body, a joint or their name, "hub.position", or body.at(point); other options as for `plot`."""
+        from mbdae.results.plots import compared, plot_orbit
+
+        return plot_orbit(compared(self, against, labels), place, axes, path)
+
+    def animate(self, path: Any, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
+                trail: Any = None) -> None:  # fmt: skip
+        """Write the motion as a .gif, or as an .html player that needs nothing but a browser.
+
+        sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
+        (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
+        takes them, one or a list."""
+        from mbdae.results.animation import animate
+
+        animate(self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load` reads it."""

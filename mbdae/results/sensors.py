@@ -76,7 +76,7 @@ class BodySensor:
     def _translation(self, table: Array, start: int) -> Array:
         out = np.zeros((len(self._result.t), 3))
         if self._node is not None:
-            n = 2 if self._node.kind.flat else 3
+            n = self._node.kind.translations
             out[:, :n] = table[:, start : start + n]
         return out
 

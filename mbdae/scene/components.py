@@ -75,5 +75,22 @@ class Connection:
 
 
 @dataclass(frozen=True)
-class Kinematic:
-    """Joint model: constraints between absolute nodes; two rotation rows, a third where the angle is prescribed."""
+class JointModel:
+    """How a revolute joint is modelled.
+
+    scaling, penalty: of the paper's Eq. 2, V = scaling lambda.c + penalty c.c over the joint's rows c (penalty in N m,
+    rows in m count as rad): scaling > 0, penalty >= 0.
+    """
+
+    scaling: float = 1.0
+    penalty: float = 0.0
+
+
+@dataclass(frozen=True)
+class Kinematic(JointModel):
+    """Constraints between absolute nodes: two rotation rows, a third where the angle is prescribed."""
+
+
+@dataclass(frozen=True)
+class Classical(JointModel):
+    """The angle is an unknown of its own: three rotation rows, a fourth where the angle is prescribed."""

@@ -22,15 +22,15 @@ from mbdae.forces import (
     PointSpring,
     RotationalBushing,
 )
-from mbdae.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import inertia as mass_properties
-from mbdae.scene import timed
-from mbdae.scene.components import Array, Body, Connection, Kinematic, Place
-from mbdae.scene.record import Statement, statement
+from mbdae.scene.components import Array, Body, Classical, Connection, JointModel, Kinematic, Place
+from mbdae.scene.reading import Reading
+from mbdae.scene.record import Statement, encode, replay, statement
 from mbdae.symbolic.law import Force, Joint, Law
 
 
-class SceneData:
+class SceneData(Reading):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
 
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
@@ -157,12 +157,11 @@ class SceneData:
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
                start: float | None, rate0: float | None, spring: float | None, damper: float | None,
                load: Any) -> Connection:  # fmt: skip
-        if model is not None and not isinstance(model, Kinematic):
-            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic()")
+        law, values = self._modelled(kind, name, law, model)
         where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
         place: dict[str, Any] = {"k": k, "l": l, "at": where, "axis": direction}
         prescribed = self._timed(name, "position" if law is Prismatic else "angle", drive, law.coordinate_unit)
-        laws: list[Law] = [law(name, drive=prescribed, **place)]
+        laws: list[Law] = [law(name, drive=prescribed, **values, **place)]
         unit = law.coordinate_unit
         for value, what in ((start, "position0" if law is Prismatic else "angle0"), (rate0, "rate0")):
             if value is not None and drive is not None:
@@ -171,15 +170,32 @@ class SceneData:
         rate0 = None if rate0 is None else self._number(name, "rate0", rate0, f"{unit}/s")
         turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
         if spring is not None:
-            stiffness = self._number(name, "spring", spring, "N m/rad" if law is Revolute else "N/m")
+            stiffness = self._number(name, "spring", spring, "N m/rad" if unit == "rad" else "N/m")
             laws.append(JointSpring(name, stiffness=stiffness, rest=0.0, turns=turns, joint=law, **place))
         if damper is not None:
-            damping = self._damping(name, "damper", damper, "N m s/rad" if law is Revolute else "N s/m")
+            damping = self._damping(name, "damper", damper, "N m s/rad" if unit == "rad" else "N s/m")
             laws.append(JointDamper(name, damping=damping, joint=law, **place))
         if load is not None:
-            value = self._timed(name, "torque" if law is Revolute else "force", load)
-            laws.append(JointTorque(name, torque=value, **place) if law is Revolute else JointForce(name, force=value, **place))
+            value = self._timed(name, "torque" if unit == "rad" else "force", load)
+            laws.append(JointTorque(name, torque=value, **place) if unit == "rad" else JointForce(name, force=value, **place))
         return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))
+
+    def _modelled(self, kind: str, name: str, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
+        """The law of a joint model, and what Eq. 2 adds to it where it is used."""
+        model = model if model is not None else Kinematic()
+        if not isinstance(model, JointModel):
+            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic() or mb.Classical()")
+            return law, {}
+        if law is not Revolute and model != Kinematic():
+            self.problems.append(f"{kind} '{name}': model={model!r} exists for revolute joints only; leave it out")
+            return law, {}
+        scaling = self._number(name, "model.scaling", model.scaling, "")
+        penalty = self._number(name, "model.penalty", model.penalty, "N m")
+        if scaling <= 0 or penalty < 0:
+            self.problems.append(f"{kind} '{name}': model={model!r}: give scaling > 0 and penalty >= 0")
+            return law, {}
+        extra = ({"scaling": scaling} if scaling != 1 else {}) | ({"penalty": penalty} if penalty else {})
+        return (ClassicalRevolute if isinstance(model, Classical) else law), extra
 
     # -- forces
 
@@ -285,6 +301,22 @@ class SceneData:
                                          f"attach to it where it is")  # fmt: skip
                     break
 
+    # -- variants
+
+    def replace(self, *names: str, model: JointModel) -> Any:
+        """A new scene with another model of the named revolute joints (of all of them without names)."""
+        known = [c.name for c in self.connections if c.kind == "revolute"]
+        wrong = [n for n in names if n not in known]
+        if wrong:
+            raise SceneError([f"there is no revolute joint '{wrong[0]}' in scene '{self.name}'; it has {known}"])
+        chosen, statements = set(names or known), []
+        for method, args, kwargs in self.statements:
+            if method == "revolute" and (args[0] if args else kwargs["name"]) in chosen:
+                args, kwargs = args[:5], {**kwargs, "model": encode(model)}
+            statements.append([method, args, kwargs])
+        data = {"name": self.name, "gravity": self.gravity.tolist(), "space": self.space, "statements": statements}
+        return replay(data, type(self))
+
     # -- access
 
     @property
@@ -335,62 +367,3 @@ class SceneData:
         if isinstance(body, str):
             body = next((b for b in self.bodies if b.name == body), self.ground)
         return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
-
-    def _number(self, item: str, option: str, value: Any, unit: str) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            self.problems.append(f"'{item}': {option} = {value!r} is not a number{f' ({unit})' if unit else ''}")
-            return 0.0
-        if not math.isfinite(number):
-            self.problems.append(f"'{item}': {option} = {number} {unit} is not finite")
-            return 0.0
-        return number
-
-    def _damping(self, item: str, option: str, value: Any, unit: str) -> float:
-        number = self._number(item, option, value, unit)
-        if number < 0:
-            self.problems.append(f"'{item}': {option} = {number:g} {unit} is negative: it would feed energy; give 0 or more")
-        return number
-
-    def _array(self, item: str, option: str, value: Any, shape: tuple[int, ...] | None) -> Array:
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            self.problems.append(f"'{item}': {option} = {value!r} is not an array of numbers")
-            return np.zeros(shape or 3)
-        if shape is not None and array.shape != shape:
-            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs {shape}")
-            return np.eye(3) if shape == (3, 3) else np.zeros(shape)
-        if not np.all(np.isfinite(array)):
-            self.problems.append(f"'{item}': {option} = {array.tolist()} is not finite")
-            return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))
-        return array
-
-    def _vector(self, item: str, option: str, value: Any, unit: str) -> Array:
-        array = self._array(item, option, value.point if isinstance(value, Place) else value, None)
-        if array.shape == (2,):
-            array = np.append(array, 0.0)
-        if array.shape != (3,):
-            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs 2 or 3 numbers ({unit})")
-            return np.zeros(3)
-        return array
-
-    def _axis(self, item: str, axis: Any) -> Array:
-        direction = self._vector(item, "axis", axis, "")
-        length = float(np.linalg.norm(direction))
-        if length == 0:
-            self.problems.append(f"'{item}': axis = {np.asarray(axis).tolist()} has length zero; give a direction")
-            return np.array([0.0, 0.0, 1.0])
-        return direction / length
-
-    def _timed(self, item: str, option: str, value: Any, unit: str = "") -> Any:
-        """None, a float, or an expression of time."""
-        if value is None:
-            return None
-        try:
-            e = timed.expression(value)
-        except (TypeError, ValueError) as error:
-            self.problems.append(f"'{item}': {option}: {error}")
-            return 0.0
-        return e if e.free_symbols else self._number(item, option, e, unit)

@@ -50,6 +50,23 @@ class Derived:
         return [se.Symbol(f"lambda_{row}") for row in self.rows]
 
     @property
+    def sides(self) -> tuple[Frame, ...]:
+        """The frames a law is stated on, without a joint coordinate."""
+        return self.frames[:2]
+
+    @property
+    def row_forces(self) -> list[Expr]:
+        """What multiplies the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
+        forces = [self.scaled(s) for s in self.multipliers]
+        penalty = getattr(self.law, "penalty", None)
+        return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]
+
+    def scaled(self, e: Expr) -> Expr:
+        """A row or multiplier times the scaling of the joint."""
+        scaling = getattr(self.law, "scaling", None)
+        return e if scaling is None else scaling * e
+
+    @property
     def stabilisers(self) -> list[Expr]:
         """Symbols of the stabilising multipliers mu."""
         return [se.Symbol(f"mu_{row}") for row in self.rows]
@@ -58,8 +75,11 @@ class Derived:
 @lru_cache(maxsize=512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
-    frames = tuple(make_frame(s, *side) for s, side in zip("kl" if len(sides) == 2 else "b", sides, strict=True))
-    return _Derivation(cls.symbolic(structure), Variation(frames, _clock(structure.timed))).run()
+    frames = tuple(make_frame(s, *side) for s, side in zip("b" if len(sides) == 1 else "klc"[: len(sides)], sides, strict=True))
+    law = cls.symbolic(structure)
+    for name in law.own_coordinates:
+        setattr(law, name, frames[2].q[0])
+    return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
 
 def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
@@ -88,11 +108,11 @@ class _Derivation:
         )  # fmt: skip
 
     def _coordinate(self) -> Expr:
-        stated = self.law.coordinate(*self.frames) if isinstance(self.law, Joint) and self._oriented() else None
+        stated = self.law.coordinate(*self.frames[:2]) if isinstance(self.law, Joint) and self._oriented() else None
         return _ZERO if stated is None else self.variation.name(stated)
 
     def _oriented(self) -> bool:
-        return all(f.kind.oriented for f in self.frames)
+        return all(f.kind.oriented for f in self.frames[:2])
 
     def _undefined(self, e: Expr) -> bool:
         return any(se.sympify(e).free_symbols & f.undefined for f in self.frames)
@@ -103,7 +123,7 @@ class _Derivation:
         vanished: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
-        stated = self.law.constraints(*self.frames) if isinstance(self.law, Joint) else {}
+        stated = self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
         for name, statement in stated.items():
             if self._undefined(statement):
                 vanished.append(name)
@@ -144,7 +164,8 @@ class _Derivation:
             return {}, (v.name(law.kinetic_energy(self.frames[0])), _ZERO, _ZERO)
         if not isinstance(law, Force):
             return {}, (_ZERO, _ZERO, _ZERO)
-        stated = [law.energy(*self.frames), law.dissipation(*self.frames), *(law.wrench(*self.frames) or (ZERO, ZERO))]
+        k, l = self.frames[:2]
+        stated = [law.energy(k, l), law.dissipation(k, l), *(law.wrench(k, l) or (ZERO, ZERO))]
         if any(self._undefined(e) for part in stated for e in (part if isinstance(part, Vec) else (part,))):
             raise LawError(f"{type(law).__name__} needs axes on both sides; a point mass has none")
         energy, rayleigh = v.name(stated[0]), v.name(stated[1])
@@ -162,6 +183,8 @@ class _Derivation:
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
         """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""
         force, torque = wrench
+        if f.side == "c":
+            return ZERO, ZERO
         sign = -1 if f.side == "l" else 1
         if not f.kind.turns:
             return sign * force, ZERO
@@ -171,7 +194,7 @@ class _Derivation:
         """Internal states the statement really uses for these frames, their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
-        rates, starts = (self.law.rates(*self.frames), self.law.initial(*self.frames)) if names else ({}, {})
+        rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
 

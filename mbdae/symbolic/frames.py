@@ -6,6 +6,7 @@ from the unknowns of the body's node is written once per kind of node:
     spatial   r = (r1, r2, r3), quaternion P; u = (v, Omega), v inertial, Omega in body components
     planar    r = (r1, r2, 0), R = Rz(theta);  u = (v1, v2, theta')
     point     r only: a mass point has no orientation, rows that need one fall away
+    joint coordinate   one scalar of a joint, without mass, in the first component of r
     ground    constants only
 
 One rule gives every variation: a vector a fixed to the frame changes by delta a = delta psi x a.
@@ -32,6 +33,7 @@ class NodeKind(Enum):
     PLANAR_POINT = "planar point"
     GROUND = "ground"
     PLANAR_GROUND = "planar ground"
+    COORDINATE = "joint coordinate"
 
     @property
     def turns(self) -> bool:
@@ -54,9 +56,15 @@ class NodeKind(Enum):
         return self not in (NodeKind.POINT, NodeKind.PLANAR_POINT)
 
     @property
+    def translations(self) -> int:
+        """Number of unknowns before those of rotation (the one unknown of a joint coordinate is counted here)."""
+        return {(7, 6): 3, (3, 3): 2 if self is NodeKind.PLANAR else 3}.get(self.sizes, self.sizes[0])
+
+    @property
     def sizes(self) -> tuple[int, int]:
         """Number of position and velocity unknowns."""
-        return {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2)}.get(self.value, (0, 0))
+        return {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2),
+                "joint coordinate": (1, 1)}.get(self.value, (0, 0))  # fmt: skip
 
 
 class Axes(Enum):
@@ -126,6 +134,9 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         heading = se.Integer(0)
         parameters += _axes_columns(axes, Q, UNIT, (x, y, z), structure, meaning)
         structure |= {offset[2]: 0} if kind.flat else {}
+    elif kind is NodeKind.COORDINATE:
+        r, v, s, w, spin, parameters = Vec(r[0], 0, 0), Vec(v[0], 0, 0), ZERO, ZERO, ZERO, []
+        q, u = [r[0]], [v[0]]
     elif not kind.turns:
         s, w, spin, parameters = ZERO, ZERO, ZERO, []
         undefined = frozenset([*x, *y, *z, heading, *body[0], *body[1], *body[2]])

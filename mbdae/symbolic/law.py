@@ -39,6 +39,10 @@ def params(**units: str | tuple[str, str]) -> dict[str, Parameter]:
     return {name: Parameter(*((spec,) if isinstance(spec, str) else spec)) for name, spec in units.items()}
 
 
+#: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
+AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
+
+
 @dataclass(frozen=True)
 class Structure:
     """What distinguishes two statements of one law class beside numbers: options, absent and timed parameters."""
@@ -54,6 +58,7 @@ class Law:
     params: ClassVar[Mapping[str, Parameter]] = {}
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags)
     states: ClassVar[Mapping[str, Parameter]] = {}
+    coordinates: ClassVar[Mapping[str, Parameter]] = {}  #: massless unknowns of the joint the law belongs to (at most one)
     axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
 
@@ -75,6 +80,11 @@ class Law:
         """Which of the parameters are absent, which depend on time, and the options."""
         absent = frozenset(key for key in self.params if getattr(self, key) is None)
         return Structure(absent, timed, tuple((key, getattr(self, key)) for key in self.options))
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        """Names of the joint coordinates this law reads; attributes of those names hold them in a derivation."""
+        return tuple(self.coordinates)
 
     @classmethod
     def symbolic(cls, structure: Structure) -> Any:

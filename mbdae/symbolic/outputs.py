@@ -24,7 +24,7 @@ Target = tuple[Any, ...]
 def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Expr]]:
     """Entries of a covector in the velocity coordinates of a node: v inertial, spin in body components."""
     move, turn = pair
-    n = 2 if f.kind.flat else 3
+    n = f.kind.translations
     entries = [] if not f.kind.moves else [((role, f.side, i), move[i]) for i in range(n)]
     if f.kind is NodeKind.PLANAR:
         entries.append(((role, f.side, 2), turn[2]))
@@ -46,7 +46,7 @@ def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
         return _inertia(d)
     out: list[tuple[Target, Expr]] = []
     for f in d.frames:
-        pair = weighted(d, d.multipliers, f.side) if d.rows else (ZERO, ZERO)
+        pair = weighted(d, d.row_forces, f.side) if d.rows else (ZERO, ZERO)
         if f.side in d.force:
             pair = (pair[0] + d.force[f.side][0], pair[1] + d.force[f.side][1])
         out += scatter_pair(f, pair)
@@ -112,6 +112,11 @@ def velocity(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("gd", i), c) for i, c in enumerate(_velocity(d))]
 
 
+def scaled(d: Derived, rows: list[tuple[Target, Expr]]) -> list[tuple[Target, Expr]]:
+    """Constraint rows times the scaling of their joint, as a form integrates them."""
+    return [(target, d.scaled(e)) for target, e in rows]
+
+
 def _velocity(d: Derived) -> list[Expr]:
     rows = []
     for c, G in zip(d.g, d.G, strict=True):
@@ -135,7 +140,7 @@ def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
 
 def reaction(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque (about l.r) on body l, inertial components: minus the covector of side l."""
-    l = d.frames[-1]
+    l = d.frames[1]
     side = l if l.kind.moves else d.frames[0]
     sign = -1 if side is l else 1
     pair = weighted(d, d.multipliers, side.side) if d.rows else (ZERO, ZERO)
@@ -186,7 +191,7 @@ def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
 
 def _node_derivatives(v: Variation, f: Frame, e: Expr) -> dict[Target, Expr]:
     nq, nu = f.kind.sizes
-    n = 2 if f.kind.flat else 3
+    n = f.kind.translations
     move, turn = v.gradient(f, e)
     out: dict[Target, Expr] = {("q", f.side, i): move[i] for i in range(n)}
     columns = rotation_columns_of_q(f)

@@ -85,7 +85,9 @@ class Mechanics:
         """(nu,) bool: which velocities are angular."""
         mask = np.zeros(self.nu, dtype=bool)
         for node in self.model.nodes:
-            if node.kind.turns:
+            if node.kind is NodeKind.COORDINATE:
+                mask[node.u] = True
+            elif node.kind.turns:
                 mask[node.u + (2 if node.kind is NodeKind.PLANAR else 3) : node.u + node.kind.sizes[1]] = True
         return mask
 
@@ -158,7 +160,7 @@ class Mechanics:
         q = q.copy()
         for node in self.model.nodes:
             d = displacement[node.u : node.u + node.kind.sizes[1]]
-            n = 2 if node.kind.flat else 3
+            n = node.kind.translations
             q[node.q : node.q + n] += d[:n]
             if node.kind is NodeKind.PLANAR:
                 q[node.q + 2] += d[2]
@@ -171,7 +173,7 @@ class Mechanics:
         qp = np.zeros(self.nq)
         for node in self.model.nodes:
             d = u[node.u : node.u + node.kind.sizes[1]]
-            n = 2 if node.kind.flat else 3
+            n = node.kind.translations
             qp[node.q : node.q + n] = d[:n]
             if node.kind is NodeKind.PLANAR:
                 qp[node.q + 2] = d[2]

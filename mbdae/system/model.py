@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.elements import PointMass, RigidBody
+from mbdae.elements import JointCoordinate, PointMass, RigidBody
 from mbdae.errors import LawError, SceneError
 from mbdae.forces import Gravity
 from mbdae.scene.components import Array, Body
@@ -16,14 +16,16 @@ from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Structure
 
+_COORDINATE: Side = (NodeKind.COORDINATE, Axes.GENERAL)
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
 
 
 @dataclass(frozen=True)
 class Node:
-    """A moving node: its body and kind, and where its unknowns start in q and u."""
+    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u."""
 
-    body: Body
+    name: str
+    body: Body | None
     kind: NodeKind
     q: int
     u: int
@@ -74,6 +76,16 @@ class Model:
     def nu(self) -> int:
         """Number of velocity unknowns."""
         return sum(n.kind.sizes[1] for n in self.nodes)
+
+    @property
+    def bodies(self) -> list[tuple[Node, Body]]:
+        """Every body with its node."""
+        return [(n, n.body) for n in self.nodes if n.body is not None]
+
+    @property
+    def joint_coordinates(self) -> list[Node]:
+        """Nodes of joints that keep their coordinate as an unknown; named as the joint."""
+        return [n for n in self.nodes if n.body is None]
 
     def node(self, body: Body) -> Node | None:
         """The node of a body, None for the ground."""
@@ -132,15 +144,22 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
     for b in scene.bodies:
         point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
         kind = point if b.is_point else turning
-        nodes.append(Node(b, kind, q, u))
+        nodes.append(Node(b.name, b, kind, q, u))
         q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_body = {n.body: n for n in nodes}
+    for c in scene.joints:
+        if c.joint.own_coordinates:
+            nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u))
+            q, u = q + 1, u + 1
+    by_joint = {n.name: n for n in nodes if n.body is None}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     refused: list[str] = []
     for law, bodies, item in _laws(scene):
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
+        if law.own_coordinates:
+            ends, sides = (*ends, by_joint[item]), (*sides, _COORDINATE)
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
         timed = {p: v for p, v in values.items() if not isinstance(v, float)}
         numbers |= {p: v for p, v in values.items() if p not in timed}
@@ -158,6 +177,10 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
         groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
     if refused:
         raise SceneError(refused)
+    if by_joint:
+        massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
+        massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
+        groups[massless.key] = massless
     return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished)
 
 

@@ -22,7 +22,9 @@ COORDINATES = {
     NodeKind.PLANAR: (("x", "y", "theta"), ("vx", "vy", "omega")),
     NodeKind.POINT: (("x", "y", "z"), ("vx", "vy", "vz")),
     NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
+    NodeKind.COORDINATE: (("angle",), ("rate",)),
 }
+_SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ class Numbering:
         """(index in y, whether it is read from y') of a target of instance i in group g; index -1 if dropped."""
         head, instance = target[0], self.model.groups[g].instances[i]
         if head in ("q", "u", "qp", "up"):
-            node = instance.nodes[0 if target[1] in "kb" else 1]
+            node = instance.nodes[_SIDES[target[1]]]
             assert node is not None
             base = node.q if head[0] == "q" else self.nq + node.u
             return base + target[2], head.endswith("p")
@@ -136,15 +138,19 @@ class Numbering:
         values = np.array([[instance.numbers[name] for name in inputs.parameters] for instance in instances])
         return values.reshape(len(instances), len(inputs.parameters))
 
+    def scaling(self) -> Array:
+        """(m,) scaling of every constraint row (paper Eq. 2), 1 where its joint has none."""
+        return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
+
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""
         names = ["?"] * self.n
         for node in self.model.nodes:
             qs, us = COORDINATES[node.kind]
             for i, c in enumerate(qs):
-                names[node.q + i] = f"{node.body.name}.{c}"
+                names[node.q + i] = f"{node.name}.{c}"
             for i, c in enumerate(us):
-                names[self.nq + node.u + i] = f"{node.body.name}.{c}"
+                names[self.nq + node.u + i] = f"{node.name}.{c}"
         for key, position in self._state.items():
             names[self.start["s"] + position] = self.states[key]
         for block in ("lambda", "mu"):

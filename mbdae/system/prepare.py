@@ -118,6 +118,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     nb = system.numbering
     state_rate = Starter(mechanics, start.t).states(state_rate_outputs, start.q, start.u)
     force, reach = multiplier_scales(mechanics, start, T)
+    scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
     blocks = {
         "q": (start.q, mechanics.rates(start.q, start.u), position_scale(mechanics)),
         "v": (start.u, start.acceleration, mechanics.velocity_units / T),
@@ -126,7 +127,8 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     if "lambda" in spec.blocks:
         zero = np.zeros(mechanics.m)
         dotted = spec.derivatives
-        blocks["lambda"] = (zero, start.multipliers, force * T) if dotted else (start.multipliers, zero, force)
+        multipliers, force = start.multipliers / scaling, force / scaling
+        blocks["lambda"] = (zero, multipliers, force * T) if dotted else (multipliers, zero, force)
         blocks["mu"] = (zero, zero, reach if dotted else reach / T)
     parts = [blocks[kind] for kind in ("q", "v", "s", *spec.blocks)]
     system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))

@@ -135,8 +135,8 @@ def _name_motion(mechanics: Mechanics, motion: Array) -> str:
     worst = int(np.argmax(np.abs(motion)))
     for node in mechanics.model.nodes:
         if node.u <= worst < node.u + node.kind.sizes[1]:
-            how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, 2 if node.kind.flat else 3)
-            return (f"body '{node.body.name}' can {how} without any inertia: "
+            how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
+            return (f"body '{node.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
     raise SceneError(["a motion without inertia could not be named"])
 

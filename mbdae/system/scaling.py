@@ -26,7 +26,8 @@ def position_scale(mechanics: Mechanics) -> Array:
     """(nq,) the scene's length for positions, 1 for quaternions and angles."""
     scale = np.ones(mechanics.nq)
     for node in mechanics.model.nodes:
-        scale[node.q : node.q + (2 if node.kind.flat else 3)] = mechanics.model.length
+        if node.body is not None:
+            scale[node.q : node.q + node.kind.translations] = mechanics.model.length
     return scale
 
 

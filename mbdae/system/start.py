@@ -55,9 +55,9 @@ def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Expressions that must be positive on the right branch of the constraints."""
-    if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.frames):
+    if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.sides):
         return []
-    return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.frames).items()]
+    return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.sides).items()]
 
 
 def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -100,14 +100,16 @@ class Starter:
             dR, dr = _motion(joint, value if joint.l is child else -value)
             motion[child] = (R @ dR, R @ dr + r)
         q = np.zeros(self.model.nq)
-        for node in self.model.nodes:
-            R, r = motion[node.body]
-            n = 2 if node.kind.flat else 3
-            q[node.q : node.q + n] = (R @ node.body.position + r)[:n]
+        for node, body in self.model.bodies:
+            R, r = motion[body]
+            n = node.kind.translations
+            q[node.q : node.q + n] = (R @ body.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = self._unwrapped_heading(node.body, R)
+                q[node.q + 2] = self._unwrapped_heading(body, R)
             elif node.kind is NodeKind.SPATIAL:
-                q[node.q + 3 : node.q + 7] = quaternion(R @ node.body.rotation)
+                q[node.q + 3 : node.q + 7] = quaternion(R @ body.rotation)
+        for node in self.model.joint_coordinates:
+            q[node.q] = self.held_value(self.scene[node.name]) or 0.0
         return q
 
     def _unwrapped_heading(self, body: Body, R: Array) -> float:
@@ -216,11 +218,11 @@ class Starter:
         return np.asarray(np.linalg.solve(self._root_of_weight.T, y))
 
     def _report_positions(self, before: Array, after: Array) -> None:
-        for node in self.model.nodes:
-            n = 2 if node.kind.flat else 3
+        for node, body in self.model.bodies:
+            n = node.kind.translations
             moved = float(np.linalg.norm(after[node.q : node.q + n] - before[node.q : node.q + n]))
             if moved > 1e-9 * self.model.length:
-                self.changes.append(f"'{node.body.name}' moved by {moved:.4g} m to close the loops")
+                self.changes.append(f"'{body.name}' moved by {moved:.4g} m to close the loops")
 
     def check_branches(self, q: Array) -> None:
         """Refuse the spurious branches of the constraints (axes reversed, driven angle off by pi)."""
@@ -246,14 +248,16 @@ class Starter:
         for parent, joint, child in self.tree.edges:
             twist[child] = self._carry(twist[parent], parent, joint, child, place)
         u = np.zeros(self.mechanics.nu)
-        for node in self.model.nodes:
-            v, w = twist[node.body]
-            n = 2 if node.kind.flat else 3
+        for node, body in self.model.bodies:
+            v, w = twist[body]
+            n = node.kind.translations
             u[node.u : node.u + n] = v[:n]
             if node.kind is NodeKind.PLANAR:
                 u[node.u + 2] = w[2]
             elif node.kind is NodeKind.SPATIAL:
-                u[node.u + 3 : node.u + 6] = place[node.body][1].T @ w
+                u[node.u + 3 : node.u + 6] = place[body][1].T @ w
+        for node in self.model.joint_coordinates:
+            u[node.u] = self.held_rate(self.scene[node.name]) or 0.0
         return u
 
     def _carry(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
@@ -274,11 +278,11 @@ class Starter:
 
     def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
         poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
-        for node in self.model.nodes:
-            n = 2 if node.kind.flat else 3
+        for node, body in self.model.bodies:
+            n = node.kind.translations
             r = np.zeros(3)
             r[:n] = q[node.q : node.q + n]
-            poses[node.body] = (r, rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]))
+            poses[body] = (r, rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]))
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
@@ -302,13 +306,13 @@ class Starter:
         return projected
 
     def _report_velocities(self, before: Array, after: Array) -> None:
-        for node in self.model.nodes:
+        for node, body in self.model.bodies:
             change = after[node.u : node.u + node.kind.sizes[1]] - before[node.u : node.u + node.kind.sizes[1]]
-            n = 2 if node.kind.flat else 3
+            n = node.kind.translations
             v, w = float(np.linalg.norm(change[:n])), float(np.linalg.norm(change[n:]))
             speed = 1e-9 * (1 + float(np.max(np.abs(after))))
-            if node.body.given_velocity and (v > speed or w > speed):
-                self.changes.append(f"the given velocity of '{node.body.name}' contradicts the joints: changed by {v:.4g} m/s "
+            if body.given_velocity and (v > speed or w > speed):
+                self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s "
                                     f"and {w:.4g} rad/s")  # fmt: skip
 
     # -- states

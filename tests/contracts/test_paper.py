@@ -24,7 +24,8 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.outputs import acceleration, position, velocity, weighted
 
 SPATIAL = ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.SPATIAL, Axes.GENERAL))
-FREE, DRIVEN = Structure(absent=frozenset(["drive"])), Structure(timed=frozenset(["drive"]))
+PLAIN = frozenset(["scaling", "penalty"])
+FREE, DRIVEN = Structure(absent=PLAIN | {"drive"}), Structure(absent=PLAIN, timed=frozenset(["drive"]))
 OF_REVOLUTE = Structure(options=(("joint", Revolute),))
 TIGHT = 1e-12
 

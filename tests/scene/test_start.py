@@ -195,3 +195,28 @@ def test_rows_that_contradict_later() -> None:
 def test_redundant_rows_with_a_drive_that_agrees() -> None:
     s = four_bar("spatial", angle=0.1 * sp.sin(mb.t))
     assert sorted(s.check().redundant) == ["D.tilt_x", "D.tilt_y", "D.z"]
+
+
+def test_models_of_a_revolute_agree() -> None:
+    """Accelerations and reactions of classical and kinematic joints, free and driven, with spring and damper."""
+    s = mb.Scene("pair", gravity=(0, 0, -9.81))
+    a = s.rigid_body("a", 1.0, (0.02, 0.09, 0.08), at=(0.5, 0, 0))
+    b = s.rigid_body("b", 0.7, (0.03, 0.07, 0.06), at=(1.5, 0.1, 0))
+    s.revolute("A", s.ground, a, at=(0, 0, 0), axis=(0, 1, 0), angle=0.3 * mb.t + 0.2)
+    s.revolute("B", a, b, at=(1, 0, 0), axis=(0, 1, 1), angle0=7.0, rate0=2.0, spring=3.0, damper=0.4)
+    kinematic, classical = prepare(s), prepare(s.replace(model=mb.Classical(scaling=50.0, penalty=2.0)))
+    bodies = kinematic.mechanics.nu
+    assert kinematic.rank.degrees_of_freedom == classical.rank.degrees_of_freedom == 1
+    assert classical.mechanics.m == kinematic.mechanics.m + 2  # an unknown and a row more for every joint
+    np.testing.assert_allclose(classical.start.acceleration[:bodies], kinematic.start.acceleration, rtol=1e-11, atol=1e-10)
+    assert classical.start.q[-1] == pytest.approx(7.0, abs=1e-12)  # turns are counted by the unknown
+
+
+def test_replace_changes_the_named_joints_only() -> None:
+    s = four_bar()
+    changed = s.replace("B", model=mb.Classical())
+    assert [type(c.joint).__name__ for c in changed.joints] == ["Revolute", "ClassicalRevolute", "Revolute", "Revolute"]
+    with pytest.raises(mb.SceneError, match="there is no revolute joint 'X'"):
+        s.replace("X", model=mb.Classical())
+    with pytest.raises(mb.SceneError, match="scaling > 0 and penalty >= 0"):
+        s.replace(model=mb.Classical(scaling=-1.0)).check()

@@ -1,0 +1,29 @@
+"""Where a comparison ran: versions and the number of CPUs, nothing that names a machine or a person."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
+
+
+def environment() -> dict[str, str | int]:
+    """Versions of Python and of the packages that do the work, kind of machine, CPUs this process may use."""
+    found: dict[str, str | int] = {"python": platform.python_version()}
+    found |= {name: _version(name) for name in PACKAGES}
+    return found | {"machine": f"{platform.system()} {platform.machine()}", "cpus": _cpus()}
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed as a package"
+
+
+def _cpus() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

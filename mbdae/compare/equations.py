@@ -1,0 +1,91 @@
+"""The equations runs share: a scene prepared once per joint model (or a System as it is), assembled once per form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.formulations import Form, default_form, system_for
+from mbdae.integrators.base import Solver
+from mbdae.integrators.solution import Solution
+from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.system.base import Array, System
+from mbdae.system.prepare import Prepared
+
+
+@dataclass
+class Equations:
+    """A prepared scene, or a System; its systems by form."""
+
+    prepared: Prepared | None
+    given: System | None = None
+    systems: dict[Form | None, System] = field(default_factory=dict)
+
+    def system(self, form: Form | None) -> System:
+        """The equations in a form, assembled once and called once so that compilation is not timed."""
+        if form not in self.systems:
+            self.systems[form] = self._assemble(form)
+            _warm(self.systems[form])
+        return self.systems[form]
+
+    def _assemble(self, form: Form | None) -> System:
+        if self.prepared is not None:
+            return system_for(self.prepared, form)
+        assert self.given is not None
+        if form is not None:
+            raise OptionError(f"form {form.label}: a System comes in its own form; leave the form of its runs out")
+        return self.given
+
+    def for_solver(self, form: Form | None, solver: Solver) -> System:
+        """The variant of the form a solver takes."""
+        if self.prepared is None:
+            return self.system(form)
+        return self.system((form if form is not None else default_form(self.prepared)).for_index(solver.highest_index))
+
+    def sensor(self, solution: Solution, measure: str, times: Array) -> Array:
+        """(nt, ...) a sensor of a run."""
+        assert self.prepared is not None
+        info = RunInfo(solution.solver, "", Accuracy(None, None), solution.stats)
+        return Result(self.prepared, solution, info, times).read(measure)
+
+    @property
+    def bodies_alone(self) -> bool:
+        """Whether no joint has unknowns of its own."""
+        return self.prepared is None or all(node.body is not None for node in self.prepared.model.nodes)
+
+    def motion_as_in(self, other: Equations, y: Array) -> Array:
+        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n), in the order `other` has them."""
+        assert self.prepared is not None
+        assert other.prepared is not None
+        return y[:, _columns(self.prepared, other.prepared)]
+
+
+def _columns(own: Prepared, wanted: Prepared) -> list[int]:
+    """Where the unknowns of the bodies of `wanted` are among those of `own`."""
+    twins = {node.body.name: node for node in own.model.nodes if node.body is not None}
+    positions: list[int] = []
+    velocities: list[int] = []
+    for node in wanted.model.nodes:
+        name = node.body.name if node.body is not None else ""
+        twin = twins.get(name)
+        if twin is None or twin.kind is not node.kind:
+            raise OptionError(f"body '{name}' has other unknowns here than in the reference; "
+                              f"name a sensor to compare them by, such as measure='C.angle'")  # fmt: skip
+        positions += range(twin.q, twin.q + node.kind.sizes[0])
+        velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])
+    return positions + velocities
+
+
+def _warm(system: System) -> None:
+    """Call everything once: kernels compile and caches fill on first use."""
+    y, yp, out = system.y0, system.yp0, np.empty(system.n)
+    shape: Any = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)
+    system.residual(system.t0, y, yp, out)
+    system.jacobian(system.t0, y, yp, 1.0, np.zeros(shape))
+    system.jacobian_parts(system.t0, y, yp)
+    for stages in (2, 3):
+        t, many = np.full(stages, system.t0), (stages, system.n)
+        system.residual_stages(t, np.broadcast_to(y, many).copy(), np.broadcast_to(yp, many).copy(), np.empty(many))

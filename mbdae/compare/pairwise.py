@@ -1,0 +1,60 @@
+"""How far the runs are from each other: every pair at its tightest accuracy, whatever the reference says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbdae.compare.rows import Row, asked_for
+from mbdae.system.base import Array
+
+
+@dataclass(frozen=True)
+class Final:
+    """The tightest finished run of a label so far: what it was asked for, its rtol, and what is compared of it."""
+
+    label: str
+    asked: str
+    rtol: float | None
+    values: Array  #: (nt, ...)
+
+
+@dataclass(frozen=True)
+class Pairwise:
+    """Largest difference over the run of every pair, as the measure says; `differences` is symmetric, zeros on the diagonal."""
+
+    runs: tuple[str, ...]  #: label of each
+    asked: tuple[str, ...]  #: accuracy each was asked for
+    differences: tuple[tuple[float, ...], ...]
+
+    @property
+    def largest(self) -> tuple[float, str, str] | None:
+        """The largest difference and the two runs it is between; None where fewer than two runs finished."""
+        pairs = [(d, self.runs[i], self.runs[j]) for i, row in enumerate(self.differences) for j, d in enumerate(row[:i])]
+        return max(pairs) if pairs else None
+
+    def __str__(self) -> str:
+        if self.largest is None:
+            return "Fewer than two runs finished: there is nothing to cross-check."
+        d, a, b = self.largest
+        return f"Cross-check: at the tightest accuracy no two runs differ by more than {d:.1e} ({b} and {a})."
+
+
+def tightest(finals: dict[str, Final], row: Row, values: Array) -> None:
+    """Keep the values of a run where no tighter run of its label has been kept."""
+    before = finals.get(row.label)
+    if before is None or before.rtol is None or row.rtol is None or row.rtol <= before.rtol:
+        finals[row.label] = Final(row.label, asked_for(row.accuracy), row.rtol, values)
+
+
+def pairwise(finals: Sequence[Final], error: Callable[[Array, Array], float]) -> Pairwise:
+    """All pairs of runs."""
+    n = len(finals)
+    table = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            table[i, j] = table[j, i] = error(finals[i].values, finals[j].values)
+    differences = tuple(tuple(float(d) for d in row) for row in table)
+    return Pairwise(tuple(f.label for f in finals), tuple(f.asked for f in finals), differences)

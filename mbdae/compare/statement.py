@@ -1,0 +1,55 @@
+"""What a comparison is, as plain data: two comparisons are the same where these are equal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from mbdae.compare.environment import environment
+from mbdae.compare.job import Job
+from mbdae.compare.run import Run
+from mbdae.scene.record import encode
+from mbdae.system.base import Array, System
+
+PROBES = 7  #: points at which equations without statements are evaluated to recognise them
+
+
+def statement(job: Job, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
+    """Scene or equations, end time, measure, runs, accuracies, a given reference, versions."""
+    return {
+        "scene": _scene(job), "t_end": job.t_end, "measure": job.measure, "accuracies": list(accuracies),
+        "max_wall": job.max_wall, "runs": [_run(run) for run in runs],
+        "reference": "computed" if given is None else f"given, {_digest(given)}", "environment": environment(),
+    }  # fmt: skip
+
+
+def _scene(job: Job) -> dict[str, Any]:
+    s = job.scene
+    if s is None:
+        return _equations(job.system(None), job.t_end)
+    return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements}
+
+
+def _run(run: Run) -> dict[str, Any]:
+    models = {name: encode(model) for name, model in run.models.items()}
+    return {"solver": encode(run.solver), "form": encode(run.form), "model": models or None, "label": run.label}
+
+
+def _equations(system: System, t_end: float) -> dict[str, Any]:
+    """Functions have no statements: their values at fixed points tell them apart."""
+    out, values = np.empty(system.n), []
+    for k in range(PROBES):
+        wave = np.sin((1 + k) * (1.0 + np.arange(system.n)))
+        t = system.t0 + (t_end - system.t0) * k / PROBES
+        system.residual(t, system.y0 + 1e-3 * k * system.scale * wave, system.yp0 + 1e-3 * k * wave[::-1], out)
+        values.append(out.copy())
+    start = {"t0": system.t0, "y0": system.y0.tolist(), "yp0": system.yp0.tolist()}
+    index = np.asarray(system.index).tolist()
+    return {"names": list(system.names), "index": index, **start, "residuals": _digest(np.array(values))}
+
+
+def _digest(values: Array) -> str:
+    return sha256(np.ascontiguousarray(values, dtype="<f8").tobytes()).hexdigest()

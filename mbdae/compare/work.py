@@ -1,0 +1,96 @@
+"""The runs of a comparison, one after another, each kept as soon as it is done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.compare.checkpoint import Checkpoint, State
+from mbdae.compare.job import Job
+from mbdae.compare.pairwise import tightest
+from mbdae.compare.reference import computed_reference
+from mbdae.compare.rows import Row, asked_for
+from mbdae.compare.run import Run
+from mbdae.errors import MbdaeError, SolverError
+from mbdae.integrators.solution import Solution, Stats
+from mbdae.system.base import Array
+
+Progress = Callable[[int, int, str], None]
+COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newton_iterations")
+
+
+@dataclass
+class Work:
+    """What is left of a comparison: the queue behind the rows of `state`."""
+
+    job: Job
+    queue: Sequence[tuple[Run, float | None]]
+    smallest: float  #: tightest accuracy asked
+    state: State
+    kept: Checkpoint
+    begin: float  #: process time at which the comparison began
+
+    def do(self, tell: Progress) -> None:
+        """Reference and runs that are not done yet; Ctrl-C says what is done."""
+        before = self.state.cpu_s, self.state.total_cpu_s
+        try:
+            self._do(tell, before)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(self._interrupted()) from None
+
+    def _do(self, tell: Progress, before: tuple[float, float]) -> None:
+        total = len(self.queue) + 1
+        if self.state.reference is None:
+            tell(0, total, "reference")
+            self.state.reference, self.state.truth = computed_reference(self.job, self.smallest)
+            self._keep(before)
+        for i in range(len(self.state.rows), len(self.queue)):
+            run, accuracy = self.queue[i]
+            tell(i + 1, total, f"{run.name('')} {asked_for(accuracy)}")
+            row, values = measured(self.job, run, accuracy, self.state.truth)
+            if values is not None:
+                tightest(self.state.finals, row, values)
+            self.state.rows.append(row)
+            self._keep(before)
+
+    def _keep(self, before: tuple[float, float]) -> None:
+        self.state.cpu_s = before[0] + self.job.spent
+        self.state.total_cpu_s = before[1] + time.process_time() - self.begin
+        self.kept.save(self.state)
+
+    def _interrupted(self) -> str:
+        done = f"{len(self.state.rows)} of {len(self.queue)} runs are done"
+        if self.kept.path is not None:
+            return f"{done} and kept in {self.kept.path}; the same call goes on from there"
+        return f"{done}, none is kept; with resume=FILE a comparison goes on where it was stopped"
+
+
+def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
+    """One run: its row, and what is compared of it (None where it failed)."""
+    form = run.form.label if run.form is not None else job.system(None).label
+    facts: dict[str, Any] = {"label": run.name(form), "solver": run.solver.label, "form": form, "model": run.model_label}
+    facts["accuracy"] = accuracy
+    spent = job.spent
+    try:
+        equations = job.equations(run)
+        solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
+        facts["rtol"] = None if solver.fixed else solver.rtol
+        done = job.solve(solver, run.form, equations)
+        values = job.values(done.solution, equations)
+    except SolverError as error:
+        return Row(**facts, cpu_s=job.spent - spent, **counts(error.solution), failure=str(error)), None
+    except (MbdaeError, np.linalg.LinAlgError) as error:
+        return Row(**facts, failure=str(error)), None
+    error_now = job.error(values, reference)
+    return Row(**facts, error=error_now, cpu_s=done.cpu_s, cpu_spread_s=done.spread_s, **counts(done.solution)), values
+
+
+def counts(solution: Solution | None) -> dict[str, Any]:
+    """The evaluations and the size a row tells."""
+    stats = solution.stats if solution is not None else Stats()
+    size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
+    return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}

@@ -1,0 +1,72 @@
+"""What is asked is delivered: random scenes, from the accuracy alone, compared between steps too."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from random_scenes import random_scene
+from runs import SOLVERS
+
+import mbdae as mb
+from mbdae.formulations import system_for
+from mbdae.results.control import distance
+from mbdae.system.prepare import prepare
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run misses the accuracy asked for without a warning", 3.0,
+              "times asked", "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")  # fmt: skip
+
+
+class Run(NamedTuple):
+    """One run: error over the accuracy asked for, and whether it warned."""
+
+    ratio: float
+    warned: bool
+    seed: int
+    solver: str
+    accuracy: float
+
+
+def runs(seeds: Iterable[int], accuracies: Iterable[float], t_end: float = 1.0) -> list[Run]:
+    """Every scene with both solvers at every accuracy."""
+    found = []
+    times = np.linspace(0.0, t_end, 501)
+    for seed in seeds:
+        scene = random_scene(seed)
+        prepared = prepare(scene)
+        n = prepared.mechanics.nq + prepared.mechanics.nu
+        exact = mb.RadauIIA(3, rtol=1e-11).solve(system_for(prepared, None, 3), t_end)(times)[:, :n]
+        for solver in SOLVERS:
+            for accuracy in accuracies:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", mb.AccuracyWarning)
+                    r = scene.simulate(t_end, accuracy, solver=solver)
+                error = float(np.max(distance(prepared, r.solution(times)[:, :n], exact)))
+                found.append(Run(error / accuracy, bool(r.warnings), seed, solver.label, accuracy))
+    return found
+
+
+def judge(seeds: Iterable[int], accuracies: Iterable[float]) -> list[Found]:
+    """Silent errors, needless warnings, and how near the median is to what was asked."""
+    found = runs(seeds, accuracies)
+    silent = max((run for run in found if not run.warned), default=found[0])
+    good = [run.warned for run in found if run.ratio <= 1]
+    median = float(np.median([run.ratio for run in found]))
+    worst = f"{len(found)} runs; largest without a warning: seed {silent.seed}, {silent.solver}, asked {silent.accuracy:.0e}"
+    return [Found(silent.ratio, quantity="largest error without a warning", note=worst),
+            Found(float(np.mean(good)), 0.05, "share", "needless warnings"),
+            Found(median, 1.0, quantity="median error"),
+            Found(0.01 / median, 1.0, quantity="wasted accuracy, 0.01 / median")]  # fmt: skip
+
+
+def cases() -> list[Case]:
+    both = " and ".join(solver.label for solver in SOLVERS)
+    return [Case("6 scenes, 1e-3 and 1e-6", both, lambda: judge(range(0, 50, 9), (1e-3, 1e-6))),
+            Case("50 scenes, 1e-3 to 1e-7", both, lambda: judge(range(50), (1e-3, 1e-5, 1e-7)), slow=True)]  # fmt: skip
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())

@@ -1,0 +1,33 @@
+"""Free body turning about its middle axis, which flips."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from runs import largest, simulated, with_both
+from scenes import data, dzhanibekov
+
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("dzhanibekov", "a free body flips about its middle axis at the right time and keeps its momentum over 30 s", 1e-6,
+              "1", "closed form of the period in elliptic functions; rotation computed independently of mbdae, DOP853 at 3e-14")  # fmt: skip
+
+
+def motion(solver: Any) -> list[Found]:
+    """Rotation matrix, rates and angular momentum."""
+    d = data("dzhanibekov")
+    r = simulated(dzhanibekov(), d["t"], claim.tolerance, solver)
+    rotation, rate = r["body"].rotation, r.u[:, 3:]
+    momentum = np.einsum("tij,tj->ti", rotation, rate * np.array([1.0, 2.0, 3.0]))
+    return [Found(largest(rotation.reshape(-1, 9), d["R"]), quantity="rotation matrix"),
+            Found(largest(rate, d["omega"]), unit="rad/s", quantity="angular velocity"),
+            Found(largest(momentum, momentum[0]), unit="kg m^2/s", quantity="angular momentum kept")]  # fmt: skip
+
+
+def cases() -> list[Case]:
+    return with_both("to 30 s", motion)
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())

@@ -1,0 +1,35 @@
+"""A rotor of four lagging blades on an elastic support, near its instability."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from runs import largest, simulated, with_both
+from scenes import data, ground_resonance
+
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("ground_resonance", "four blades on a hub: one and two axes of support, prescribed and free speed", 1e-6, "rad",
+              "computed independently of mbdae in minimal coordinates, DOP853; it agrees with a looser run within 1e-9")  # fmt: skip
+T_END = 5.0  # s
+
+
+def motion(solver: Any, case: str) -> list[Found]:
+    """Lag angles, hub and rotor speed."""
+    e = data("ground_resonance")["nonlinear"][case]
+    axes, keep = e["settings"]["axes"], np.array(e["t"]) <= T_END
+    r = simulated(ground_resonance(axes, e["settings"]["free"]), np.array(e["t"])[keep], claim.tolerance, solver)
+    lag = np.array([r[f"lag{i + 1}"].angle for i in range(4)]).T
+    return [Found(largest(lag, np.array(e["lag_angles"])[keep]), quantity="lag angles"),
+            Found(largest(r["block"].position[:, :axes], np.array(e["hub"])[keep]), unit="m", quantity="hub"),
+            Found(largest(r["rotor"].rate, np.array(e["rotor_speed"])[keep]), 1e-5, "rad/s", "rotor speed")]  # fmt: skip
+
+
+def cases() -> list[Case]:
+    return [case for name in data("ground_resonance")["nonlinear"]
+            for case in with_both(name.replace("_", " "), lambda solver, name=name: motion(solver, name))]  # fmt: skip
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())

@@ -1,0 +1,35 @@
+"""Chains of 2 to 20 rods released horizontally, planar and spatial."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from runs import largest, simulated, with_both
+from scenes import data, n_rods
+
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("n_pendulum_rods", "chains of 2 to 20 rods are followed in the plane and in space", 1e-7, "rad",
+              "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14, which differs by less "
+              "than 1e-9 from a looser run at the times compared")  # fmt: skip
+CHAINS = [(2, "planar"), (5, "planar"), (10, "planar"), (20, "planar"), (2, "spatial"), (5, "spatial"), (10, "spatial"),
+          (20, "spatial")]  # fmt: skip
+
+
+def angles(solver: Any, n: int, space: str) -> Found:
+    """Largest error of the absolute angles."""
+    e = data("n_pendulum_rods")["results"][str(n)]
+    r = simulated(n_rods(n, space), e["t"], claim.tolerance, solver)
+    theta = np.cumsum([r[f"J{i + 1}"].angle for i in range(n)], axis=0).T + np.pi / 2
+    return Found(largest(theta, e["theta"]))
+
+
+def cases() -> list[Case]:
+    return [case for chain in CHAINS
+            for case in with_both(f"{chain[0]} rods, {chain[1]}", lambda solver, chain=chain: angles(solver, *chain),
+                                  slow=chain == (20, "spatial"))]  # fmt: skip
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())
