@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
@@ -98,16 +98,21 @@ class _Job:
         from mbdae.integrators.ida import IDA
         from mbdae.integrators.radau import RadauIIA
 
+        run = None
         try:
             run = self.run(IDA())
             self.choice = "IDA: a rigid scene"
-            if not run.estimate > self.accuracy:
+            if run.estimate <= self.accuracy or not run.solution.complete:
                 return run
             why = f"IDA came to {run.estimate:.1e}"
+        except WallClockError:
+            raise
         except (SolverError, OptionError) as error:
             refused = isinstance(error, OptionError) and self.form.label == "Index3"
             why = "IDA does not take index 3" if refused else str(error)
         again = self.run(RadauIIA(3))
+        if run is not None and run.estimate <= again.estimate:
+            return run
         self.choice = f"RadauIIA(3): {why}"
         return again
 

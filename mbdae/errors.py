@@ -8,6 +8,7 @@
     ├── LawError            a joint or force law is not well stated
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
     └── SolverError         the integration stopped; carries the time, the culprit and the solution so far
+        └── WallClockError  its wall-clock time was used up
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
 """
 
@@ -51,6 +52,10 @@ class SolverError(MbdaeError):
     def __init__(self, message: str, time: float, culprit: str = "", solution: Any = None) -> None:
         super().__init__(message)
         self.time, self.culprit, self.solution = time, culprit, solution
+
+
+class WallClockError(SolverError):
+    """The wall-clock time allowed for a run was used up."""
 
 
 class AccuracyWarning(UserWarning):

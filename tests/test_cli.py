@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,19 +74,48 @@ def test_run_writes_result_and_picture_on_request(file, tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"swing.npz", "swing.png"}
 
 
-def test_compare_writes_picture_and_the_json_it_prints(file, tmp_path, capsys):
+def test_compare_writes_pictures_page_and_the_json_it_prints(file, tmp_path, capsys):
     assert main(["compare", file(), "--out", "out", "--json", "--accuracies", "1e-3,1e-4", "--t-end", "0.2"]) == 0
     data = json.loads(said(capsys)[0])
     assert data["t_end"] == 0.2
     assert data["accuracies"] == [1e-3, 1e-4]
     assert json.loads((tmp_path / "out/swing_work_precision.json").read_text()) == data
     assert (tmp_path / "out/swing_work_precision.png").read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in (tmp_path / "out/swing_work_precision.svg").read_text()
+    assert "<title>Solvers compared: pendulum</title>" in (tmp_path / "out/swing_work_precision.html").read_text()
+    assert len(list((tmp_path / "out").iterdir())) == 4
 
 
 def test_compare_takes_the_runs_of_the_file_and_fails_where_one_does(file, capsys):
     runs = "\nruns = [mb.Run(mb.RadauIIA(3)), mb.Run(mb.IDA(), mb.Index3(), label='refused')]\n"
     assert main(["compare", file(PENDULUM + runs), "--accuracies", "1e-3"]) == 1
     assert "failed: refused" in said(capsys)[0]
+
+
+def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys):
+    slow = "\nruns = [mb.Run(mb.RadauIIA(3)), mb.Run(mb.RadauIIA(2, step=1e-5), label='slow')]\n"
+    command = ["compare", file(PENDULUM + slow, "slow.py"), "--accuracies", "1e-3", "--resume", "kept.json"]
+    process = subprocess.Popen([sys.executable, "-m", "mbdae", *command], stderr=subprocess.PIPE, text=True)
+    for _ in range(300):
+        if (tmp_path / "kept.json").exists() and len(json.loads((tmp_path / "kept.json").read_text())["rows"]) == 1:
+            break
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    err = process.communicate(timeout=30)[1]
+    assert process.returncode == 1
+    assert "interrupted: 1 of 2 runs are done and kept in kept.json" in err
+    assert "Traceback" not in err
+    assert len(json.loads((tmp_path / "kept.json").read_text())["rows"]) == 1
+    assert main([*command, "--t-end", "0.1"]) == 2
+    assert "t_end is 0.5 there and 0.1 here" in said(capsys)[1]
+
+
+def test_compare_reads_what_is_kept(file, capsys):
+    command = ["compare", file(), "--json", "--accuracies", "1e-3", "--resume", "kept.json"]
+    assert main(command) == 0
+    first = json.loads(said(capsys)[0])
+    assert main(command) == 0
+    assert json.loads(said(capsys)[0]) == first
 
 
 def test_a_scene_with_a_mistake_ends_with_1_and_names_it(file, capsys):

@@ -115,10 +115,6 @@ def pendulum_exact(times: np.ndarray, t_end: float) -> np.ndarray:
     return np.array([np.sin(angle), -np.cos(angle), rate * np.cos(angle), rate * np.sin(angle)]).T
 
 
-#: q at t = 3 of the car axis, from its two-coordinate ODE (DOP853, rtol 3e-14); the test set for IVP solvers agrees
-CAR_AXIS = np.array([0.049345578427524066, 0.49698946023000784, 1.0417425248854255, 0.37391102726536174])
-
-
 def car_axis(form: str) -> DAE:
     """Car axis of the test set for IVP solvers."""
     q = xl, yl, xr, yr = sp.symbols("xl yl xr yr")

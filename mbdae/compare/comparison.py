@@ -70,6 +70,14 @@ class Comparison:
         """One sentence: the cheapest run that reached each accuracy wanted."""
         return "Reached at least cost: " + "; ".join(self.choices) + "."
 
+    @property
+    def caution(self) -> str | None:
+        """Said where errors are smaller than what is known of the reference."""
+        known = self.reference.difference
+        if known is None or not any(row.error is not None and row.error < known for row in self.runs):
+            return None
+        return f"Errors below {known:.1e} are within the reference's own uncertainty."
+
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values; unknown ones are None."""
         best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
@@ -113,7 +121,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accurac
             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:  # fmt: skip
     """Run a scene (or a System) to t_end (s) by every run at every accuracy.
 
-    runs: list of mb.Run; default IDA and Radau. measure: a sensor, "C.angle"; default the whole state.
+    runs: list of mb.Run; default IDA and Radau. measure: a sensor, "C.angle"; default the motion of the bodies.
     reference: a Result, or a function of the times that returns the measure; default a tight Radau run that a second
     method confirms. max_wall: s of wall time per run. progress(done, total, label): called before every run.
     resume: a JSON file that keeps every finished run; where it exists, runs it holds are not made again.
@@ -128,7 +136,8 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accurac
     if given is not None:
         state.reference, state.truth = given
     queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
-    Work(job, queue, min(asked), state, kept, begin).do(progress or (lambda done, total, label: None))
+    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(job.system(None).label)) is not None)])
+    Work(job, queue, smallest, state, kept, begin).do(progress or (lambda done, total, label: None))
     assert state.reference is not None
     differences = pairwise(list(state.finals.values()), job.error)
     return Comparison(job.name, job.t_end, measure, job.what, state.reference, asked, with_front(state.rows), differences,

@@ -26,9 +26,7 @@ from mbdae.system.prepare import prepare
 GRID = 1001  #: times at which trajectories are compared
 SHORT = 0.5  #: s; shorter runs are timed twice
 FEW = 10  #: revolute joints of a scene up to which a second joint model is among the runs by default
-WHOLE_SCENE = (
-    "whole state of the bodies: positions over the scene's length, angles in rad, velocities over the largest characteristic speed"
-)
+WHOLE_SCENE = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
 WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
 

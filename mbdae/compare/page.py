@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 STYLE = """
 :root { color-scheme: only light; }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 75rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: #fff;
+body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: #fff;
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: anywhere; }
 h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
 h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
 p, li { max-width: 46rem; }
 ul { padding-left: 1.25rem; }
-.scroll { overflow-x: auto; border-bottom: 1px solid #999; }
+.scroll { overflow-x: auto; width: fit-content; max-width: 100%; border-bottom: 1px solid #999; }
 .scroll:focus-visible, button:focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
 table { border-collapse: collapse; font-size: .875rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
 caption { text-align: left; padding-bottom: .4rem; color: #444; }
-th, td { padding: .2rem .6rem; text-align: right; border-bottom: 1px solid #e2e2e2; }
+th, td { padding: .2rem .5rem; text-align: right; border-bottom: 1px solid #e2e2e2; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 thead th { border-bottom: 1px solid #999; font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 400; }
@@ -55,7 +55,8 @@ for (const button of document.querySelectorAll("th button")) {
     const head = button.parentElement, body = head.closest("table").tBodies[0];
     const up = head.getAttribute("aria-sort") !== "ascending", column = head.cellIndex;
     const value = (row) => row.cells[column].textContent;
-    const key = (row) => { const x = parseFloat(value(row)); return Number.isNaN(x) ? Infinity : x; };
+    const number = (text) => text === "*" ? 0 : Number.isNaN(parseFloat(text)) ? Infinity : parseFloat(text);
+    const key = (row) => number(value(row));
     const order = (a, b) => column === 0 ? value(a).localeCompare(value(b)) : key(a) === key(b) ? 0 : key(a) - key(b);
     const rows = [...body.rows].sort((a, b) => up ? order(a, b) : order(b, a));
     for (const other of head.parentElement.cells) other.removeAttribute("aria-sort");
@@ -111,8 +112,9 @@ def _runs(w: Comparison) -> str:
         kind = ' class="failed"' if row.failure else ' class="front"' if row.pareto else ""
         rows.append(_row(cells(row), kind))
     meaning = "; ".join(f"{name}: {told}" for name, told in COLUMNS.items() if name not in ("run", ""))
-    caption = "Every run; * marks the front: no other run is both cheaper in CPU time and more accurate. A heading sorts."
-    return _section("runs", "Runs", _table("runs", head, rows, caption) + f'<p class="note">{escape(meaning)}.</p>\n')
+    note = f"front: {COLUMNS['']}; {meaning}."
+    table = _table("runs", head, rows, "Every run; a heading sorts")
+    return _section("runs", "Runs", table + f'<p class="note">{escape(note)}</p>\n')
 
 
 def _reference(w: Comparison) -> str:
@@ -121,6 +123,8 @@ def _reference(w: Comparison) -> str:
     lines = [f"Measured against: {r.label}{cost}."]
     if r.difference is not None:
         lines.append(f"Confirmed by a second method: {r.confirmed_by}, which differs by {r.difference:.1e}.")
+    if w.caution:
+        lines.append(w.caution)
     if r.note:
         lines.append(f"Caution: {r.note}.")
     return _section("reference", "Reference", _list(lines))

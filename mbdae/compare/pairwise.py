@@ -39,7 +39,7 @@ class Pairwise:
         if self.largest is None:
             return "Fewer than two runs finished: there is nothing to cross-check."
         d, a, b = self.largest
-        return f"Cross-check: at the tightest accuracy no two runs differ by more than {d:.1e} ({b} and {a})."
+        return f"At the tightest accuracy no two runs differ by more than {d:.1e} ({b} and {a})."
 
 
 def tightest(finals: dict[str, Final], row: Row, values: Array) -> None:

@@ -27,7 +27,7 @@ def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> An
 
     labels = list(dict.fromkeys(row.label for row in w.runs))
     names = [_name(label, [row for row in w.runs if row.label == label]) for label in labels]
-    width = 4.6 if stacked else 9.0
+    width = 3.9 if stacked else 9.0
     columns, names = _legend_shape([*names, BELOW], width)
     entry_lines = sum(name.count("\n") + 1 for name in names) / columns
     figure = Figure(figsize=(width, (6.6 if stacked else 3.9) + 0.18 * entry_lines), layout="constrained")
@@ -37,8 +37,8 @@ def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> An
             _line(axis, [row for row in w.runs if row.label == label], work, i, names[i])
         _dress(axis, w, title)
     for axis in axes if stacked else axes[:1]:
-        axis.set_ylabel("\n".join(textwrap.wrap(_error_label(w), 40)))
-    head = f"{w.scene}, t = 0 .. {w.t_end:g} s"
+        axis.set_ylabel("\n".join(textwrap.wrap(_error_label(w), 48)))
+    head = _plain(f"{w.scene}, to t = {w.t_end:g} s")
     figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
     handles, texts = axes[0].get_legend_handles_labels()
     told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
@@ -73,7 +73,12 @@ def _name(label: str, rows: Sequence[Row]) -> str:
     """A run in the legend, with why it failed where it did."""
     reasons = list(dict.fromkeys(" ".join(row.failure.split()) for row in rows if row.failure))
     failed = sum(row.failure is not None for row in rows)
-    return label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else "")
+    return _plain(label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else ""))
+
+
+def _plain(text: str) -> str:
+    """Text in which a dollar is a dollar."""
+    return text.replace("$", r"\$")
 
 
 def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
@@ -115,4 +120,4 @@ def _ticks(axis: Any) -> None:
 
 
 def _error_label(w: Comparison) -> str:
-    return f"error: {w.what}" if w.measure is not None else "error of the whole state"
+    return _plain(f"error: {w.what}") if w.measure is not None else "error of the whole motion"

@@ -61,4 +61,4 @@ def cheapest(rows: Sequence[Row], wanted: float) -> Row | None:
 
 def asked_for(accuracy: float | None) -> str:
     """The accuracy asked of a run, as text."""
-    return "its own tolerance" if accuracy is None else f"{accuracy:.0e}"
+    return "its own setting" if accuracy is None else f"{accuracy:.0e}"

@@ -58,6 +58,13 @@ class Run:
         """Whether the solver brings its own tolerance or step."""
         return self.solver.fixed or self.solver.rtol is not None
 
+    def own_accuracy(self, form_label: str) -> float | None:
+        """The accuracy the solver's own tolerance stands for; None where it has none."""
+        if self.solver.fixed or self.solver.rtol is None:
+            return None
+        measured = self.solver.factors[self.solver.label]
+        return self.solver.rtol / measured.get(self.form.label if self.form else form_label, min(measured.values()))
+
     def name(self, form_label: str) -> str:
         """Label for tables: what the user gave, or solver, form, model and every option that differs from its default."""
         own = [described(self.solver, self.solver.label), described(self.form, form_label), self.model_label]

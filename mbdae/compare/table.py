@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mbdae.compare.comparison import Comparison
 
 WIDTH = 128  #: of sentences; the grid is as wide as it must be
+MARKS = ("*", "failed")
 #: heading of each column, and what it means
 COLUMNS = {
     "run": "solver, form, joint model and options that differ from their defaults",
@@ -35,7 +36,7 @@ def table(w: Comparison) -> str:
     """Heading, one line per run, failures with their reasons, pairwise differences, verdict."""
     lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
     lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
-    lines += ["* no other run is both cheaper and more accurate", ""]
+    lines += ["* no other run is both cheaper and more accurate", *([w.caution] if w.caution else []), ""]
     lines += failure_lines(w.failures)
     lines += [str(w.pairwise), *grid(pairwise_cells(w)), "", w.verdict, environment_line(w)]
     return "\n".join(part for line in lines for part in _wrapped(line))
@@ -52,8 +53,11 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
     if not rows:
         return []
     widths = [max(len(row[j]) for row in rows) for j in range(len(rows[0]))]
-    return ["  ".join([row[0].ljust(widths[0]), *(c.rjust(n) for c, n in zip(row[1:], widths[1:], strict=True))]).rstrip()
-            for row in rows]  # fmt: skip
+    lines = []
+    for row in rows:
+        texts = [c.ljust(n) if j == 0 or c in MARKS else c.rjust(n) for j, (c, n) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(texts).rstrip())
+    return lines
 
 
 def failure_lines(failures: Sequence[Row]) -> list[str]:

@@ -86,6 +86,8 @@ def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tupl
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error)), None
     error_now = job.error(values, reference)
+    if not np.isfinite(error_now):
+        return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
     return Row(**facts, error=error_now, cpu_s=done.cpu_s, cpu_spread_s=done.spread_s, **counts(done.solution)), values
 
 

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError
+from mbdae.errors import SolverError, WallClockError
 from mbdae.integrators.solution import Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
@@ -107,7 +107,7 @@ class StepLoop:
         wall = time.perf_counter() - self._wall
         if wall > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
-            raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "")
+            raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
             raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
         if self._progress is not None and wall >= self._next_progress:
@@ -116,13 +116,13 @@ class StepLoop:
             self._progress(self.t, self.t_end, self.stats)
         return not self.interrupted
 
-    def failure(self, message: str, culprit: str) -> SolverError:
+    def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError that carries the time, the culprit and the solution so far."""
         t = self.t
         self._clock()
         resists = f" (resisting most: {culprit})" if culprit else ""
         text = f"{self.solver.label} stopped at t = {t:.9g} of {self.t_end:.9g}: {message}{resists}"
-        return SolverError(text, t, culprit, self.solution())
+        return kind(text, t, culprit, self.solution())
 
     def solution(self) -> Solution:
         """The steps accepted so far."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from mbdae.results.geometry import INK, Geometry, Shape, geometry, started
+from mbdae.results.geometry import INK, Geometry, Shape, started
 from mbdae.results.plots import checked, dress, written
+from mbdae.results.shapes import geometry
 from mbdae.scene.components import Array
 from mbdae.system.prepare import Prepared
 
@@ -59,7 +61,7 @@ class Picture:
         self.axes, self.seen = axes, seen
         self._lines = [(self._line(shape), seen.polyline(shape)) for shape in seen.shapes]
         self._fills = [(self._patch(shape, line), line) for shape, (_, line) in zip(seen.shapes, self._lines, strict=True)
-                       if LOOKS[shape.kind].fill and seen.planar]  # fmt: skip
+                       if LOOKS[shape.kind].fill and (seen.planar or shape.kind == "disc")]  # fmt: skip
         self.show(0)
 
     def show(self, i: int) -> None:
@@ -67,7 +69,10 @@ class Picture:
         for artist, line in self._lines:
             self._place(artist, line[i])
         for patch, line in self._fills:
-            patch.set_xy(line[i][:, :2])
+            if self.seen.planar:
+                patch.set_xy(line[i][:, :2])
+            else:
+                patch.set_verts([line[i]])
 
     def _place(self, artist: Any, points: Array) -> None:
         if self.seen.planar:
@@ -77,7 +82,7 @@ class Picture:
 
     def _line(self, shape: Shape) -> Any:
         look = LOOKS[shape.kind]
-        empty = ([], []) if self.seen.planar else ([], [], [])
+        empty: Any = ([], []) if self.seen.planar else ([], [], [])
         (line,) = self.axes.plot(*empty, color=shape.colour, zorder=look.layer, clip_on=False, solid_capstyle="round",
                                  solid_joinstyle="round")  # fmt: skip
         if look.marker:
@@ -96,6 +101,10 @@ class Picture:
         from matplotlib.patches import Polygon
 
         look = LOOKS[shape.kind]
+        if not self.seen.planar:
+            from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped,unused-ignore]
+
+            return self.axes.add_collection3d(Poly3DCollection([line[0]], facecolor=shape.colour, alpha=look.fill))
         patch = Polygon(line[0][:, :2], closed=True, facecolor=shape.colour, alpha=look.fill, edgecolor="none", clip_on=False)
         patch.set_zorder(look.layer - 0.5)
         return self.axes.add_patch(patch)
@@ -122,7 +131,7 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
     for name, c, h in zip("xyz", (low + high) / 2, half, strict=True):
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
         getattr(axes, f"{name}axis").set_major_locator(_few())
-    axes.set_box_aspect(half)
+    axes.set_box_aspect(half, zoom=0.95)
     up = "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
     axes.view_init(elev=22, azim=-55, vertical_axis=up)
     return axes
@@ -151,13 +160,15 @@ def draw(prepared: Prepared, path: Any = None) -> Any:
     if path is not None:
         checked(path, what="draw")
     seen = geometry(started(prepared))
-    figure = Figure(figsize=figure_size(seen), layout="constrained")
+    figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
     FigureCanvasAgg(figure)
-    axes = axes_for(figure, seen, 111)
+    room = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
+    axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **room)[0])
     Picture(axes, seen)
     axes.set_title(f"{seen.name}, t = {seen.t[0]:g} s", fontsize="medium", loc="left")
     show_gravity(axes, seen)
     figure.draw_without_rendering()
+    figure.set_layout_engine("none")
     Namer(axes, seen).place()
     return written(figure, path, "draw")
 
@@ -169,16 +180,18 @@ def show_gravity(axes: Any, seen: Geometry) -> None:
         return
     if not seen.planar:
         along = ", ".join(f"{x:g}" for x in seen.gravity)
-        axes.text2D(1.0, 1.0, f"g = ({along}) m/s²", transform=axes.transAxes, ha="right", va="top", fontsize="small", color="0.25")
+        look = {"transform": axes.transAxes, "ha": "right", "va": "top", "fontsize": "small", "color": "0.25"}
+        axes.text2D(1.0, 1.0, f"g = ({along}) m/s²", **look)
         return
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.transforms import ScaledTranslation
 
     inches = axes.figure.dpi_scale_trans + ScaledTranslation(1, 1, axes.transAxes)  # from the upper right corner
-    middle, half = np.array([-0.25, -0.25]), 0.2 * seen.gravity[:2] / g
+    middle, half = np.array([-0.14, 0.15]), 0.13 * seen.gravity[:2] / g
     ends = (tuple(middle - half), tuple(middle + half))
-    axes.add_artist(FancyArrowPatch(*ends, transform=inches, arrowstyle="-|>", mutation_scale=12, color="0.25", clip_on=False))
-    axes.text(-0.5, -0.25, f"g = {g:.4g} m/s²", transform=inches, ha="right", va="center", fontsize="small", color="0.25")
+    look = {"arrowstyle": "-|>", "mutation_scale": 10, "shrinkA": 0, "shrinkB": 0, "color": "0.25", "clip_on": False}
+    axes.add_artist(FancyArrowPatch(*ends, transform=inches, **look))
+    axes.text(-0.34, 0.15, f"g = {g:.4g} m/s²", transform=inches, ha="right", va="center", fontsize="small", color="0.25")
 
 
 class Namer:
@@ -194,17 +207,15 @@ class Namer:
 
     def _pixels(self, points: Array) -> Array:
         if not self.seen.planar:
-            from mpl_toolkits.mplot3d import proj3d
-
-            x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
-            points = np.stack([x, y], axis=1)
+            seen = np.c_[points, np.ones(len(points))] @ self.axes.get_proj().T
+            points = seen[:, :2] / seen[:, 3:]
         return np.asarray(self.axes.transData.transform(points[:, :2]))
 
     @staticmethod
     def _dense(line: Array) -> Array:
         """Points every few pixels along a line (n, 2)."""
         parts = [line]
-        for a, b in zip(line, line[1:], strict=False):
+        for a, b in pairwise(line):
             n = int(np.hypot(*(b - a)) / 4)
             parts.append(a + (b - a) * (np.arange(1, n) / max(n, 1))[:, None])
         return np.vstack(parts)
@@ -225,10 +236,11 @@ class Namer:
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
     def _cost(self, box: tuple[float, float, float, float], reach: float) -> float:
-        l, b, r, t = box
+        room = 3 * self.point
+        l, b, r, t = box[0] - room, box[1] - room, box[2] + room, box[3] + room
         inside = (self.busy[:, 0] > l) & (self.busy[:, 0] < r) & (self.busy[:, 1] > b) & (self.busy[:, 1] < t)
         lapped = sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
-        return float(np.count_nonzero(inside)) + lapped + 0.1 * reach
+        return float(np.count_nonzero(inside) + lapped + 0.1 * reach)
 
     def _write(self, text: str, box: tuple[float, float, float, float], of_body: bool) -> None:
         self.boxes.append(box)

@@ -36,6 +36,14 @@ def dress(axis: Any) -> None:
     axis.spines[["top", "right"]].set_visible(False)
 
 
+def steady(axis: Any) -> None:
+    """Plain ticks where nothing but round-off changes."""
+    low, high = axis.dataLim.intervaly
+    size = max(abs(low), abs(high))
+    if high - low < 1e-9 * size:
+        axis.set_ylim((low + high) / 2 - 0.1 * size, (low + high) / 2 + 0.1 * size)
+
+
 def style(i: int) -> dict[str, Any]:
     """Colour and dash of the i-th line; no pair comes twice before the 49th."""
     n = len(COLOURS)
@@ -160,6 +168,7 @@ def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str]
             for component, values in components(result, sensor):
                 name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
                 axis.plot(result.t, values, label=name, **style(len(axis.lines)))
+    steady(axis)
 
 
 def _legend(axis: Any) -> None:

@@ -28,8 +28,8 @@ def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
     share = np.r_[0, 0.12, 0.12 + 0.76 * (np.arange(2 * turns) + 0.5) / (2 * turns), 0.88, 1]
     offset = np.r_[0, 0, width * (-1.0) ** np.arange(2 * turns), 0, 0]
     side = np.array([across(d) for d in b - a])
-    along: Array = a[:, None] + share[None, :, None] * (b - a)[:, None]
-    return along + offset[None, :, None] * side[:, None]
+    along = a[:, None] + share[None, :, None] * (b - a)[:, None]
+    return np.asarray(along + offset[None, :, None] * side[:, None])
 
 
 def arrow(tail: Array, tip: Array, head: float) -> Array:
@@ -40,7 +40,7 @@ def arrow(tail: Array, tip: Array, head: float) -> Array:
     return np.array([tail, tip, tip - head * (d + 0.45 * side), tip, tip - head * (d - 0.45 * side)])
 
 
-def circle(center: Array, e1: Array, e2: Array, points: int = 32) -> Array:
+def circle(center: Array, e1: Array, e2: Array, points: int = 48) -> Array:
     """A closed ellipse (points + 1, 3) with half-axes e1 and e2."""
     a = np.linspace(0, 2 * np.pi, points + 1)
     return np.asarray(center + np.cos(a)[:, None] * e1 + np.sin(a)[:, None] * e2)
@@ -57,9 +57,9 @@ def turning_arrow(center: Array, axis: Array, radius: float) -> Array:
     e1, e2 = plane_of(unit(axis))
     a = np.linspace(-0.25, 1.15, 24) * np.pi
     arc = center + radius * (np.cos(a)[:, None] * e1 + np.sin(a)[:, None] * e2)
-    outward, forward = unit(arc[-1] - center), unit(arc[-1] - arc[-2])
-    head = 0.45 * radius
-    barbs = [arc[-1] - head * (forward + 0.3 * outward) + 0.6 * sign * head * outward for sign in (1, -1)]
+    head, forward = 0.5 * radius, unit(arc[-1] - arc[-5])
+    side = np.cross(unit(axis), forward)
+    barbs = [arc[-1] - head * forward + 0.45 * sign * head * side for sign in (1, -1)]
     return np.vstack([arc, barbs[0], arc[-1], barbs[1]])
 
 

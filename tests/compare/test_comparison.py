@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +56,30 @@ def test_reference_is_tighter_than_the_smallest_accuracy_and_confirmed_by_anothe
     assert f"{w.reference.difference:.1e}" in w.table()
 
 
+def test_reference_is_tighter_than_solvers_with_a_tolerance_of_their_own():
+    runs = [mb.Run(mb.RadauIIA(3, rtol=rtol)) for rtol in (1e-5, 1e-8)]
+    w = mb.compare(pendulum(), 0.5, runs, [1e-2], measure="hinge.angle")
+    assert w.reference.accuracy < 1e-9
+    assert w.runs[1].error < 1e-2 * w.runs[0].error
+    assert w.caution is None
+
+
+def test_errors_below_what_is_known_of_the_reference_are_pointed_out(w):
+    assert w.caution is None or min(row.error for row in w.runs if row.error) < w.reference.difference
+    loose = replace(w, reference=replace(w.reference, difference=1e-3))
+    assert loose.caution in loose.table()
+    assert loose.caution in loose.to_html().replace("&#x27;", "'")
+
+
+def test_a_comparison_in_which_every_run_fails_has_all_outputs(tmp_path):
+    w = mb.compare(pendulum(), 0.1, [mb.Run(mb.IDA(), mb.Index3(), label="costs $1 or $2")], [1e-3])
+    w.plot(tmp_path / "w.png")
+    for text in (w.table(), w.to_json(), w.to_html()):
+        assert "has index 3" in text
+    assert "by no run" in w.verdict
+    assert w.pairwise.largest is None
+
+
 def test_table_and_json_tell_the_same(w, tmp_path):
     w.to_json(tmp_path / "w.json")
     data = json.loads((tmp_path / "w.json").read_text())
@@ -72,6 +99,36 @@ def test_a_failed_run_shows_its_reason_in_table_and_json(w):
     assert all(entry["error"] is None and "index 3" in entry["failure"] for entry in failed)
     assert "failed: IDA Index3 asked for 1e-03, 1e-05" in w.table()
     assert "index 3" in w.table()
+
+
+def test_the_picture_names_runs_that_failed_with_their_reason(w):
+    (legend,) = w.plot().legends
+    told = [" ".join(text.get_text().split()) for text in legend.get_texts()]
+    reason = w.failures[0].failure
+    assert f"IDA Index3 (2 of 2 failed: {reason})" in told
+
+
+def test_rows_carry_all_work_and_the_size_of_what_is_kept(w):
+    row = w.runs[3]
+    s = pendulum()
+    r = s.simulate(1.0, solver=mb.RadauIIA(3).at_accuracy(1e-5, "GGL"), form=mb.GGL())
+    stats = r.stats
+    assert (row.steps, row.rejected, row.residuals) == (stats.steps, stats.rejected, stats.residuals)
+    assert (row.jacobians, row.factorisations) == (stats.jacobians, stats.factorisations)
+    assert row.newton_iterations == stats.newton_iterations > row.steps
+    solution = r.solution
+    assert row.stored_bytes == 8 * (solution.t.size + 2 * solution.y.size)
+
+
+def test_pairwise_differences_are_in_table_and_json(w):
+    found = json.loads(w.to_json())["pairwise"]
+    assert found["runs"] == ["IDA GGL", "RadauIIA(3) GGL", "constant step"]
+    assert found["asked"] == ["1e-05", "1e-05", "its own setting"]
+    matrix = np.array(found["differences"])
+    assert np.array_equal(matrix, matrix.T)
+    assert 0 < matrix[0, 1] < 2e-5
+    for text in (f"{matrix[1, 0]:.1e}", f"{matrix[2, 1]:.1e}", str(w.pairwise)):
+        assert text in " ".join(w.table().split())
 
 
 def test_a_run_that_stops_midway_keeps_its_counts_and_reason():
@@ -99,17 +156,37 @@ def test_whole_state_is_measured_without_a_sensor_and_a_result_serves_as_referen
     s = pendulum()
     truth = s.simulate(1.0, accuracy=1e-9, solver=mb.RadauIIA(3))
     w = mb.compare(s, 1.0, [mb.Run(mb.RadauIIA(3))], [1e-4], reference=truth)
-    assert "whole state" in w.what
+    assert "motion of the bodies" in w.what
     assert 0 < w.runs[0].error < 1e-3
 
 
-def test_equations_without_a_scene_are_compared_too():
-    def oscillator(t, y, yp, out):
-        out[0], out[1] = yp[0] - y[1], yp[1] + y[0]
+def oscillator(t, y, yp, out):
+    out[0], out[1] = yp[0] - y[1], yp[1] + y[0]
 
+
+def test_equations_without_a_scene_are_compared_too():
     w = mb.compare(mb.DAE(oscillator, [1.0, 0.0], [0.0, -1.0]), 3.0, accuracies=[1e-4])
     assert [row.solver for row in w.runs] == ["IDA", "RadauIIA(2)", "RadauIIA(3)"]
     assert all(row.error < 1e-3 for row in w.runs)
+
+
+def test_a_textbook_dae_of_index_2_gives_the_same_outputs(tmp_path):
+    """Jay (1993): y1 = exp t, y2 = exp -2t, z = exp 2t."""
+
+    def jay(t, y, yp, out):
+        a, b, z = y
+        out[:] = yp[0] - a * b**2 * z**2, yp[1] - a**2 * b**2 + 3 * b**2 * z, a**2 * b - 1
+
+    problem = mb.DAE(jay, [1, 1, 1], [1, -2, 2], index=[1, 1, 2], names=["y1", "y2", "z"])
+    runs = [mb.Run(mb.RadauIIA(2)), mb.Run(mb.RadauIIA(3)), mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3), model=mb.Classical())]
+    w = mb.compare(problem, 0.5, runs, [1e-3, 1e-5], resume=tmp_path / "w.resume")
+    assert [row.failure is None for row in w.runs] == [True] * 4 + [False] * 4
+    assert all(row.error < 10 * row.accuracy for row in w.runs[:4])
+    assert "a System has no joints" in w.runs[-1].failure
+    w.plot(tmp_path / "w.svg")
+    for text in (w.table(), w.to_json(), w.to_html()):
+        assert "a System has no joints" in text
+    assert mb.compare(problem, 0.5, runs, [1e-3, 1e-5], resume=tmp_path / "w.resume") == w
 
 
 def test_solver_options_show_in_the_label_and_own_tolerances_run_once():
@@ -130,6 +207,16 @@ def test_picture_has_two_logarithmic_panels_with_units(w, tmp_path):
 
 def test_total_work_is_that_of_the_solvers(w):
     assert w.cpu_s >= sum(row.cpu_s for row in w.runs if row.cpu_s is not None)
+    assert w.total_cpu_s >= w.cpu_s
+
+
+def test_comparing_costs_little_beside_the_solvers():
+    """3 solvers x 4 accuracies on ground resonance; everything, compilation included, against all solver calls."""
+    example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "ground_resonance.py"))
+    runs = [mb.Run(s) for s in (mb.IDA(), mb.RadauIIA(2), mb.RadauIIA(3))]
+    w = mb.compare(example["scene"](), example["t_end"], runs, measure=example["measure"])
+    assert len(w.runs) == 12
+    assert w.total_cpu_s < 1.5 * w.cpu_s
 
 
 @pytest.mark.parametrize(("make", "said"), [

@@ -1,8 +1,8 @@
-"""What a tolerance delivers: pendulum and car axis, adaptive, at steps and between them."""
+"""What a tolerance delivers: the pendulum, adaptive, at steps and between them."""
 
 import numpy as np
 import pytest
-from dae_problems import CAR_AXIS, car_axis, decay, pendulum, pendulum_exact
+from dae_problems import decay, pendulum, pendulum_exact
 
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
@@ -47,14 +47,6 @@ def test_pendulum(solver, form, bound):
         if solver.label == "IDA":
             assert 0 < stats.rejected < stats.steps / 4
         assert dense[:2].max() < 1.5 * at_steps[:2].max() + rtol
-
-
-@pytest.mark.parametrize(
-    ("solver", "form"), [(IDA(1e-11), "ggl_rates"), (RadauIIA(3, rtol=1e-9), "index3"), (RadauIIA(3, rtol=1e-8), "ggl")]
-)
-def test_car_axis(solver, form):
-    solution = solver.solve(car_axis(form), 3.0)
-    assert solution.y[-1, :4] == pytest.approx(CAR_AXIS, abs=1e-8)
 
 
 @pytest.mark.parametrize("solver", [IDA(1e-9), RadauIIA(3, rtol=1e-9), RadauIIA(2, rtol=1e-7), RadauIIA(3, step=0.01)])

@@ -1,41 +1,13 @@
-"""The orders Radau IIA has at index 2 and 3, and the Newton iteration at extreme steps."""
+"""Radau IIA: its tables and the Newton iteration at extreme steps; its orders are measured in validation/radau_orders."""
 
 import numpy as np
 import pytest
-from dae_problems import circle, circle_exact, jay, jay_exact, pendulum, pendulum_exact
+from dae_problems import pendulum, pendulum_exact
 
 from mbdae.errors import AccuracyWarning
 from mbdae.integrators.linear import iteration_matrix
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.radau_tables import radau_table
-
-ORDERS = [  # problem, stages, steps, {part of the unknowns: order}
-    ("index3", 2, (64, 128), {(0, 2): 3, (2, 4): 2, (4, 5): 1}),
-    ("index3", 3, (16, 32), {(0, 2): 5, (2, 4): 3, (4, 5): 2}),
-    ("ggl", 2, (32, 64), {(0, 2): 3, (2, 4): 3, (4, 5): 2}),
-    ("ggl", 3, (16, 32), {(0, 2): 5, (2, 4): 5, (4, 5): 3}),
-    ("jay", 2, (64, 128), {(0, 2): 3, (2, 3): 2}),
-    ("jay", 3, (32, 64), {(0, 2): 5, (2, 3): 3}),
-]
-
-
-def errors(problem: str, stages: int, steps: int) -> np.ndarray:
-    """Largest error of each unknown over [1/4, 1] with constant steps."""
-    system, exact = (jay(), jay_exact) if problem == "jay" else (circle(problem), circle_exact)
-    solution = RadauIIA(stages, step=1 / steps).solve(system, 1.0)
-    reference = exact(solution.t)
-    difference = np.abs(solution.y[:, : reference.shape[1]] - reference)
-    return difference[steps // 4 :].max(axis=0)
-
-
-@pytest.mark.parametrize(("problem", "stages", "steps", "expected"), ORDERS)
-def test_order(problem, stages, steps, expected):
-    coarse, fine = (errors(problem, stages, n) for n in steps)
-    for (first, last), order in expected.items():
-        slope = np.log2(coarse[first:last].max() / fine[first:last].max())
-        print(f"{problem}, {stages} stages, unknowns {first}:{last}: order {slope:.2f}")
-        assert slope == pytest.approx(order, abs=0.2)
-
 
 @pytest.mark.parametrize("form", ["index3", "ggl", "ggl_rates"])
 @pytest.mark.parametrize("stages", [2, 3])

@@ -11,14 +11,15 @@ from scenes import data, ground_resonance
 from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("ground_resonance", "four blades on a hub: one and two axes of support, prescribed and free speed", 1e-6, "rad",
-              "computed independently of mbdae in minimal coordinates, DOP853; it agrees with a looser run within 1e-9")  # fmt: skip
-T_END = 5.0  # s
+              "computed independently of mbdae in minimal coordinates, DOP853; compared where it agrees with a looser run within "
+              "1e-9, that is to 5 s, or to 4 s where the blades' motion turns chaotic")  # fmt: skip
+KNOWN = 1e-9  #: largest difference of the reference from its looser run
 
 
-def motion(solver: Any, case: str) -> list[Found]:
+def motion(solver: Any, case: str, t_end: float) -> list[Found]:
     """Lag angles, hub and rotor speed."""
     e = data("ground_resonance")["nonlinear"][case]
-    axes, keep = e["settings"]["axes"], np.array(e["t"]) <= T_END
+    axes, keep = e["settings"]["axes"], (np.array(e["self_diff"]) < KNOWN) & (np.array(e["t"]) <= t_end)
     r = simulated(ground_resonance(axes, e["settings"]["free"]), np.array(e["t"])[keep], claim.tolerance, solver)
     lag = np.array([r[f"lag{i + 1}"].angle for i in range(4)]).T
     return [Found(largest(lag, np.array(e["lag_angles"])[keep]), quantity="lag angles"),
@@ -27,8 +28,9 @@ def motion(solver: Any, case: str) -> list[Found]:
 
 
 def cases() -> list[Case]:
-    return [case for name in data("ground_resonance")["nonlinear"]
-            for case in with_both(name.replace("_", " "), lambda solver, name=name: motion(solver, name))]  # fmt: skip
+    return [case for t_end in (2.0, 5.0) for name in data("ground_resonance")["nonlinear"]
+            for case in with_both(f"{name.replace('_', ' ')}, to {t_end:g} s",
+                                  lambda solver, name=name, t_end=t_end: motion(solver, name, t_end), slow=t_end > 2)]  # fmt: skip
 
 
 def run() -> list[Row]:
