@@ -58,6 +58,8 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     sensors = [sensors] if isinstance(sensors, str) else list(sensors)
     for sensor in sensors:
         numbers(result, sensor)
+    if not len(result.t):
+        raise OptionError("animate: this result has no times; ask for some with r(times)")
     duration = float(result.t[-1] - result.t[0])
     rate = natural_speed(duration) if speed is None else speed
     if not (np.isfinite(rate) and rate > 0 and np.isfinite(fps) and 0 < fps <= 100):

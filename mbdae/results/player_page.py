@@ -21,7 +21,8 @@ canvas { display: block; width: 100%; }
 button, select { font: inherit; padding: 6px 12px; border: 1px solid #777; border-radius: 6px; background: #f4f4f4; color: #222; }
 #play { min-width: 6em; font-weight: 600; }
 :is(button, select, input, canvas):focus-visible { outline: 3px solid #0072B2; outline-offset: 1px; }
-label { display: inline-flex; gap: 6px; align-items: center; }
+label { display: inline-flex; flex-wrap: wrap; gap: 6px; align-items: center; }
+label[hidden] { display: none; }
 output { font-variant-numeric: tabular-nums; min-width: 8em; }
 #hint { color: #555; font-size: .87rem; margin: 6px 0; }
 </style>
@@ -35,7 +36,7 @@ output { font-variant-numeric: tabular-nums; min-width: 8em; }
 <output id="time" for="slide"></output>
 <label>Speed <select id="speed">@SPEEDS@</select></label>
 <label><input id="names" type="checkbox" checked> Names</label>
-<label id="trailbox" hidden><input id="trails" type="checkbox" checked> Trails</label>
+<label id="trailbox" hidden><input id="trails" type="checkbox" checked> Trails:</label>
 <button id="reset" type="button" hidden>Reset view</button>
 </div>
 <canvas id="strip" role="img" aria-label="Sensors over time" hidden></canvas>
@@ -103,7 +104,7 @@ function fitted(canvas, height) {
 }
 
 function lens(width, height) {
-  const e = eye(), pad = 34;
+  const e = eye(), pad = film.planar ? 34 : 20;
   const w = film.planar ? extent[0] : 1.75 * radius, h = film.planar ? extent[1] : 1.75 * radius;
   const k = Math.min((width - 2 * pad) / (w || 1e-9), (height - 2 * pad) / (h || 1e-9));
   const see = p => {
@@ -204,7 +205,7 @@ function names(c, f, poses, eyeing, taken) {
 
 function drawView(f) {
   const wide = view.clientWidth;
-  const wanted = film.planar ? 68 + (wide - 68) * extent[1] / (extent[0] || 1) : 0.72 * wide;
+  const wanted = film.planar ? 68 + (wide - 68) * extent[1] / (extent[0] || 1) : wide < 500 ? 0.95 * wide : 0.72 * wide;
   const {c, width, height} = fitted(view, Math.round(Math.max(240, Math.min(wanted, 0.66 * window.innerHeight, 720))));
   const eyeing = lens(width, height);
   film.planar ? grid(c, width, height, eyeing) : box(c, width, height, eyeing);
@@ -237,10 +238,13 @@ function drawStrip(f) {
     c.fillStyle = "#555"; c.textAlign = "right";
     c.fillText(hi.toPrecision(3), left - 5, top + 9); c.fillText(lo.toPrecision(3), left - 5, bottom);
     c.textAlign = "left"; c.fillStyle = INK;
-    const value = j => (curve.parts[j] ? curve.parts[j] + " " : "") + curve.values[j][k].toPrecision(4);
-    c.fillText(curve.label + "   " + curve.values.map((_, j) => value(j)).join("   "), left, top - 6, right - left);
+    c.fillText(curve.label, left, top - 6);
+    let pen = left + c.measureText(curve.label).width + 10;
     curve.values.forEach((values, j) => {
+      const text = (curve.parts[j] ? curve.parts[j] + " " : "") + values[k].toPrecision(3);
       c.strokeStyle = film.colours[j % film.colours.length]; c.lineWidth = 1.6; c.setLineDash(DASH[j % DASH.length]);
+      if (curve.parts.length > 1 && pen < right) { stroke(c, [[pen, top - 10], [pen + 15, top - 10]]); c.stroke(); pen += 18; }
+      c.fillText(text, pen, top - 6); pen += c.measureText(text).width + 8;
       stroke(c, values.map((v, i) => [X(film.times[i]), Y(v)])); c.stroke();
     });
     c.setLineDash([]); c.strokeStyle = INK; c.lineWidth = 1.4; stroke(c, [[X(now), top], [X(now), bottom]]); c.stroke();
@@ -291,6 +295,12 @@ view.addEventListener("keydown", e => {
   const turn = {ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1]}[e.key];
   if (turn && !film.planar) { turnBy(...turn); e.preventDefault(); }
   if (e.key === " ") { setPlaying(!playing); e.preventDefault(); }
+});
+play.disabled = slide.disabled = t.length < 2;
+film.trails.forEach(trail => {
+  const name = document.createElement("span");
+  name.textContent = trail.name; name.style.borderBottom = "3px solid " + trail.colour;
+  el("trailbox").append(name);
 });
 el("trailbox").hidden = !film.trails.length; strip.hidden = !film.curves.length;
 show();

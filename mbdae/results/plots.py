@@ -100,7 +100,13 @@ def quantity_of(result: Any, sensor: str) -> str:
 
 def label_of(result: Any, sensor: str, component: str = "") -> str:
     """A sensor's name and component with its unit."""
-    return axis_label(sensor + (f" {component}" if component else ""), quantity_of(result, sensor))
+    return with_unit(sensor + (f" {component}" if component else ""), quantity_of(result, sensor))
+
+
+def with_unit(name: str, quantity: str) -> str:
+    """A name with the unit of its quantity, [-] where it has none."""
+    label = axis_label(name, quantity)
+    return label if label != name else f"{name} [-]"
 
 
 def track(result: Any, place: Any) -> tuple[str, Array]:
@@ -156,7 +162,7 @@ def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], pat
     figure, axes = new_figure(len(by_quantity))
     for axis, (quantity, names) in zip(axes, by_quantity.items(), strict=True):
         _panel(axis, results, names)
-        axis.set_ylabel(axis_label(quantity.replace("_", " "), quantity))
+        axis.set_ylabel(with_unit(quantity.replace("_", " "), quantity))
         _legend(axis)
     axes[-1].set_xlabel(axis_label("time", "time"))
     return written(figure, path)
@@ -173,7 +179,8 @@ def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str]
 
 def _legend(axis: Any) -> None:
     if len(axis.lines) > 1:
-        axis.legend(frameon=False, fontsize="small", ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
+        columns = 3 if len(axis.lines) % 3 == 0 else 2
+        axis.legend(frameon=False, fontsize="small", ncols=columns, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
     else:
         axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")
 

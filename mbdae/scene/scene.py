@@ -312,7 +312,7 @@ class SceneData(Reading):
         chosen, statements = set(names or known), []
         for method, args, kwargs in self.statements:
             if method == "revolute" and (args[0] if args else kwargs["name"]) in chosen:
-                args, kwargs = args[:5], {**kwargs, "model": encode(model)}
+                args, kwargs = _with_model(args, kwargs, encode(model))
             statements.append([method, args, kwargs])
         data = {"name": self.name, "gravity": self.gravity.tolist(), "space": self.space, "statements": statements}
         return replay(data, type(self))
@@ -367,3 +367,10 @@ class SceneData(Reading):
         if isinstance(body, str):
             body = next((b for b in self.bodies if b.name == body), self.ground)
         return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
+
+
+def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any) -> tuple[list[Any], dict[str, Any]]:
+    """Arguments of `revolute` with another model, wherever it was given (its sixth argument)."""
+    if len(args) > 5:
+        return [*args[:5], model, *args[6:]], kwargs
+    return args, {**kwargs, "model": model}

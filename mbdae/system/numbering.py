@@ -72,6 +72,7 @@ class Numbering:
         self.n = n
         self._clock_values: list[Any] = []
         self._constants: list[float] = []
+        self._gathers: dict[Any, NDArray[np.intp]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self._collect()
         self.clock = Kernel([timed.TIME], self._clock_values)
@@ -122,6 +123,12 @@ class Numbering:
 
     def gather(self, g: int, inputs: Inputs) -> NDArray[np.intp]:
         """(instances, inputs) positions in the workspace."""
+        key = (g, inputs.symbols)
+        if key not in self._gathers:
+            self._gathers[key] = self._gathered(g, inputs)
+        return self._gathers[key]
+
+    def _gathered(self, g: int, inputs: Inputs) -> NDArray[np.intp]:
         group = self.model.groups[g]
         table = np.empty((len(group.instances), len(inputs.symbols)), dtype=np.intp)
         for i in range(len(group.instances)):

@@ -57,7 +57,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
         return RankReport([], degrees_of_freedom=mechanics.nu)
     closing = {c.name for c in starter.tree.closing}
     order = sorted(range(mechanics.m), key=lambda i: mechanics.rows[i].name.rsplit(".", 1)[0] in closing)
-    places = [q, *_other_positions(mechanics, starter, q)]
+    places = [q, *(_other_positions(mechanics, starter, q) if closing else ())]  # a tree has no dependent rows anywhere
     new = np.array([novelty(_rows_at(mechanics, starter.t, p)[order]) for p in places])
     here, best = new[0], new.max(axis=0)
     report = RankReport([])

@@ -9,6 +9,7 @@ from mbdae.integrators.linear import iteration_matrix
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.radau_tables import radau_table
 
+
 @pytest.mark.parametrize("form", ["index3", "ggl", "ggl_rates"])
 @pytest.mark.parametrize("stages", [2, 3])
 def test_newton_at_a_step_of_a_nanosecond(form, stages):

@@ -216,6 +216,8 @@ def test_replace_changes_the_named_joints_only() -> None:
     s = four_bar()
     changed = s.replace("B", model=mb.Classical())
     assert [type(c.joint).__name__ for c in changed.joints] == ["Revolute", "ClassicalRevolute", "Revolute", "Revolute"]
+    s.revolute("E", "rocker", s["crank"], (0, 0), (0, 0, 1), mb.Kinematic(), None, 0.25)  # everything by position
+    assert s.replace("E", model=mb.Classical())["E"].hold == 0.25
     with pytest.raises(mb.SceneError, match="there is no revolute joint 'X'"):
         s.replace("X", model=mb.Classical())
     with pytest.raises(mb.SceneError, match="scaling > 0 and penalty >= 0"):

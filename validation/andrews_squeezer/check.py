@@ -10,7 +10,7 @@ from scenes import andrews, data
 
 from mbdae.validation import Case, Claim, Found, Row, measure
 
-claim = Claim("andrews_squeezer", "the angles of Andrews' squeezer at 0.03 s, and the forces that close its loops", 1e-8, "relative",
+claim = Claim("andrews_squeezer", "the angles of Andrews' squeezer at 0.03 s, and the forces closing its loops", 1e-8, "relative",
               "problem: IVP test set; values computed independently of mbdae in one coordinate; the published digits hold to "
               "about 1e-9")  # fmt: skip
 

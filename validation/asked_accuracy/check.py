@@ -16,8 +16,10 @@ from mbdae.results.control import distance
 from mbdae.system.prepare import prepare
 from mbdae.validation import Case, Claim, Found, Row, measure
 
-claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run misses the accuracy asked for without a warning", 3.0,
-              "times asked", "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")  # fmt: skip
+claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is silent and more than ten times off what was asked, "
+              "hardly any more than three times", 10.0, "times asked",
+              "Radau IIA at 1e-11 on the same scene, 501 times; the scenes are made from seeds")  # fmt: skip
+OFF = 3.0  #: error over accuracy asked above which a run without a warning is counted
 
 
 class Run(NamedTuple):
@@ -52,14 +54,15 @@ def runs(seeds: Iterable[int], accuracies: Iterable[float], t_end: float = 1.0) 
 def judge(seeds: Iterable[int], accuracies: Iterable[float]) -> list[Found]:
     """Silent errors, needless warnings, and how near the median is to what was asked."""
     found = runs(seeds, accuracies)
-    silent = max((run for run in found if not run.warned), default=found[0])
-    good = [run.warned for run in found if run.ratio <= 1]
+    unwarned = [run for run in found if not run.warned]
+    worst = max(unwarned)
+    told = f"{len(found)} runs; the largest without a warning: seed {worst.seed}, {worst.solver}, asked {worst.accuracy:.0e}"
     median = float(np.median([run.ratio for run in found]))
-    worst = f"{len(found)} runs; largest without a warning: seed {silent.seed}, {silent.solver}, asked {silent.accuracy:.0e}"
-    return [Found(silent.ratio, quantity="largest error without a warning", note=worst),
-            Found(float(np.mean(good)), 0.05, "share", "needless warnings"),
+    return [Found(worst.ratio, quantity="largest error without a warning", note=told),
+            Found(sum(run.ratio > OFF for run in unwarned) / len(found), 0.01, "share", f"silent, more than {OFF:g} times off"),
+            Found(float(np.mean([run.warned for run in found if run.ratio <= 1])), 0.05, "share", "needless warnings"),
             Found(median, 1.0, quantity="median error"),
-            Found(0.01 / median, 1.0, quantity="wasted accuracy, 0.01 / median")]  # fmt: skip
+            Found(0.01 / median, 1.0, "1", "wasted accuracy, 0.01 / median")]  # fmt: skip
 
 
 def cases() -> list[Case]:

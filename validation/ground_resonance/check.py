@@ -30,7 +30,7 @@ def motion(solver: Any, case: str, t_end: float) -> list[Found]:
 def cases() -> list[Case]:
     return [case for t_end in (2.0, 5.0) for name in data("ground_resonance")["nonlinear"]
             for case in with_both(f"{name.replace('_', ' ')}, to {t_end:g} s",
-                                  lambda solver, name=name, t_end=t_end: motion(solver, name, t_end), slow=t_end > 2)]  # fmt: skip
+                                  lambda solver, run=(name, t_end): motion(solver, *run), slow=t_end > 2)]  # fmt: skip
 
 
 def run() -> list[Row]:

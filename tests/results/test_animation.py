@@ -1,0 +1,182 @@
+"""GIF and player: frames, times, data; the page works alone in a browser."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import re
+import shutil
+import socket
+import subprocess
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.results.animation import frame_times, natural_speed
+
+
+def data_of(page: str) -> dict[str, Any]:
+    found = re.search(r'<script id="film" type="application/json">(.*?)</script>', page, re.S)
+    assert found is not None
+    return json.loads(found[1])  # type: ignore[no-any-return]
+
+
+def test_gif_has_the_frames_and_pace_asked_for(bar: Any, tmp_path: Path) -> None:
+    from PIL import Image
+
+    bar.animate(tmp_path / "a.gif", sensors=["C.angle", "A.force"], fps=10, speed=1.0, trail="C")
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.n_frames == 7
+        assert image.info["duration"] == 100  # ms
+        first, last = (np.asarray(_frame(image, i)) for i in (0, 6))
+    assert np.any(first != last)
+
+
+def _frame(image: Any, i: int) -> Any:
+    image.seek(i)
+    return image.convert("RGB")
+
+
+def test_gif_in_space(tmp_path: Path) -> None:
+    s = mb.Scene("top", gravity=(0, 0, -9.81))
+    top = s.rigid_body("top", 1.0, (0.02, 0.04, 0.02), at=(0, 1, 0), angular_velocity=(0, 5, 0))
+    s.spherical("tip", s.ground, top, at=(0, 0, 0))
+    s.simulate(0.2, accuracy=1e-2).animate(tmp_path / "top.gif", fps=10, speed=1.0, sensors="top.position")
+    assert (tmp_path / "top.gif").stat().st_size > 5_000
+
+
+def test_player_holds_the_motion_and_nothing_from_outside(zoo_run: Any, tmp_path: Path) -> None:
+    zoo_run.animate(tmp_path / "a.html", sensors=["P.rate", "arm.position"], trail=["bob", "S"])
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert not re.search(r"https?:|//[a-z]|\bsrc=|@import|url\(", page)
+    film = data_of(page)
+    t = np.array(film["t"])
+    moved = np.array(film["bodies"]["cart"]["r"]) * film["unit"]
+    np.testing.assert_allclose(moved, zoo_run(np.clip(t, 0, 0.4)).read("cart.position"), atol=0.6 * film["unit"])
+    R = np.array(film["bodies"]["arm"]["R"]).reshape(-1, 3, 3) * film["grain"]
+    np.testing.assert_allclose(R, zoo_run(np.clip(t, 0, 0.4)).read("arm.rotation"), atol=0.6 * film["grain"])
+    assert [curve["label"] for curve in film["curves"]] == ["P.rate [m/s]", "arm.position [m]"]
+    assert [trail["name"] for trail in film["trails"]] == ["bob", "S"]
+    assert len(film["times"]) == len(film["curves"][0]["values"][0]) == len(film["trails"][0]["points"])
+
+
+def test_a_name_cannot_break_the_page(bar: Any, tmp_path: Path) -> None:
+    bar.animate(tmp_path / "a.html")
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert page.count("</script>") == 2
+    assert data_of(page)["name"] == "four-bar </script>"
+    assert len(page) < 200_000
+
+
+def test_times_and_speed() -> None:
+    np.testing.assert_allclose(frame_times(1.0, 2.0, 0.1), 1 + np.arange(21) / 10)
+    assert len(frame_times(0.0, 1e4, 0.01)) == 600
+    assert [natural_speed(d) for d in (0.0, 2.0, 60.0, 0.03, 0.9, 1000.0)] == [1, 1, 1, 0.002, 0.1, 100]
+
+
+def test_errors_of_animate(bar: Any, tmp_path: Path) -> None:
+    with pytest.raises(mb.OptionError, match=r"animate writes \.gif or \.html, got .*a\.mp4"):
+        bar.animate(tmp_path / "a.mp4")
+    with pytest.raises(mb.OptionError, match="there is no folder"):
+        bar.animate(tmp_path / "nowhere" / "a.gif")
+    with pytest.raises(mb.SceneError, match=r"there is no sensor 'C\.angel'"):
+        bar.animate(tmp_path / "a.html", sensors=["C.angel"])
+    with pytest.raises(mb.SceneError, match="there is no item 'Q'"):
+        bar.animate(tmp_path / "a.html", trail="Q")
+    with pytest.raises(mb.OptionError, match="speed = -1"):
+        bar.animate(tmp_path / "a.html", speed=-1)
+    assert not list(tmp_path.iterdir())
+
+
+# ---- in a browser --------------------------------------------------------------------------------------------------------
+
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+         "--disable-component-update", "--disable-sync")  # fmt: skip
+
+
+class Browser:
+    """The few calls of the WebDriver protocol needed here."""
+
+    def __init__(self, port: int, profile: Path) -> None:
+        self.root = f"http://127.0.0.1:{port}/session"
+        options = {"args": [*FLAGS, f"--user-data-dir={profile}"]}
+        wanted = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
+        self.id = self.call("POST", "", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
+
+    def call(self, method: str, path: str, body: Any = None) -> Any:
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.root + path, data, {"Content-Type": "application/json"}, method=method)
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.load(answer)["value"]
+
+    def open(self, file: Path, width: int) -> None:
+        size = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": False}
+        self.call("POST", f"/{self.id}/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride", "params": size})
+        self.call("POST", f"/{self.id}/url", {"url": file.as_uri()})
+
+    def run(self, script: str) -> Any:
+        return self.call("POST", f"/{self.id}/execute/sync", {"script": script, "args": []})
+
+    def messages(self) -> list[Any]:
+        return list(self.call("POST", f"/{self.id}/se/log", {"type": "browser"}))
+
+    def picture(self) -> bytes:
+        return base64.b64decode(self.call("GET", f"/{self.id}/screenshot"))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: Any) -> Iterator[Browser]:
+    driver = shutil.which("chromedriver")
+    if driver is None:
+        pytest.skip("no chromedriver on this machine: the player was not opened in a browser")
+    with contextlib.closing(socket.socket()) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with subprocess.Popen([driver, f"--port={port}"], stdout=subprocess.DEVNULL) as process:
+        try:
+            opened = Browser(_ready(port), tmp_path_factory.mktemp("profile"))
+            yield opened
+            opened.call("DELETE", f"/{opened.id}")
+        finally:
+            process.terminate()
+
+
+def _ready(port: int) -> int:
+    for _ in range(100):
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+            return port
+        time.sleep(0.1)
+    raise TimeoutError(f"chromedriver does not answer on port {port}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_player_plays(zoo_run: Any, browser: Browser, tmp_path: Path, width: int) -> None:
+    zoo_run.animate(tmp_path / "a.html", sensors=["P.rate", "arm.position"], trail="bob", speed=0.2)
+    browser.open(tmp_path / "a.html", width)
+    read = "return Number(document.getElementById('time').textContent.match(/[0-9.]+/)[0])"
+    assert browser.run(read) == 0
+    browser.run("document.getElementById('play').click()")
+    time.sleep(0.8)
+    first = browser.run(read)
+    time.sleep(0.4)
+    assert 0 < first < browser.run(read) <= 0.4
+    browser.run("document.getElementById('play').click()")
+    stopped = browser.run(read)
+    time.sleep(0.3)
+    assert browser.run(read) == stopped
+    key = "document.getElementById('view').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft', cancelable: true}))"
+    before = browser.picture()
+    browser.run(key)
+    assert (browser.picture() != before) == (not zoo_run.prepared.model.planar)
+    assert browser.run("return document.documentElement.scrollWidth <= window.innerWidth")
+    controls = "[...document.querySelectorAll('button,input,select')]"
+    assert browser.run(f"return {controls}.every(e => e.ariaLabel || e.labels?.length || e.textContent)")
+    assert not browser.messages()

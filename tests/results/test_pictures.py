@@ -1,0 +1,105 @@
+"""Pictures: panels, units, components, names; files that are written, and errors that say what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+
+
+def test_one_panel_per_quantity_with_units(bar: Any, tmp_path: Path) -> None:
+    figure = bar.plot("C.angle", "D.angle", "A.force", "crank.angular_velocity", "crank.rotation", path=tmp_path / "a.png")
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    assert labels == ["angle [rad]", "force [N]", "angular velocity [rad/s]", "rotation [-]"]
+    assert figure.axes[-1].get_xlabel() == "time [s]"
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_planar_vectors_show_the_components_of_the_plane(bar: Any) -> None:
+    figure = bar.plot("A.force", "crank.angular_velocity")
+    assert [line.get_label() for axis in figure.axes for line in axis.lines] == [
+        "A.force x", "A.force y", "crank.angular_velocity z"]  # fmt: skip
+    looks = [(line.get_color(), line.get_linestyle()) for line in figure.axes[0].lines]
+    assert len({color for color, _ in looks}) == len({dash for _, dash in looks}) == 2
+
+
+def test_the_rate_of_a_slider_is_in_metres_per_second(zoo_run: Any) -> None:
+    figure = zoo_run.plot("P.rate", "R.rate", "P.displacement")
+    assert [axis.get_ylabel() for axis in figure.axes] == ["speed [m/s]", "rate [rad/s]", "displacement [m]"]
+
+
+def test_results_over_each_other(bar: Any) -> None:
+    other = bar(bar.t[::3])
+    figure = bar.plot("C.angle", against=[other], labels=["fine", "coarse"])
+    lines = figure.axes[0].lines
+    assert [line.get_label() for line in lines] == ["C.angle (fine)", "C.angle (coarse)"]
+    np.testing.assert_array_equal(lines[1].get_ydata(), other["C"].angle)
+    named = bar.plot("C.angle", against=other).axes[0].lines
+    assert len({line.get_label() for line in named}) == 2
+    with pytest.raises(mb.OptionError, match="labels has 1 entries for 2 results"):
+        bar.plot("C.angle", against=other, labels=["one"])
+
+
+def test_phase_and_orbit(bar: Any, tmp_path: Path) -> None:
+    (axis,) = bar.phase("C.angle", "C.rate", path=tmp_path / "phase.svg").axes
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("C.angle [rad]", "C.rate [rad/s]")
+    np.testing.assert_array_equal(axis.lines[0].get_ydata(), bar["C"].rate)
+    place = bar.prepared.model.scene["coupler"].at(1.0)
+    for what in ("C", "coupler.position", place):
+        (axis,) = bar.orbit(what, against=bar, path=tmp_path / "orbit.pdf").axes
+        assert axis.get_aspect() == 1
+        assert axis.get_ylabel().endswith("y [m]")
+    np.testing.assert_allclose(axis.lines[0].get_xdata(), bar[place].position[:, 0])
+    with pytest.raises(mb.OptionError, match="axes='xx' is not a plane"):
+        bar.orbit("C", axes="xx")
+    with pytest.raises(mb.OptionError, match=r"'C\.angle' is not a place"):
+        bar.orbit("C.angle")
+
+
+def test_errors_of_plot(bar: Any, tmp_path: Path) -> None:
+    with pytest.raises(mb.SceneError, match=r"there is no sensor 'C\.angel'"):
+        bar.plot("C.angel")
+    with pytest.raises(mb.SceneError, match="there is no item 'Q'"):
+        bar.plot("Q.angle")
+    with pytest.raises(mb.OptionError, match=r"'crank\.at' is not a quantity over time"):
+        bar.plot("crank.at")
+    with pytest.raises(mb.OptionError, match="name at least one sensor"):
+        bar.plot()
+    with pytest.raises(mb.OptionError, match=r"plot writes \.png, \.svg or \.pdf, got"):
+        bar.plot("C.angle", path=tmp_path / "a.bmp")
+    with pytest.raises(mb.OptionError, match="there is no folder"):
+        bar.plot("C.angle", path=tmp_path / "nowhere" / "a.png")
+
+
+def test_draw_writes_and_names_everything(zoo_run: Any, tmp_path: Path) -> None:
+    scene = zoo_run.prepared.model.scene
+    figure = scene.draw(tmp_path / "zoo.png")
+    names = {name for text in figure.texts for name in text.get_text().split(", ")}
+    assert names == {item.name for item in (*scene.bodies, *scene.connections)}
+    assert (tmp_path / "zoo.png").stat().st_size > 10_000
+    (axes,) = figure.axes
+    assert axes.name == ("rectilinear" if zoo_run.prepared.model.planar else "3d")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_names_stay_apart_and_near(bar: Any) -> None:
+    figure = bar.prepared.model.scene.draw()
+    boxes = [text.get_window_extent() for text in figure.texts]
+    width, height = figure.get_size_inches() * figure.dpi
+    for i, a in enumerate(boxes):
+        assert 0 <= a.x0 <= a.x1 <= width
+        assert 0 <= a.y0 <= a.y1 <= height
+        assert not any(a.overlaps(b) for b in boxes[:i])
+
+
+def test_draw_of_a_wrong_scene() -> None:
+    s = mb.Scene()
+    s.link("rod", (0, 0), (1, 0), mass=-1.0)
+    with pytest.raises(mb.SceneError, match="is negative"):
+        s.draw()
+    with pytest.raises(mb.SceneError, match="has no bodies"):
+        mb.Scene().draw()
