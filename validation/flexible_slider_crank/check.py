@@ -20,7 +20,7 @@ FORMS = {INDEX3: "index3", GGL: "ggl", RATES: "ggl_rates"}
 RUNS = [(INDEX3, mb.RadauIIA(3, rtol=1e-8)), (INDEX3, mb.RadauIIA(3, rtol=1e-9)), (INDEX3, mb.RadauIIA(3, rtol=1e-10)),
         (GGL, mb.RadauIIA(3, rtol=1e-6)), (GGL, mb.RadauIIA(3, rtol=1e-7)), (GGL, mb.RadauIIA(3, rtol=1e-8)),
         (RATES, mb.IDA(1e-10))]  # fmt: skip
-IDA_REACHES = 2e-5  #: BDF damps or feeds the undamped modes: rtol 1e-11 costs four times more and reaches 2e-6
+IDA_REACHES = 2e-5  #: at rtol 1e-10; 1e-11 costs four times more and reaches 2e-6
 
 
 def amplitudes(form: str, solver: Any) -> list[Found]:
