@@ -114,7 +114,8 @@ COLUMNS = {
     "smallest": ".0e", "plain": ".0e", "largest": "g", "steps": "d", "cpu": ".2f", "fixed": ".1e", "adaptive": ".1e",
 }  # fmt: skip
 HEAD = ("model", "k", "p", "unknowns", "Newton / step", "CPU s (h = 1 ms)", "cond", "cond scaled", "smallest h, s",
-        "without h-scaling", "largest h, s", "steps (rtol 1e-9)", "CPU s", "difference at equal steps", "difference adaptive")  # fmt: skip
+        "without h-scaling", "largest h, s", "steps (rtol 1e-9)", "CPU s",
+        "difference at equal steps", "difference adaptive")  # fmt: skip
 
 
 def main() -> None:

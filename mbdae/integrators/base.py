@@ -37,6 +37,8 @@ class Solver(ABC):
     tightest: ClassVar[dict[str, float]] = {}
     #: a tolerance smaller by r makes the error smaller by r**error_fall at least; measured, with its scatter
     error_fall: ClassVar[float] = 0.6
+    #: tolerance of the companion run that measures the error, over that of the run
+    companion: ClassVar[float] = 10.0
     #: highest index of an unknown this method takes
     highest_index: ClassVar[int] = 1
     #: what to use instead below it

@@ -38,6 +38,7 @@ class IDA(Solver):
 
     factors: ClassVar[dict[str, dict[str, float]]] = {"IDA": {"GGL": 2e-3, "ODE": 5e-3, "DAE": 2e-3}}
     error_fall: ClassVar[float] = 0.4  # the error of a variable-order run scatters by a factor of 5 over nearby rtol
+    companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-13}
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 

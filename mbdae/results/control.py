@@ -1,6 +1,6 @@
 """From the accuracy a user asks for to a run that has it: companion runs measure the error instead of trusting rtol.
 
-Every controlled run is made twice, at ten times the tolerance and at the tolerance itself; their difference, times
+Every controlled run is made twice, at a multiple of the tolerance and at the tolerance itself; their difference, times
 the ratio by which the error falls, estimates the error of the second. Where that is above what was asked, the run is
 repeated with a tighter tolerance. The measured factors between accuracy and rtol (`Solver.factors`) only choose where
 to begin.
@@ -22,7 +22,6 @@ from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 
-COMPANION = 10.0  #: tolerance of the companion over that of the run
 LOOSEST = 1e-2
 ATTEMPTS = 5
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
@@ -108,7 +107,7 @@ def _controlled(system: System, measure: Callable[[Array, Array], Array], solver
                 outputs: Array, options: dict[str, Any]) -> Controlled:  # fmt: skip
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
-    loose = _with_rtol(tight, min(COMPANION * tight.tolerance, LOOSEST))
+    loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
     coarse = loose.solve(system, t_end, **options)
     best = Controlled(coarse, loose, float("inf"), 1, coarse.stats.cpu_s)
     while coarse.complete and best.runs < ATTEMPTS:
