@@ -11,12 +11,13 @@ from mbdae.errors import SceneError, StartError
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
+from mbdae.system.explicit import partition_of, rhs_of, state_rates
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import constraint_rows
 from mbdae.system.redundancy import RankReport, analyse, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
-from mbdae.system.start import Start, Starter, state_rate_outputs
+from mbdae.system.start import Start, Starter
 from mbdae.threads import single_threaded
 
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
@@ -116,7 +117,9 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
     system = SceneSystem(prepared.model, mechanics.rows, spec, sparse)
     nb = system.numbering
-    state_rate = Starter(mechanics, start.t).states(state_rate_outputs, start.q, start.u)
+    system.partition = partition_of(mechanics)
+    system.rhs = None if spec.blocks else rhs_of(mechanics)
+    state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = multiplier_scales(mechanics, start, T)
     scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
     blocks = {

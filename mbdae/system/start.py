@@ -65,11 +65,6 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_starts)]
 
 
-def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Rates of internal states."""
-    return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_rates)]
-
-
 class Starter:
     """Finds the start of a model by mass-weighted Gauss-Newton and projections."""
 
@@ -85,7 +80,7 @@ class Starter:
         q = self.close(self.placed())
         self.check_branches(q)
         u = self.project_velocities(q, self.carried(q))
-        s = self.states(state_start_outputs, q, u)
+        s = self.states(q, u)
         a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
 
@@ -317,11 +312,11 @@ class Starter:
 
     # -- states
 
-    def states(self, outputs: Any, q: Array, u: Array) -> Array:
-        """Internal states (or their rates) at q, u."""
+    def states(self, q: Array, u: Array) -> Array:
+        """Start values of the internal states at q, u."""
         nb = self.mechanics.numbering
         s = np.zeros(len(nb.states))
-        for g, p, values in self.mechanics.evaluate(outputs, self.t, q[None], u[None], s[None]):
+        for g, p, values in self.mechanics.evaluate(state_start_outputs, self.t, q[None], u[None], s[None]):
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
                     s[nb.unknown(target, g, i)[0] - nb.start["s"]] = values[0, i, o]
