@@ -1,0 +1,1 @@
+"""What a run returns: sensors, energy, accuracy, pictures, storage."""

@@ -1,0 +1,1 @@
+"""From a scene to a System: numbering, assembly, rank and a consistent start."""
