@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.equations import Equations
+from mbdae.compare.memory import peak_bytes, reset_peak
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import Form
@@ -32,11 +33,12 @@ WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
 @dataclass(frozen=True)
 class Timed:
-    """A finished run with the least CPU s of its repeats and their spread."""
+    """A finished run with the least CPU s of its repeats, their spread, and the process's peak memory in bytes."""
 
     solution: Solution
     cpu_s: float
     spread_s: float | None
+    peak_bytes: int | None
 
 
 @dataclass
@@ -119,6 +121,7 @@ class Job:
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
         """Run a solver; short runs twice, for the least CPU time."""
         system, seconds = (equations or self.stated).for_solver(form, solver), []
+        told = reset_peak()
         for _ in range(2 if repeat else 1):
             begin = time.process_time()
             try:
@@ -130,7 +133,8 @@ class Job:
                 raise KeyboardInterrupt
             if seconds[0] >= SHORT:
                 break
-        return Timed(solution, min(seconds), max(seconds) - min(seconds) if len(seconds) > 1 else None)
+        spread = max(seconds) - min(seconds) if len(seconds) > 1 else None
+        return Timed(solution, min(seconds), spread, peak_bytes() if told else None)
 
     def values(self, solution: Solution, equations: Equations | None = None) -> Array:
         """What is compared, (nt, ...) at `times`: the sensor, or the positions and velocities (all unknowns of a System)."""

@@ -11,7 +11,8 @@ class Row:
     """One solver run. `error` as the measure says, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
 
     accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the accepted steps kept
-    (t, y, y'), which grows with steps times unknowns and is most of what a run leaves in memory; failure: why it did not
+    (t, y, y'), which grows with steps times unknowns and is most of what a run leaves in memory; peak_bytes: largest
+    resident size of the whole process during the run, None where the system does not tell; failure: why it did not
     finish; pareto: no other run was at least as accurate and as cheap.
     """
 
@@ -31,6 +32,7 @@ class Row:
     factorisations: int = 0
     newton_iterations: int = 0
     stored_bytes: int | None = None
+    peak_bytes: int | None = None
     failure: str | None = None
     pareto: bool = False
 

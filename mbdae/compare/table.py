@@ -28,6 +28,7 @@ COLUMNS = {
     "factoris.": "factorisations",
     "Newton": "Newton iterations",
     "kB": "size of the accepted steps kept (t, y, y')",
+    "MB": "peak memory of the whole process during the run",
     "": "* no other run is both cheaper in CPU time and more accurate",
 }
 
@@ -94,7 +95,9 @@ def cells(row: Row) -> tuple[str, ...]:
     times = (_number(row.cpu_s, ".3f"), _number(row.cpu_spread_s, ".3f"))
     asked = (_number(row.accuracy, ".0e"), _number(row.rtol, ".0e"))
     size = None if row.stored_bytes is None else row.stored_bytes / 1000
-    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), _number(size, ".0f"), mark)
+    peak = None if row.peak_bytes is None else row.peak_bytes / 1e6
+    memory = (_number(size, ".0f"), _number(peak, ".0f"))
+    return (row.label, *asked, _number(row.error, ".1e"), *times, *(str(n) for n in counts), *memory, mark)
 
 
 def _number(value: float | None, form: str) -> str:

@@ -237,3 +237,22 @@ def test_wrong_options_are_named_with_their_value(make, said):
 def test_an_unknown_sensor_is_refused_before_the_runs():
     with pytest.raises(mb.SceneError, match=r"hinge\.angel"):
         mb.compare(pendulum(), 1.0, measure="hinge.angel")
+
+
+def test_peak_memory_is_that_of_the_run():
+    """A large array that lives during a run counts, one freed before it does not."""
+    import numpy as np
+
+    from mbdae.compare.memory import peak_bytes, reset_peak
+
+    large = np.ones(40_000_000)
+    del large
+    if not reset_peak():
+        assert mb.compare(pendulum(), 0.1, accuracies=[1e-3]).runs[0].peak_bytes is None
+        return
+    before = peak_bytes()
+    held = np.ones(20_000_000)
+    assert peak_bytes() - before > 0.9 * held.nbytes
+    del held
+    row = mb.compare(pendulum(), 0.1, accuracies=[1e-3]).runs[0]
+    assert 10e6 < row.peak_bytes < before + 150e6

@@ -32,7 +32,7 @@ class Recorder:
 
 
 def facts(w):
-    timed = ("cpu_s", "cpu_spread_s", "pareto")
+    timed = ("cpu_s", "cpu_spread_s", "peak_bytes", "pareto")
     return [{k: v for k, v in row.items() if k not in timed} for row in w.to_dict()["runs"]]
 
 
