@@ -88,7 +88,7 @@ def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tupl
     error_now = job.error(values, reference)
     if not np.isfinite(error_now):
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
-    cost = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
+    cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
 
 
