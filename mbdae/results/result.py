@@ -13,8 +13,9 @@ from mbdae.errors import SceneError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.kernels.plan import Outputs
 from mbdae.results.energy import Energy, energy
-from mbdae.results.sensors import BodySensor, ConnectionSensor, coordinate_outputs
+from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.scene.components import Body, Connection, Place
+from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import unit_rows
@@ -190,7 +191,7 @@ class Result:
         return item.hold or 0.0
 
     def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
-        for g, _, values in self.prepared.mechanics.evaluate(coordinate_outputs, t, *self.states(t)):
+        for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
                 if instance.item == item.name:
                     return values[:, i, 0], values[:, i, 1]

@@ -11,21 +11,14 @@ from mbdae.errors import OptionError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.law import Element, Joint
-from mbdae.symbolic.outputs import Target, reaction, weighted
-from mbdae.symbolic.vectors import ZERO, Expr
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target, power, reaction
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.mechanics import rotation_matrices
 
 if TYPE_CHECKING:
     from mbdae.results.result import Result
-
-
-def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Joint coordinate and its rate."""
-    if not isinstance(d.law, Joint) or d.coordinate == 0:
-        return []
-    return [(("c",), d.coordinate), (("cd",), d.variation.resolve(d.variation.rate(d.coordinate)))]
 
 
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -34,15 +27,8 @@ def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Power a law delivers to its bodies: minus its covector times the velocities."""
-    if isinstance(d.law, Element):
-        return []
-    total: Expr = 0
-    for f in d.frames:
-        move, turn = weighted(d, d.multipliers, f.side) if d.rows else (ZERO, ZERO)
-        force = d.force.get(f.side, (ZERO, ZERO))
-        total -= (move + force[0]) @ f.center_velocity + (turn + force[1]) @ f.w
-    return [(("power",), d.variation.resolve(total))]
+    """Power a joint or force delivers."""
+    return [] if isinstance(d.law, Element) else power(d)
 
 
 class BodySensor:

@@ -20,7 +20,6 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 Target = tuple[Any, ...]
 
 
-
 def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Expr]]:
     """Entries of a covector in the velocity coordinates of a node: v inertial, spin in body components."""
     move, turn = pair
@@ -40,17 +39,18 @@ def weighted(d: Derived, weights: list[Expr], side: str) -> Pair:
     return move, sum((p[1] * w for w, p in zip(weights, pairs, strict=True)), ZERO)
 
 
+def covector(d: Derived, f: Frame, row_forces: list[Expr]) -> Pair:
+    """Forces of a law on one side, left-hand side: its rows times their forces, and what it states besides."""
+    move, turn = weighted(d, row_forces, f.side) if d.rows else (ZERO, ZERO)
+    stated = d.force.get(f.side, (ZERO, ZERO))
+    return move + stated[0], turn + stated[1]
+
+
 def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
     """Rows of M u' + G^T lambda + ... = 0 this law adds to."""
     if isinstance(d.law, Element):
         return _inertia(d)
-    out: list[tuple[Target, Expr]] = []
-    for f in d.frames:
-        pair = weighted(d, d.row_forces, f.side) if d.rows else (ZERO, ZERO)
-        if f.side in d.force:
-            pair = (pair[0] + d.force[f.side][0], pair[1] + d.force[f.side][1])
-        out += scatter_pair(f, pair)
-    return out
+    return [entry for f in d.frames for entry in scatter_pair(f, covector(d, f, d.row_forces))]
 
 
 def loads(d: Derived) -> list[tuple[Target, Expr]]:
@@ -143,20 +143,32 @@ def reaction(d: Derived) -> list[tuple[Target, Expr]]:
     l = d.frames[1]
     side = l if l.kind.moves else d.frames[0]
     sign = -1 if side is l else 1
-    pair = weighted(d, d.multipliers, side.side) if d.rows else (ZERO, ZERO)
-    if side.side in d.force:
-        pair = (pair[0] + d.force[side.side][0], pair[1] + d.force[side.side][1])
+    pair = covector(d, side, d.multipliers)
     force = sign * pair[0]
     resolve = d.variation.resolve
     torque = sign * pair[1] - (l.r - side.center).cross(force) if side.kind.turns else ZERO
     return [(("reaction", i), resolve(c)) for i, c in enumerate([*force, *torque])]
 
 
+def power(d: Derived) -> list[tuple[Target, Expr]]:
+    """Power a law delivers to its bodies: minus its covector times the velocities."""
+    total: Expr = se.Integer(0)
+    for f in d.frames:
+        move, turn = covector(d, f, d.multipliers)
+        total -= move @ f.center_velocity + turn @ f.w
+    return [(("power",), d.variation.resolve(total))]
+
+
+def coordinate(d: Derived) -> list[tuple[Target, Expr]]:
+    """The coordinate of a joint that has one, and its rate."""
+    if d.coordinate == 0:
+        return []
+    return [(("c",), d.coordinate), (("cd",), d.variation.resolve(d.variation.rate(d.coordinate)))]
+
+
 def state_rows(d: Derived) -> list[tuple[Target, Expr]]:
     """s' - rate = 0 of internal states."""
     return [(("s", j), se.Symbol(f"statep_{n}") - r) for j, (n, r) in enumerate(zip(d.states, d.state_rates, strict=True))]
-
-
 
 
 def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:

@@ -6,7 +6,7 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +45,6 @@ class System:
     rhs: Any = None
     partition: Any = None
     guards: Any = None
-
-    WHY_INDEX: ClassVar[str] = ""
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""

@@ -47,12 +47,7 @@ def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) -> Array:
     """s' (ns,) of the internal states."""
-    nb, out = mechanics.numbering, np.zeros(len(s))
-    for g, p, values in mechanics.evaluate(state_rate_outputs, np.array([t]), q[None], u[None], s[None]):
-        for i in range(values.shape[1]):
-            for o, target in enumerate(p.targets):
-                out[nb.unknown(target, g, i)[0] - nb.start["s"]] = values[0, i, o]
-    return out
+    return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 
 def rhs_of(mechanics: Mechanics) -> Callable[[float, Array, Array], None]:

@@ -126,6 +126,16 @@ class Mechanics:
                         out[:, row] = values[:, i, o]
         return out
 
+    def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
+        """(nt, ns) outputs that belong to internal states: their start values, or their rates."""
+        nb = self.numbering
+        out = np.zeros((len(t), len(nb.states)))
+        for g, p, values in self.evaluate(outputs, t, q, u, s):
+            for i in range(values.shape[1]):
+                for o, target in enumerate(p.targets):
+                    out[:, nb.unknown(target, g, i)[0] - nb.start["s"]] = values[:, i, o]
+        return out
+
     def position_residual(self, t: Array, q: Array) -> Array:
         """g (nt, m)."""
         return self._rows(position, t, q, np.zeros((len(t), self.nu)))

@@ -61,11 +61,11 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     starter = Starter(everything, start.t if start is not None else t0)
     q = start.q if start is not None else starter.close(starter.placed())
     rank = analyse(everything, starter, q)
-    problems = massless_motions(everything, rank, q)
+    problems = massless_motions(everything, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
     mechanics = Mechanics(model, rank.kept)
-    begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0).run()
+    begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0, changes=starter.changes).run(q)
     problems = _contradictions(everything, rank, begin) or _later_contradictions(everything, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)

@@ -97,15 +97,11 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[A
     free = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
     released = Mechanics(mechanics.model, [mechanics.rows[i] for i in free])
     closer = Starter(released, float(starter.t[0]), holding=False)
+    freedoms = free_motions(released, closer.t, q)
     rng = np.random.default_rng(11)
-    found = []
-    for _ in range(SAMPLES):
-        B = released.constraint_jacobian(closer.t, q[None])[0] * released.velocity_units
-        _, sizes, V = np.linalg.svd(B, full_matrices=True)
-        rank = int(np.sum(sizes > 1e-9 * sizes[0])) if len(sizes) else 0
-        if rank == V.shape[0]:
-            break
-        direction = V[rank:].T @ rng.normal(size=V.shape[0] - rank)
+    found: list[Array] = []
+    for _ in range(SAMPLES if freedoms.size else 0):
+        direction = freedoms @ rng.normal(size=freedoms.shape[1])
         step = 0.3 * direction / np.max(np.abs(direction)) * released.velocity_units
         try:
             found.append(closer.close(released.integrate_positions(q, step)))
@@ -114,14 +110,19 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[A
     return found
 
 
-def massless_motions(mechanics: Mechanics, report: RankReport, q: Array) -> list[str]:
+def free_motions(mechanics: Mechanics, t: Array, q: Array) -> Array:
+    """(nu, freedoms) basis of the motions the constraints leave, over unit displacements."""
+    G = mechanics.constraint_jacobian(t, q[None])[0] * mechanics.velocity_units
+    if not len(G):
+        return np.eye(mechanics.nu)
+    _, sizes, V = np.linalg.svd(G, full_matrices=True)
+    return np.asarray(V[int(np.sum(sizes > 1e-9 * sizes[0])) :].T)
+
+
+def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:
     """Names of the bodies with a free motion that has no inertia, one sentence each."""
     kept = Mechanics(mechanics.model, report.kept)
-    unit = kept.velocity_units
-    G = kept.constraint_jacobian(np.zeros(1), q[None])[0] * unit
-    _, sizes, V = np.linalg.svd(G, full_matrices=True) if len(G) else (None, np.zeros(0), np.eye(kept.nu))
-    rank = int(np.sum(sizes > 1e-9 * sizes[0])) if len(sizes) else 0
-    N = V[rank:].T
+    unit, N = kept.velocity_units, free_motions(kept, t, q)
     M = unit[:, None] * kept.mass * unit
     reduced = N.T @ M @ N
     if not reduced.size:

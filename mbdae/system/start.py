@@ -19,7 +19,7 @@ from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Joint
-from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics, quaternion, turned
@@ -43,11 +43,8 @@ class Start:
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """The joint coordinate, its rate and its gradient."""
-    if not isinstance(d.law, Joint) or d.coordinate == 0:
-        return []
-    v = d.variation
-    out: list[tuple[Target, Expr]] = [(("c",), d.coordinate), (("cd",), v.resolve(v.rate(d.coordinate)))]
-    for f in d.frames:
+    out, v = coordinate(d), d.variation
+    for f in d.frames if out else ():
         pair = tuple(type(part)(*map(v.resolve, part)) for part in v.gradient(f, d.coordinate))
         out += [(("C", *t[1:]), e) for t, e in scatter_pair(f, pair)]  # type: ignore[arg-type]
     return out
@@ -68,16 +65,16 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Starter:
     """Finds the start of a model by mass-weighted Gauss-Newton and projections."""
 
-    def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True) -> None:
+    def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
+                 changes: list[str] | None = None) -> None:  # fmt: skip
         self.holding = holding
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
         self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
-        self.changes: list[str] = []
+        self.changes = changes if changes is not None else []
         self._root_of_weight = np.linalg.cholesky(mechanics.weight)
 
-    def run(self) -> Start:
-        """Positions, velocities, states; then accelerations and multipliers."""
-        q = self.close(self.placed())
+    def run(self, q: Array) -> Start:
+        """From closed positions: velocities, states; then accelerations and multipliers."""
         self.check_branches(q)
         u = self.project_velocities(q, self.carried(q))
         s = self.states(q, u)
@@ -314,13 +311,7 @@ class Starter:
 
     def states(self, q: Array, u: Array) -> Array:
         """Start values of the internal states at q, u."""
-        nb = self.mechanics.numbering
-        s = np.zeros(len(nb.states))
-        for g, p, values in self.mechanics.evaluate(state_start_outputs, self.t, q[None], u[None], s[None]):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    s[nb.unknown(target, g, i)[0] - nb.start["s"]] = values[0, i, o]
-        return s
+        return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
 
 
 def _largest(g: Array, units: Array) -> float:
