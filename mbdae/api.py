@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings as python_warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,7 @@ class _Job:
     times: Any
     options: dict[str, Any]
     choice: str = ""
+    begin: float = field(default_factory=time.perf_counter)
 
     def run(self, solver: Solver) -> Controlled:
         """One solver: to the accuracy, or as its own tolerance or step says."""
@@ -88,7 +90,9 @@ class _Job:
             if solver.fixed or solver.rtol is not None:
                 solution = solver.solve(system, self.t_end, **self.options)
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s)
-            return run_controlled(system, self.prepared, solver, self.accuracy, self.t_end, self.times, **self.options)
+            return run_controlled(
+                system, self.prepared, solver, self.accuracy, self.t_end, self.times, begin=self.begin, **self.options
+            )
         except SolverError as error:
             self._attach(error, solver)
             raise

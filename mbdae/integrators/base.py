@@ -102,22 +102,24 @@ class Solver(ABC):
         progress: Callable[[float, float, Stats], None] | None = None,
         h0: float | None = None,
         max_residuals: float = inf,
+        begin: float | None = None,
     ) -> Solution:
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
         progress(t, t_end, stats): called at most 10 times per second; h0: first step in s;
-        max_residuals: evaluations before a SolverError.
+        max_residuals: evaluations before a SolverError; begin: time.perf_counter() from which max_wall counts, the start
+        of this run by default.
         Ctrl-C stops between two steps and returns the solution so far with complete=False.
         """
         if self.rtol is None and not self.fixed:
             chosen = self.at_accuracy(DEFAULT_ACCURACY, system.label)
             return chosen.solve(
-                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals
+                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals, begin=begin
             )
         times = check_run(system, t_end, outputs, max_wall, h0)
         self.check(system)
-        with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals) as loop:
+        with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals, begin) as loop:
             self.integrate(system, loop, h0)
         return loop.solution()
 

@@ -8,6 +8,7 @@ to begin.
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.system.assembly import SceneSystem
@@ -95,24 +96,32 @@ def check_times(coarse: Solution, outputs: Array) -> Array:
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,
-                   **options: Any) -> Controlled:  # fmt: skip
-    """Integrate until the estimated error is below `accuracy`, or as near as the solver comes."""
+                   begin: float | None = None, **options: Any) -> Controlled:  # fmt: skip
+    """Integrate until the estimated error is below `accuracy`, or as near as the solver comes.
+
+    begin: time.perf_counter() from which max_wall counts, for all runs together; now by default."""
+    begin = time.perf_counter() if begin is None else begin
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, options)
+        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, begin, options)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
 def _controlled(system: System, measure: Callable[[Array, Array], Array], solver: Solver, accuracy: float, t_end: float,
-                outputs: Array, options: dict[str, Any]) -> Controlled:  # fmt: skip
+                outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
-    coarse = loose.solve(system, t_end, **options)
+    coarse = loose.solve(system, t_end, begin=begin, **options)
     best = Controlled(coarse, loose, float("inf"), 1, coarse.stats.cpu_s)
     while coarse.complete and best.runs < ATTEMPTS:
         try:
-            fine = tight.solve(system, t_end, max_residuals=CRAWL * coarse.stats.residuals + 10000, **options)
+            fine = tight.solve(system, t_end, max_residuals=CRAWL * coarse.stats.residuals + 10000, begin=begin, **options)
+        except WallClockError as error:
+            raise WallClockError(
+                f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: the run attached "
+                f"(rtol = {best.solver.rtol:g}) is complete, its error is not known; raise max_wall or loosen the accuracy",
+                error.time, error.culprit, best.solution) from error  # fmt: skip
         except SolverError as error:
             best = _after_failure(best, error)
             tight = _with_rtol(tight, (tight.tolerance * loose.tolerance) ** 0.5)

@@ -56,6 +56,21 @@ def test_wall_clock_keeps_what_was_computed() -> None:
     assert caught.value.time > 0
 
 
+def test_wall_clock_holds_for_all_runs_of_an_accuracy() -> None:
+    """The companion ends in time, the run itself does not: no further run begins, the complete one is attached."""
+    s, end = pendulum(), 40.0
+    s.simulate(0.1)
+    loose = mb.IDA().at_accuracy(1e-8, "GGL")
+    begin = time.perf_counter()
+    s.simulate(end, solver=mb.IDA(rtol=30 * loose.rtol))
+    companion = time.perf_counter() - begin
+    begin = time.perf_counter()
+    with pytest.raises(WallClockError, match="used up") as caught:
+        s.simulate(end, accuracy=1e-8, max_wall=1.3 * companion)
+    assert time.perf_counter() - begin < 3 * companion + 1
+    assert caught.value.solution["A"].angle.size > 0
+
+
 def test_ctrl_c_keeps_what_was_computed() -> None:
     pendulum().simulate(0.1)  # compiled and imported before the clock runs
     timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
