@@ -58,7 +58,7 @@ def ratios(name: str, accuracies: tuple[float, ...] = ACCURACIES) -> list[dict[s
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", mb.AccuracyWarning)
                 r = scene.simulate(t_end, accuracy, solver=solver)
-            error = float(np.max(distance(prepared, r.solution(times)[:, : exact.shape[1]], exact)))
+            error = float(np.max(distance(prepared, times, r.solution(times)[:, : exact.shape[1]], exact)))
             rows.append({"scene": name, "solver": solver.label, "accuracy": accuracy, "error": error / accuracy,
                          "estimate": r.accuracy.estimated / accuracy, "warned": bool(r.warnings), "runs": r.info.runs,
                          "rtol": r.info.solver.rtol, "cpu_s": time.process_time() - begin})  # fmt: skip

@@ -13,11 +13,12 @@ if TYPE_CHECKING:
     from mbdae.compare import Run, compare
     from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.results.storage import load
-    from mbdae.scene.components import Classical, Kinematic
+    from mbdae.scene.components import Classical, Kinematic, Recursive
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.dae import DAE
 
@@ -25,19 +26,21 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints", "DAE": "mbdae.system.dae",
-    "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
+    "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
+    "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
     "GGL": "mbdae.formulations", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
     "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations",
-    "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Revolute": "mbdae.joints", "Run": "mbdae.compare",
-    "Scene": "mbdae.api", "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "compare": "mbdae.compare",
-    "load": "mbdae.results.storage", "params": "mbdae.symbolic.law", "selftest": "mbdae.contracts.selftest",
+    "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
+    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Spherical": "mbdae.joints",
+    "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
-    "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "FixedOrientation", "Force",
-    "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic", "RadauIIA", "Revolute", "Run",
-    "Scene", "SceneError", "SolverError", "Spherical", "StartError", "Weld", "compare", "load", "params", "selftest", "t",
+    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "FixedOrientation",
+    "Force", "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic", "RadauIIA", "Recursive",
+    "Revolute", "Run", "Scene", "SceneError", "SolverError", "Spherical", "StartError", "Weld", "compare", "load", "params",
+    "selftest", "t",
 ]  # fmt: skip
 
 

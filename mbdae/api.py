@@ -15,7 +15,8 @@ from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockErr
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
-from mbdae.results.checks import Check, check_scene
+from mbdae.results.checks import Check, check_scene, doubts
+from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.scene.scene import SceneData
@@ -98,22 +99,23 @@ class _Job:
             raise
 
     def run_default(self) -> Controlled:
-        """IDA; Radau IIA where IDA cannot reach the accuracy or stops."""
-        from mbdae.integrators.ida import IDA
+        """The solver that suits the equations; Radau IIA where it cannot reach the accuracy or stops."""
         from mbdae.integrators.radau import RadauIIA
 
         run = None
-        try:
-            run = self.run(IDA())
-            self.choice = "IDA: a rigid scene"
-            if run.estimate <= self.accuracy or not run.solution.complete:
-                return run
-            why = f"IDA came to {run.estimate:.1e}"
-        except WallClockError:
-            raise
-        except (SolverError, OptionError) as error:
-            refused = isinstance(error, OptionError) and self.form.label == "Index3"
-            why = "IDA does not take index 3" if refused else str(error)
+        if self.form.label == "Index3":
+            why = "only Radau takes index 3"
+        else:
+            solver, self.choice = chosen_solver(system_for(self.prepared, self.form), self.prepared)
+            try:
+                run = self.run(solver)
+                if run.estimate <= self.accuracy or not run.solution.complete:
+                    return run
+                why = f"{solver.label} came to {run.estimate:.1e}"
+            except WallClockError:
+                raise
+            except (SolverError, OptionError) as error:
+                why = str(error)
         again = self.run(RadauIIA(3))
         if run is not None and run.estimate <= again.estimate:
             return run
@@ -133,8 +135,7 @@ class _Job:
         if not (again.complete and run.solution.complete):
             return None
         times = np.linspace(again.t[0], again.t[-1], 2001)
-        n = self.prepared.mechanics.nq + self.prepared.mechanics.nu
-        return float(np.max(measure_of(system, self.prepared)(run.solution(times)[:, :n], again(times)[:, :n])))
+        return float(np.max(measure_of(system, self.prepared)(times, run.solution(times), again(times))))
 
     def result(self, run: Controlled, verified: float | None) -> Result:
         """The Result with its warnings, each also issued as an AccuracyWarning."""
@@ -175,9 +176,7 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]
     notes += _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
-    for row, novelty in prepared.rank.doubtful:
-        notes.append(f"constraint row {row.name} is nearly redundant at the start ({novelty:.1e}); its reaction is uncertain")
-    return notes
+    return notes + doubts(prepared)
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
@@ -186,7 +185,8 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
     if not m.m:
         return []
     t = t[:: len(t) // 200 + 1]
-    off = np.max(np.abs(m.position_residual(t, run.solution(t)[:, : m.nq])), axis=0) / max(prepared.length, 1.0)
+    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
+    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # told by `doubts`
     worst = int(np.argmax(off))
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return []

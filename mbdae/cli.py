@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
 FORMS = ("ggl", "index3", "ode")
-SOLVERS = ("ida", "radau2", "radau3")
+SOLVERS = ("ida", "radau2", "radau3", "cvode")
 
 
 class UsageError(Exception):
@@ -239,10 +239,13 @@ def _folder(out: str | None) -> Path | None:
 
 
 def _solver(name: str | None) -> Any:
+    from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
-    makers: dict[str | None, Callable[[], Any]] = {"ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3)}
+    makers: dict[str, Callable[[], Any]] = {
+        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE
+    }  # fmt: skip
     return makers[name]() if name else None
 
 

@@ -16,7 +16,7 @@ LAYERS = [
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
 KERNELS_CALLED_BY = {"system", "results", "contracts"}
-ALONE = {"sksundae": {"integrators/ida.py"}, "matplotlib": {"results", "compare", "reports"}}
+ALONE = {"sksundae": {"integrators/ida.py", "integrators/cvode.py"}, "matplotlib": {"results", "compare", "reports"}}
 
 
 def imports(path: Path) -> set[str]:

@@ -128,17 +128,31 @@ def car_axis(form: str) -> DAE:
     return mechanism(q, k * sp.eye(4), lambda v: force, g, [0, 0.5, 1, 0.5], [-0.5, 0, -0.5, 0], form)
 
 
+def explicit(system: DAE) -> DAE:
+    """F = y' - f(t, y) with its right-hand side f."""
+    still = np.zeros(system.n)
+
+    def rhs(t: float, y: Any, out: Any) -> None:
+        system.residual(t, y, still, out)
+        np.negative(out, out)
+
+    system.rhs = rhs
+    return system
+
+
 def decay(**options: Any) -> DAE:
     """y' = -y for two unknowns."""
-    return DAE(
+    system = DAE(
         lambda t, y, yp, out: yp + y,
         [1.0, 2.0],
         [-1.0, -2.0],
         lambda t, y, yp, cj, out: (1 + cj) * np.eye(2),
         **options,
     )
+    return explicit(system)
 
 
 def blow_up() -> DAE:
     """y' = y^2, infinite at t = 1."""
-    return DAE(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))
+    system = DAE(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))
+    return explicit(system)

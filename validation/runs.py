@@ -24,6 +24,7 @@ def largest(a: Any, b: Any = 0.0) -> float:
     return float(np.max(np.abs(np.asarray(a) - np.asarray(b))))
 
 
-def with_both(name: str, measure: Callable[[Any], Found | Sequence[Found]], slow: bool = False) -> list[Case]:
-    """The same measurement with IDA and with Radau IIA."""
-    return [Case(name, solver.label, lambda solver=solver: measure(solver), slow) for solver in SOLVERS]  # type: ignore[misc]
+def with_both(name: str, measure: Callable[[Any], Found | Sequence[Found]], slow: bool = False,
+              more: Sequence[Any] = ()) -> list[Case]:  # fmt: skip
+    """The same measurement with IDA, with Radau IIA, and with the solvers in `more`."""
+    return [Case(name, solver.label, lambda solver=solver: measure(solver), slow) for solver in (*SOLVERS, *more)]  # type: ignore[misc]

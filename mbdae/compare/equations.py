@@ -52,15 +52,24 @@ class Equations:
         return Result(self.prepared, solution, info, times).read(measure)
 
     @property
+    def recursive(self) -> tuple[int, int]:
+        """Numbers of joints that are recursive, and of those that were to be."""
+        if self.prepared is None:
+            return 0, 0
+        model = self.prepared.model
+        return len(model.recursive), len(model.recursive) + len(model.kept)
+
+    @property
     def bodies_alone(self) -> bool:
         """Whether no joint has unknowns of its own."""
         return self.prepared is None or all(node.body is not None for node in self.prepared.model.nodes)
 
-    def motion_as_in(self, other: Equations, y: Array) -> Array:
-        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n), in the order `other` has them."""
+    def motion_as_in(self, other: Equations, t: Array, y: Array) -> Array:
+        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n) at t, in the order `other` has them."""
         assert self.prepared is not None
         assert other.prepared is not None
-        return y[:, _columns(self.prepared, other.prepared)]
+        q, u, _ = self.prepared.states(t, y)
+        return np.hstack([q, u])[:, _columns(self.prepared, other.prepared)]
 
 
 def _columns(own: Prepared, wanted: Prepared) -> list[int]:
@@ -86,6 +95,8 @@ def _warm(system: System) -> None:
     system.residual(system.t0, y, yp, out)
     system.jacobian(system.t0, y, yp, 1.0, np.zeros(shape))
     system.jacobian_parts(system.t0, y, yp)
+    if system.rhs is not None:
+        system.rhs(system.t0, y, out)
     for stages in (2, 3):
         t, many = np.full(stages, system.t0), (stages, system.n)
         system.residual_stages(t, np.broadcast_to(y, many).copy(), np.broadcast_to(yp, many).copy(), np.empty(many))

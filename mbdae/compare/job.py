@@ -16,11 +16,13 @@ from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
+from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
-from mbdae.results.control import measure_of
-from mbdae.scene.components import Classical, JointModel, Kinematic
+from mbdae.results.control import motion_distance, scaled_distance
+from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
+from mbdae.scene.variants import MODELLED
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
 
@@ -74,13 +76,21 @@ class Job:
     @property
     def constrained(self) -> bool:
         """Whether a scene has constraints (so that index 3 exists)."""
-        return self.stated.prepared is not None and self.stated.prepared.mechanics.m > 0
+        return self.stated.prepared is not None and bool(self.stated.prepared.rows)
 
     @property
-    def other_model(self) -> JointModel | None:
-        """The classical model beside the kinematic one, where revolute joints are few enough to make that cheap."""
-        revolutes = [c for c in self.scene.joints if c.kind == "revolute"] if self.scene is not None else []
-        return Classical() if 0 < len(revolutes) <= FEW and self.stated.bodies_alone else None
+    def other_models(self) -> dict[JointModel, bool]:
+        """Joint models beside what the scene states, and whether they leave an ODE; the classical one where joints are few
+        enough to make that cheap."""
+        joints = [c for c in self.scene.joints if c.kind in MODELLED] if self.scene is not None else []
+        stated = {c.model for c in joints}
+        found: dict[JointModel, bool] = {}
+        for model in (Kinematic(), Classical(), Recursive()) if joints else ():
+            if {model} != stated and not (isinstance(model, Classical) and len(joints) > FEW):
+                variant = self._found(Run(RadauIIA(3), model=model))
+                if isinstance(variant, Equations) and (not isinstance(model, Recursive) or variant.recursive[0]):
+                    found[model] = variant.prepared is not None and not variant.prepared.rows
+        return found
 
     def system(self, form: Form | None) -> System:
         """The equations as stated, in a form."""
@@ -88,6 +98,12 @@ class Job:
 
     def equations(self, run: Run) -> Equations:
         """The equations with the joint models of a run, prepared once; what speaks against them is raised again."""
+        found = self._found(run)
+        if isinstance(found, MbdaeError):
+            raise found
+        return found
+
+    def _found(self, run: Run) -> Equations | MbdaeError:
         if not run.models:
             return self.stated
         key = repr(sorted(run.models.items(), key=lambda item: item[0]))
@@ -96,19 +112,17 @@ class Job:
                 self.variants[key] = self._with_models(run)
             except MbdaeError as error:
                 self.variants[key] = error
-        found = self.variants[key]
-        if isinstance(found, MbdaeError):
-            raise found
-        return found
+        return self.variants[key]
 
     def _with_models(self, run: Run) -> Equations:
         if self.scene is None:
             raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
-        if not any(c.kind == "revolute" for c in self.scene.joints):
-            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute joint it could describe")
+        if not any(c.kind in MODELLED for c in self.scene.joints):
+            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute or prismatic joint to describe")
         scene: Any = self.scene
         for name, model in run.models.items():
-            scene = scene.replace(*([name] if name else []), model=model)
+            spanning = not name and isinstance(model, Recursive)
+            scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)
         return Equations(prepare(scene, t_end=self.t_end))
 
     @cached_property
@@ -116,7 +130,8 @@ class Job:
         """Equations in whose unknowns runs are compared: those of the bodies, which all joint models have."""
         if self.scene is None or self.stated.bodies_alone:
             return self.stated
-        return Equations(prepare(self.scene.replace(model=Kinematic()), t_end=self.t_end))
+        own = [c.name for c in self.scene.joints if c.joint.own_coordinates]
+        return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:
         """Run a solver; short runs twice, for the least CPU time."""
@@ -143,12 +158,16 @@ class Job:
             return solution(self.times)
         if self.measure is not None:
             return own.sensor(solution, self.measure, self.times)
-        return own.motion_as_in(self.yardstick, solution(self.times))
+        return own.motion_as_in(self.yardstick, self.times, solution(self.times))
 
     def error(self, values: Any, reference: Any) -> float:
         """Largest difference over the run."""
         if self.measure is None:
-            return float(np.max(measure_of(self.yardstick.system(None), self.yardstick.prepared)(values, reference)))
+            prepared = self.yardstick.prepared
+            if prepared is None:
+                return float(np.max(scaled_distance(self.yardstick.system(None), values, reference)))
+            a, b = (np.split(v, [prepared.mechanics.nq], axis=1) for v in (values, reference))
+            return float(np.max(motion_distance(prepared, (a[0], a[1]), (b[0], b[1]))))
         return float(np.max(np.abs(values - reference)))
 
 

@@ -15,14 +15,15 @@ from mbdae.scene.components import JointModel
 from mbdae.system.base import System
 
 #: options that a label need not tell: the table has them in columns of their own, or the solver's name holds them
-TOLD_ELSEWHERE = ("rtol", "stages")
+TOLD_ELSEWHERE = ("rtol", "stages", "method")
 
 
 @dataclass(frozen=True)
 class Run:
     """A solver on a form (None: the scene's default), with a joint model (None: as the scene states it).
 
-    model: one joint model for all revolute joints, or {name of a joint: its model}. A solver that has no tolerance or
+    model: one joint model for all revolute and prismatic joints (mb.Recursive(): for a spanning tree of them, as
+    `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver that has no tolerance or
     step of its own is run once for every accuracy; one that has is run as it is.
     """
 
@@ -42,7 +43,7 @@ class Run:
 
     @property
     def models(self) -> dict[str, JointModel]:
-        """Model by name of a joint; the name "" stands for all revolute joints."""
+        """Model by name of a joint; the name "" stands for all of them."""
         if self.model is None:
             return {}
         return {"": self.model} if isinstance(self.model, JointModel) else dict(self.model)
@@ -86,10 +87,12 @@ def described(choice: Any, name: str) -> str:
     return f"{name}[{', '.join(changed)}]" if changed else name
 
 
-def default_runs(constrained: bool, system: System | None = None, other_model: JointModel | None = None) -> list[Run]:
-    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1.
+def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None) -> list[Run]:
+    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1, CVODE where there
+    is a right-hand side.
 
-    other_model: a joint model that is compared beside the one the scene states."""
+    others: joint models that are compared beside what the scene states, and whether they leave an ODE."""
+    from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
@@ -98,7 +101,11 @@ def default_runs(constrained: bool, system: System | None = None, other_model: J
         runs = runs[1:]
     if constrained:
         runs.append(Run(RadauIIA(3), Index3()))
-    return [*runs, Run(RadauIIA(3), model=other_model)] if other_model is not None else runs
+    elif system is None or system.rhs is not None:
+        runs.append(Run(CVODE()))
+    for model, ordinary in (others or {}).items():
+        runs += [Run(solver, model=model) for solver in ([RadauIIA(3), IDA(), CVODE()] if ordinary else [RadauIIA(3)])]
+    return runs
 
 
 def checked_runs(runs: Sequence[Run]) -> list[Run]:

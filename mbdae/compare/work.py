@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.checkpoint import Checkpoint, State
+from mbdae.compare.equations import Equations
 from mbdae.compare.job import Job
 from mbdae.compare.pairwise import tightest
 from mbdae.compare.reference import computed_reference
@@ -71,12 +72,11 @@ class Work:
 
 def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
     """One run: its row, and what is compared of it (None where it failed)."""
-    form = run.form.label if run.form is not None else job.system(None).label
-    facts: dict[str, Any] = {"label": run.name(form), "solver": run.solver.label, "form": form, "model": run.model_label}
-    facts["accuracy"] = accuracy
+    facts: dict[str, Any] = {**_told(job, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = job.spent
     try:
         equations = job.equations(run)
+        facts |= _told(job, run, equations)
         solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
         facts["rtol"] = None if solver.fixed else solver.rtol
         done = job.solve(solver, run.form, equations)
@@ -90,6 +90,15 @@ def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tupl
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
     cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
+
+
+def _told(job: Job, run: Run, equations: Equations | None) -> dict[str, Any]:
+    """Label, form and joint model of what really runs; as asked for before the equations are known."""
+    form = run.form.label if run.form is not None else (equations or job.stated).system(None).label
+    now, asked = equations.recursive if equations is not None else (0, 0)
+    part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
+    model = None if run.model_label is None else run.model_label + part
+    return {"label": run.name(form) + (part if run.label is None else ""), "form": form, "model": model}
 
 
 def counts(solution: Solution | None) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from mbdae.system.prepare import Prepared, make_system
 
 def default_form(prepared: Prepared) -> Form:
     """Stabilised index 2; the plain ODE where nothing is constrained."""
-    return GGL() if prepared.mechanics.m else ODE()
+    return GGL() if prepared.rows else ODE()
 
 
 def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1) -> SceneSystem:
     """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`."""
     form = form if form is not None else default_form(prepared)
-    refusal = form.refusal(prepared.model, prepared.mechanics.rows)
+    refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:
         raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
     return make_system(prepared, form.for_index(highest_index).spec())

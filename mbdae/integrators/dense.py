@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.radau_tables import RadauTable
+from mbdae.integrators.radau_tables import RadauTable, radau_table
 from mbdae.system.base import Array
 
 
@@ -21,6 +22,12 @@ class Collocation:
 
     def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array) -> None:
         self.table, self.t, self.y, self.inner = table, t, y, inner
+
+    @classmethod
+    def of(cls, stages: int, t: Array, y: Array, pieces: list[Any]) -> Self:
+        """The polynomials on the nodes of Radau IIA with so many stages, from the inner increments of every step."""
+        inner = np.array(pieces) if pieces else np.empty((0, stages - 1, y.shape[1]))
+        return cls(radau_table(stages), t, y, inner)
 
     def value(self, times: Array) -> Array:
         """y (k, n) at times (k,)."""

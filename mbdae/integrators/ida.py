@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import sys
 import warnings
-from contextlib import redirect_stdout
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +13,7 @@ from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
+from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
 from mbdae.system.base import Array, System
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
@@ -62,15 +60,9 @@ class IDA(Solver):
         atol = absolute_tolerance(system, self.tolerance, self.atol)
         callbacks = _Callbacks(system, loop)
         method = _create(self, system, callbacks, atol, h0)
-        try:
+        with watched(callbacks):
             method.init_step(system.t0, system.y0, system.yp0)
-            with redirect_stdout(_WithoutReports(sys.stdout)):
-                self._run(method, loop, callbacks, atol)
-        except RuntimeError:
-            if callbacks.error is None:
-                raise
-        if callbacks.error is not None:
-            raise callbacks.error
+            self._run(method, loop, callbacks, atol)
 
     def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
         going = True
@@ -107,78 +99,38 @@ def _create(solver: IDA, system: System, callbacks: _Callbacks, atol: Array, h0:
         )
 
 
-class _WithoutReports(io.TextIOBase):
-    """Standard output without the lines scikit-sundae prints there on a failure: the SolverError says the same."""
-
-    def __init__(self, stream: Any) -> None:
-        super().__init__()
-        self._stream, self._dropped = stream, False
-
-    def write(self, text: str) -> int:
-        """Pass text on, except a report and the newline that ends it."""
-        report = text.lstrip().startswith("[IDA")
-        if not report and not (self._dropped and text == "\n"):
-            self._stream.write(text)
-        self._dropped = report
-        return len(text)
-
-    def flush(self) -> None:
-        """Flush the stream behind."""
-        self._stream.flush()
-
-    def isatty(self) -> bool:
-        """Whether the stream behind is a terminal."""
-        return bool(self._stream.isatty())
-
-
-class _Callbacks:
-    """What IDA calls: counts, keeps the last point for a diagnosis, and keeps an exception for `integrate`."""
+class _Callbacks(Callbacks):
+    """The residual and its Jacobian for IDA."""
 
     def __init__(self, system: System, loop: StepLoop) -> None:
-        self.system, self.stats = system, loop.stats
-        self.error: BaseException | None = None
-        self.t, self.cj = -np.inf, 1.0
-        self.y, self.yp, self.res = np.array(system.y0), np.array(system.yp0), np.zeros(system.n)
+        super().__init__(system, loop)
+        self.cj, self.yp = 1.0, np.array(system.yp0)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """Residual for IDA."""
-        if t < self.t:  # an attempt nearer than the last one: that one was rejected
-            self.stats.rejected += 1
-        self.t = t
-        self.stats.residuals += 1
-        try:
-            self.system.residual(t, y, yp, out)
-        except BaseException as error:
-            self.error = error
-            raise
-        self.y[:], self.yp[:], self.res[:] = y, yp, out
+        self.evaluated(t)
+        self.call(self.system.residual, t, y, yp, out)
+        self.y[:], self.yp[:], self.values[:] = y, yp, out
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
         """Jacobian for IDA."""
         self.cj = cj
-        try:
-            self.system.jacobian(t, y, yp, cj, out)
-        except BaseException as error:
-            self.error = error
-            raise
+        self.call(self.system.jacobian, t, y, yp, cj, out)
 
 
 def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array) -> BaseException:
     """The exception raised inside a callback, or a SolverError that names what resists."""
     if last.error is not None:
         return last.error
-    stuck = "the step fell below the round-off of the time"
-    message = stuck if result.success else str(result.message).rstrip(".")
-    names, equations = last.system.names, last.system.equations
-    row = _not_finite(loop, last)
-    if row is not None:
-        culprit = equations[row]
-        return loop.failure(f"{message}; equation {culprit} is not finite near t = {last.t:.9g}", culprit)
+    message, names = reason(result), last.system.names
+    undefined = not_finite(loop, last, message)
+    if undefined is not None:
+        return undefined
     weights = 1 / (rtol * np.abs(last.y) + atol)
     correction = _newton_correction(last)
     if correction is None:
-        worst = int(np.argmax(np.abs(last.res)))
-        return loop.failure(f"{message}; the iteration matrix is singular", equations[worst])
+        worst = int(np.argmax(np.abs(last.values)))
+        return loop.failure(f"{message}; the iteration matrix is singular", last.system.equations[worst])
     if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
         dt = last.t - loop.t
         y, yp = loop.state
@@ -186,33 +138,12 @@ def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: A
     return loop.failure(message, names[int(np.argmax(np.abs(correction) * weights))])
 
 
-def _not_finite(loop: StepLoop, last: _Callbacks) -> int | None:
-    """Row that is not finite at the last point or just after the last step.
-
-    Predicted states are asked first: later iterates are not finite themselves and blame every row.
-    """
-    y, yp = loop.state
-    res = np.empty(last.system.n)
-    found = [last.res]
-    for t in (loop.t + 1e-9 * (loop.t_end - float(last.system.t0)), last.t):
-        last.system.residual(t, y + (t - loop.t) * yp, yp, res)
-        found.insert(0, res.copy())
-    for values in found:
-        if not np.isfinite(values).all():
-            return int(np.argmax(~np.isfinite(values)))
-    return None
-
-
 def _newton_correction(last: _Callbacks) -> Array | None:
     """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
     system = last.system
     data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
     system.jacobian(last.t, last.y, last.yp, last.cj, data)
-    matrix = data
-    if system.sparsity is not None:
-        pattern = system.sparsity.copy()
-        pattern.data = data
-        matrix = pattern.toarray()
+    matrix = data if system.sparsity is None else as_csc(system, data).toarray()
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
         return None
-    return np.asarray(np.linalg.solve(matrix, last.res))
+    return np.asarray(np.linalg.solve(matrix, last.values))

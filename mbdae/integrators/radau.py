@@ -86,8 +86,7 @@ class RadauIIA(Solver):
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """The collocation polynomials."""
-        inner = np.array(pieces) if pieces else np.empty((0, self.stages - 1, y.shape[1]))
-        return Collocation(radau_table(self.stages), t, y, inner)
+        return Collocation.of(self.stages, t, y, pieces)
 
 
 def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> None:

@@ -16,7 +16,9 @@ from mbdae.system.base import Array
 class Stats:
     """Work done by one integration.
 
-    IDA does not report its failed Newton iterations apart: they are among its `rejected` steps.
+    IDA and CVODE do not report their failed Newton iterations apart: they are among their `rejected` steps. CVODE factors
+    a kept Jacobian anew when its step changes and does not report that: its `factorisations` count new Jacobians only.
+    Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
     """
 

@@ -1,6 +1,7 @@
 """Joint laws, one per file. A new joint is a file here, an export line and a test of a physical fact."""
 
 from mbdae.joints.classical import ClassicalRevolute
+from mbdae.joints.classical_prismatic import ClassicalPrismatic
 from mbdae.joints.distance import Distance
 from mbdae.joints.fixed_orientation import FixedOrientation
 from mbdae.joints.prismatic import Prismatic
@@ -8,4 +9,6 @@ from mbdae.joints.revolute import Revolute
 from mbdae.joints.spherical import Spherical
 from mbdae.joints.weld import Weld
 
-__all__ = ["ClassicalRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute", "Spherical", "Weld"]
+__all__ = [
+    "ClassicalPrismatic", "ClassicalRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute", "Spherical", "Weld",
+]  # fmt: skip

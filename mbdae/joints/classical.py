@@ -21,6 +21,7 @@ class ClassicalRevolute(Joint):
     params = params(drive=("rad", "prescribed relative angle phi(t)")) | AUGMENTED
     coordinates = {"phi": Parameter("rad", "relative angle, an unknown without mass")}  # noqa: RUF012
     coordinate_unit = "rad"
+    twist = (0, 1)
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         rows = same_point(k, l) | same_axis(k, l)

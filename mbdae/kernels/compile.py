@@ -19,13 +19,15 @@ _OPTIMISE_BELOW = 400
 class Kernel:
     """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous."""
 
-    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr]) -> None:
-        self.symbols, self.expressions = list(symbols), list(expressions)
+    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None = None) -> None:
+        self.symbols, self.expressions, self.level = list(symbols), list(expressions), level
 
     @cached_property
     def compiled(self) -> Callable[..., Any]:
         """The LLVM function, compiled on first use."""
-        level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
+        level = self.level
+        if level is None:
+            level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
         return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)  # type: ignore[no-any-return]
 
     @cached_property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbdae.kernels.tree_plan import tree_plan
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
 
@@ -42,8 +43,18 @@ class Check:
     @property
     def unknowns(self) -> dict[str, int]:
         """Number of positions, velocities, internal states and multipliers."""
-        m = self.prepared.mechanics
-        return {"positions": m.nq, "velocities": m.nu, "states": len(m.numbering.states), "multipliers": m.m}
+        e, states = self.prepared.expansion, len(self.prepared.mechanics.numbering.states)
+        return {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows)}
+
+    @property
+    def recursive(self) -> tuple[str, ...]:
+        """Joints whose coordinate is the only unknown of the body they carry."""
+        return tuple(c.name for c in self.prepared.model.recursive)
+
+    @property
+    def kept_kinematic(self) -> dict[str, str]:
+        """Joints that were to be recursive and stay kinematic, and why."""
+        return dict(self.prepared.model.kept)
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
@@ -52,17 +63,42 @@ class Check:
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
+        lines += self._of_recursive_joints()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
         lines += _by_joint("  pruned, zero in every position", self.pruned)
         for row in p.rank.singular_here:
             lines.append(f"  dependent at the start only: {row.name}; the scene starts in a singular position")
-        for row, size in p.rank.doubtful:
-            lines.append(f"  nearly redundant at the start: {row.name} ({size:.1e}), kept")
-        lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
+        lines += [f"  {note}" for note in doubts(p)]
+        if p.rows:
+            lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
         return "\n".join(lines)
+
+    def _of_recursive_joints(self) -> list[str]:
+        """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""
+        lines = []
+        for tree in self.prepared.expansion.carried.trees:
+            root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
+            plan = tree_plan(tree.structure)
+            lines.append(f"  recursive, from '{root}': {', '.join(c.name for c in tree.coordinates)}; "
+                         f"no unknowns for {', '.join(n.name for n in tree.nodes[1:] if n)} "
+                         f"({plan.operations} operations in one program)")  # fmt: skip
+        reasons: dict[str, list[str]] = {}
+        for name, why in self.kept_kinematic.items():
+            reasons.setdefault(why, []).append(name)
+        return lines + [f"  kept kinematic: {', '.join(names)}: {why}" for why, names in reasons.items()]
+
+
+def doubts(p: Prepared) -> list[str]:
+    """Rows that are nearly redundant, and what was decided about them."""
+    dropped = {row.name for row in p.rank.dropped}
+    left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
+                "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
+    kept = "is nearly redundant at the start (novelty {:.1e}) and was kept; its reaction is uncertain"
+    told = [(row.name, left_out if row.name in dropped else kept, size) for row, size in p.rank.doubtful]
+    return [f"constraint row {name} {text.format(size)}" for name, text, size in told]
 
 
 def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:

@@ -41,27 +41,33 @@ class Controlled:
     notes: tuple[str, ...] = ()
 
 
-def distance(prepared: Prepared, a: Array, b: Array) -> Array:
-    """(nt,) difference of two trajectories (nt, n): positions over the scene's length, angles in rad, velocities over
-    the largest of length / characteristic time and the speed reached."""
-    m = prepared.mechanics
-    worst = np.zeros(len(a))
-    rotational = m.rotational
-    u_a, u_b = a[:, m.nq : m.nq + m.nu], b[:, m.nq : m.nq + m.nu]
-    for mask, unit in ((~rotational, prepared.length), (rotational, 1.0)):
+Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
+
+
+def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
+    """(nt,) difference of two motions: positions over the scene's length, angles in rad, velocities over the largest of
+    length / characteristic time and the speed reached."""
+    m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
+    worst = np.zeros(len(q_a))
+    for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
         if mask.any():
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
-        n = node.kind.translations
-        q_a, q_b = a[:, node.q : node.q + node.kind.sizes[0]], b[:, node.q : node.q + node.kind.sizes[0]]
-        unit = prepared.length if node.body is not None else 1.0
-        worst = np.maximum(worst, np.linalg.norm(q_a[:, :n] - q_b[:, :n], axis=1) / unit)
-        if q_a.shape[1] == 3 and node.kind.turns:
-            worst = np.maximum(worst, np.abs(q_a[:, 2] - q_b[:, 2]))
-        elif q_a.shape[1] == 7:
-            worst = np.maximum(worst, _angle_between(q_a[:, 3:], q_b[:, 3:]))
+        n, last = node.kind.translations, node.q + node.kind.sizes[0]
+        p_a, p_b = q_a[:, node.q : last], q_b[:, node.q : last]
+        unit = prepared.length if node.unit == "m" else 1.0
+        worst = np.maximum(worst, np.linalg.norm(p_a[:, :n] - p_b[:, :n], axis=1) / unit)
+        if p_a.shape[1] == 3 and node.kind.turns:
+            worst = np.maximum(worst, np.abs(p_a[:, 2] - p_b[:, 2]))
+        elif p_a.shape[1] == 7:
+            worst = np.maximum(worst, _angle_between(p_a[:, 3:], p_b[:, 3:]))
     return worst
+
+
+def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:
+    """(nt,) `motion_distance` of two trajectories (nt, n) of unknowns at times t, over the motion of all bodies."""
+    return motion_distance(prepared, prepared.states(t, a)[:2], prepared.states(t, b)[:2])
 
 
 def _angle_between(P: Array, Q: Array) -> Array:
@@ -78,11 +84,14 @@ def scaled_distance(system: System, a: Array, b: Array) -> Array:
     return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
 
 
-def measure_of(system: System, prepared: Prepared | None) -> Callable[[Array, Array], Array]:
+Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
+
+
+def measure_of(system: System, prepared: Prepared | None) -> Measure:
     """The distance between trajectories of a system."""
     if prepared is not None and isinstance(system, SceneSystem):
-        return lambda a, b: distance(prepared, a, b)
-    return lambda a, b: scaled_distance(system, a, b)
+        return lambda t, a, b: distance(prepared, t, a, b)
+    return lambda t, a, b: scaled_distance(system, a, b)
 
 
 def check_times(coarse: Solution, outputs: Array) -> Array:
@@ -107,7 +116,7 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
-def _controlled(system: System, measure: Callable[[Array, Array], Array], solver: Solver, accuracy: float, t_end: float,
+def _controlled(system: System, measure: Measure, solver: Solver, accuracy: float, t_end: float,
                 outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -132,7 +141,7 @@ def _controlled(system: System, measure: Callable[[Array, Array], Array], solver
         if not fine.complete:
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
-        gap = float(np.max(measure(coarse(times), fine(times))))
+        gap = float(np.max(measure(times, coarse(times), fine(times))))
         best = Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
         if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
             return best

@@ -103,9 +103,7 @@ class Result:
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        m = self.prepared.mechanics
-        y = self.solution(t)
-        return y[:, : m.nq], y[:, m.nq : m.nq + m.nu], y[:, m.nq + m.nu : m.nq + m.nu + len(m.numbering.states)]
+        return self.prepared.states(np.asarray(t, dtype=float), self.solution(t))
 
     @property
     def q(self) -> Array:
@@ -175,7 +173,8 @@ class Result:
         if self._one_coordinate(item, self.t[:1]) is None:
             return None
         value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
-        if self.prepared.model.planar or getattr(item.joint, "coordinate_unit", "") != "rad":
+        unwrapped = self.prepared.model.planar or item.name in {n.name for n in self.prepared.model.joint_coordinates}
+        if unwrapped or getattr(item.joint, "coordinate_unit", "") != "rad":
             return value, rate
         steps = self.solution.t
         grid, fine_rate = self._one_coordinate(item, steps)  # type: ignore[misc]

@@ -23,10 +23,9 @@ from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.scene.record import encode, found, replay
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.model import build
+from mbdae.system.expansion import Expansion
 from mbdae.system.numbering import constraint_rows
-from mbdae.system.prepare import Prepared
+from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
 from mbdae.system.start import Start
 
@@ -84,12 +83,13 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 
 
 def _prepared(header: dict[str, Any], start: Start) -> Prepared:
-    model = build(replay(header["scene"], SceneData))
+    model, carried = modelled(replay(header["scene"], SceneData))
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
     lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here", "not_unique")}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
-    return Prepared(model, Mechanics(model, rank.kept), rank, start, header["time"])
+    expansion = Expansion(model, carried)
+    return Prepared(model, mechanics_of(model, rank.kept, expansion), rank, start, header["time"], expansion)
 
 
 # ---- the run -----------------------------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
     if isinstance(interpolant, Hermite):
         return {"kind": "hermite", "points": interpolant.points}
     kind = type(interpolant).__name__
-    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA or mb.RadauIIA to save")
+    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA or mb.CVODE to save")
 
 
 def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolant:

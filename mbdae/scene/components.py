@@ -54,6 +54,40 @@ class Place:
     point: Array
 
 
+@dataclass(frozen=True)
+class JointModel:
+    """How a revolute or prismatic joint is modelled."""
+
+
+@dataclass(frozen=True)
+class Constrained(JointModel):
+    """Joint models with constraint rows c.
+
+    scaling, penalty: of the paper's Eq. 2, V = scaling lambda.c + penalty c.c over the rows of a revolute joint (penalty
+    in N m, rows in m count as rad): scaling > 0, penalty >= 0.
+    """
+
+    scaling: float = 1.0
+    penalty: float = 0.0
+
+
+@dataclass(frozen=True)
+class Kinematic(Constrained):
+    """Constraints between absolute nodes: two rotation rows, a third where the angle is prescribed."""
+
+
+@dataclass(frozen=True)
+class Classical(Constrained):
+    """The angle is an unknown of its own: three rotation rows, a fourth where the angle is prescribed."""
+
+
+@dataclass(frozen=True)
+class Recursive(JointModel):
+    """The coordinate (angle, displacement) is the unknown and the body it carries has none: no constraint, no multiplier.
+
+    A scene whose joints are all recursive is an ordinary differential equation."""
+
+
 @dataclass(eq=False)
 class Connection:
     """A joint or force element: its laws, and what the user fixed of its start."""
@@ -67,30 +101,15 @@ class Connection:
     hold: float | None = None  #: start value of the coordinate
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
+    model: JointModel | None = None
+    as_kinematic: list[Law] = field(default_factory=list)  #: its laws where a recursive joint has to stay kinematic
+
+    @property
+    def recursive(self) -> bool:
+        """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
+        return isinstance(self.model, Recursive)
 
     @property
     def joint(self) -> Law:
         """The law that carries the constraints."""
         return self.laws[0]
-
-
-@dataclass(frozen=True)
-class JointModel:
-    """How a revolute joint is modelled.
-
-    scaling, penalty: of the paper's Eq. 2, V = scaling lambda.c + penalty c.c over the joint's rows c (penalty in N m,
-    rows in m count as rad): scaling > 0, penalty >= 0.
-    """
-
-    scaling: float = 1.0
-    penalty: float = 0.0
-
-
-@dataclass(frozen=True)
-class Kinematic(JointModel):
-    """Constraints between absolute nodes: two rotation rows, a third where the angle is prescribed."""
-
-
-@dataclass(frozen=True)
-class Classical(JointModel):
-    """The angle is an unknown of its own: three rotation rows, a fourth where the angle is prescribed."""

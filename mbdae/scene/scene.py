@@ -22,11 +22,12 @@ from mbdae.forces import (
     PointSpring,
     RotationalBushing,
 )
-from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import inertia as mass_properties
-from mbdae.scene.components import Array, Body, Classical, Connection, JointModel, Kinematic, Place
+from mbdae.scene.components import Array, Body, Classical, Connection, JointModel, Kinematic, Place, Recursive
 from mbdae.scene.reading import Reading
-from mbdae.scene.record import Statement, encode, replay, statement
+from mbdae.scene.record import Statement, statement
+from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
 
@@ -157,45 +158,57 @@ class SceneData(Reading):
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
                start: float | None, rate0: float | None, spring: float | None, damper: float | None,
                load: Any) -> Connection:  # fmt: skip
-        law, values = self._modelled(kind, name, law, model)
+        modelled, extra = self._modelled(kind, name, law, model)
         where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
         place: dict[str, Any] = {"k": k, "l": l, "at": where, "axis": direction}
-        prescribed = self._timed(name, "position" if law is Prismatic else "angle", drive, law.coordinate_unit)
-        laws: list[Law] = [law(name, drive=prescribed, **values, **place)]
-        unit = law.coordinate_unit
-        for value, what in ((start, "position0" if law is Prismatic else "angle0"), (rate0, "rate0")):
+        unit, what = law.coordinate_unit, ("position" if law is Prismatic else "angle")
+        prescribed = self._timed(name, what, drive, unit)
+        for value, option in ((start, f"{what}0"), (rate0, "rate0")):
             if value is not None and drive is not None:
-                self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {what} = {value!r}")
-        start = None if start is None else self._number(name, "position0" if law is Prismatic else "angle0", start, unit)
+                self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {option} = {value!r}")
+        start = None if start is None else self._number(name, f"{what}0", start, unit)
         rate0 = None if rate0 is None else self._number(name, "rate0", rate0, f"{unit}/s")
-        turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
+        forces: list[tuple[type[Law], dict[str, Any]]] = []
         if spring is not None:
             stiffness = self._number(name, "spring", spring, "N m/rad" if unit == "rad" else "N/m")
-            laws.append(JointSpring(name, stiffness=stiffness, rest=0.0, turns=turns, joint=law, **place))
+            turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
+            forces.append((JointSpring, {"stiffness": stiffness, "rest": 0.0, "turns": turns}))
         if damper is not None:
             damping = self._damping(name, "damper", damper, "N m s/rad" if unit == "rad" else "N s/m")
-            laws.append(JointDamper(name, damping=damping, joint=law, **place))
+            forces.append((JointDamper, {"damping": damping}))
         if load is not None:
-            value = self._timed(name, "torque" if unit == "rad" else "force", load)
-            laws.append(JointTorque(name, torque=value, **place) if unit == "rad" else JointForce(name, force=value, **place))
-        return self._connect(Connection(name, kind, k, l, laws, True, start, rate0, laws[0].drive))
+            what = "torque" if unit == "rad" else "force"
+            forces.append((JointTorque if unit == "rad" else JointForce, {what: self._timed(name, what, load)}))
+
+        def laws(cls: type[Joint]) -> list[Law]:
+            options = {"joint": cls}
+            return [cls(name, drive=prescribed, **(extra if cls is modelled else {}), **place),
+                    *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]
+
+        item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, prescribed, model or Kinematic())
+        item.as_kinematic = laws(law) if item.recursive else []
+        return self._connect(item)
 
     def _modelled(self, kind: str, name: str, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
         """The law of a joint model, and what Eq. 2 adds to it where it is used."""
         model = model if model is not None else Kinematic()
-        if not isinstance(model, JointModel):
-            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic() or mb.Classical()")
+        if not isinstance(model, Kinematic | Classical | Recursive):
+            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic(), mb.Classical() or "
+                                 f"mb.Recursive()")  # fmt: skip
             return law, {}
-        if law is not Revolute and model != Kinematic():
-            self.problems.append(f"{kind} '{name}': model={model!r} exists for revolute joints only; leave it out")
+        by_itself = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}[law]
+        cls = law if isinstance(model, Kinematic) else by_itself
+        if isinstance(model, Recursive):
+            return cls, {}
+        if law is Prismatic and model != type(model)():
+            self.problems.append(f"{kind} '{name}': model={model!r}: scaling and penalty exist for revolute joints only")
             return law, {}
         scaling = self._number(name, "model.scaling", model.scaling, "")
         penalty = self._number(name, "model.penalty", model.penalty, "N m")
         if scaling <= 0 or penalty < 0:
             self.problems.append(f"{kind} '{name}': model={model!r}: give scaling > 0 and penalty >= 0")
             return law, {}
-        extra = ({"scaling": scaling} if scaling != 1 else {}) | ({"penalty": penalty} if penalty else {})
-        return (ClassicalRevolute if isinstance(model, Classical) else law), extra
+        return cls, ({"scaling": scaling} if scaling != 1 else {}) | ({"penalty": penalty} if penalty else {})
 
     # -- forces
 
@@ -278,7 +291,7 @@ class SceneData(Reading):
 
     def _connect(self, item: Connection) -> Connection:
         item.k, item.l = self._resolve(item, item.k), self._resolve(item, item.l)
-        for law in item.laws:
+        for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
         if item.k is item.l:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
@@ -304,18 +317,14 @@ class SceneData(Reading):
     # -- variants
 
     def replace(self, *names: str, model: JointModel) -> Any:
-        """A new scene with another model of the named revolute joints (of all of them without names)."""
-        known = [c.name for c in self.connections if c.kind == "revolute"]
-        wrong = [n for n in names if n not in known]
-        if wrong:
-            raise SceneError([f"there is no revolute joint '{wrong[0]}' in scene '{self.name}'; it has {known}"])
-        chosen, statements = set(names or known), []
-        for method, args, kwargs in self.statements:
-            if method == "revolute" and (args[0] if args else kwargs["name"]) in chosen:
-                args, kwargs = _with_model(args, kwargs, encode(model))
-            statements.append([method, args, kwargs])
-        data = {"name": self.name, "gravity": self.gravity.tolist(), "space": self.space, "statements": statements}
-        return replay(data, type(self))
+        """A new scene with another model of the named revolute or prismatic joints, without names of all of them (a model
+        with scaling or penalty: of all revolute ones)."""
+        return replaced(self, names, model)
+
+    def recursive(self) -> Any:
+        """A new scene whose revolute and prismatic joints are recursive where they form a tree; joints that close loops
+        become kinematic, joints on point masses stay as they are."""
+        return with_recursive_tree(self)
 
     # -- access
 
@@ -367,10 +376,3 @@ class SceneData(Reading):
         if isinstance(body, str):
             body = next((b for b in self.bodies if b.name == body), self.ground)
         return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
-
-
-def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any) -> tuple[list[Any], dict[str, Any]]:
-    """Arguments of `revolute` with another model, wherever it was given (its sixth argument)."""
-    if len(args) > 5:
-        return [*args[:5], model, *args[6:]], kwargs
-    return args, {**kwargs, "model": model}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from mbdae.scene.components import Body, Connection
@@ -17,8 +18,10 @@ class Tree:
     closing: list[Connection]
 
 
-def spanning_tree(scene: SceneData) -> Tree:
-    """Joints whose start is prescribed or held come first, then the order of the scene."""
+def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
+    """Recursive joints come first, then those whose start is prescribed or held, then the order of the scene.
+
+    joints: those that count; all by default."""
     leader = {b: b for b in [scene.ground, *scene.bodies]}
 
     def find(b: Body) -> Body:
@@ -28,7 +31,7 @@ def spanning_tree(scene: SceneData) -> Tree:
 
     chosen: list[Connection] = []
     closing: list[Connection] = []
-    for joint in sorted(scene.joints, key=lambda c: not is_held(c)):
+    for joint in sorted(scene.joints if joints is None else joints, key=lambda c: (not c.recursive, not is_held(c))):
         a, b = find(joint.k), find(joint.l)
         if a is b:
             closing.append(joint)

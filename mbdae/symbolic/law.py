@@ -116,6 +116,8 @@ class Joint(Law):
     """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
 
     coordinate_unit: ClassVar[str] = ""
+    #: (travel along, turn about) k.z of l per unit of the coordinate, a one-parameter group: what makes the joint recursive
+    twist: ClassVar[tuple[int, int] | None] = None
 
     def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), **values: Any) -> None:
         super().__init__(name, **values)

@@ -7,8 +7,8 @@ evaluated in one kernel call.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,10 +18,15 @@ from numpy.typing import NDArray
 
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.plan import Outputs
+from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array, System
+from mbdae.system.carried import Carried, slot_of
+from mbdae.system.entries import Entries, Pattern
+from mbdae.system.evaluation import Batch, Evaluation, Scatter
 from mbdae.system.model import Model
 from mbdae.system.numbering import Numbering, Row
+from mbdae.system.trees import Tree
 
 SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
 
@@ -42,35 +47,32 @@ class FormSpec:
     index: Mapping[str, int]
 
 
-@dataclass
-class _Terms:
-    """Scatter of residual terms: kernels (gather -> values), linear weights, constants."""
-
-    gathers: list[NDArray[np.intp]] = field(default_factory=list)
-    places: list[NDArray[np.intp]] = field(default_factory=list)
-    kernels: list[Any] = field(default_factory=list)
-
-
 class SceneSystem(System):
     """A scene in a form: F(t, y, y') = 0 with its exact Jacobian."""
 
-    def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None) -> None:
+    def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
+                 carried: Carried | None = None) -> None:  # fmt: skip
         self.model, self.spec, self.label = model, spec, spec.label
-        self.numbering = Numbering(model, rows, spec.blocks, spec.derivatives)
+        self.carried = carried = carried if carried is not None else Carried(model, [])
+        rows = [row for row in rows if (row.group, row.instance) not in carried.dropped]
+        self.numbering = Numbering(model, rows, spec.blocks, spec.derivatives, carried.nodes, carried.loaded,
+                                   carried.dropped, carried.constants)  # fmt: skip
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
         self.index = np.array([spec.index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._linear_rows: list[NDArray[np.intp]] = []
-        self._linear_columns: list[NDArray[np.intp]] = []
-        self._linear_weights: list[Array] = []
-        self._offset = np.zeros(self.n + 1)
-        self._residual, self._jacobian = _Terms(), _Terms()
-        self._entries: list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_], Array | None]] = []
+        self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
+        self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
+        entries = Entries(self.n)
         for g, group in enumerate(model.groups):
-            self._add(g, linearised_plan(group.derived, spec.outputs))
-        self._finish(sparse if sparse is not None else self.n > SPARSE_FROM)
+            active = [i for i in range(len(group.instances)) if (g, i) not in carried.dropped]
+            if active:
+                self._add(g, active, linearised_plan(group.derived, spec.outputs), entries)
+        for plan, equal in carried.plans():
+            self._add_tree(plan, equal, entries)
+        self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
         self.scale, self.y0, self.yp0, self.t0 = np.ones(self.n), np.zeros(self.n), np.zeros(self.n), 0.0
 
     # -- construction
@@ -92,85 +94,107 @@ class SceneSystem(System):
         return tuple(names)
 
     def _row_of(self, target: Target, g: int, i: int) -> int:
-        """Row of F a target belongs to; n (a spare row) for what is dropped."""
-        block = self.spec.rows[target[0]]
-        if block in ("q", "u", "s"):
-            return self.numbering.unknown((block, *target[1:]), g, i)[0]
-        row = self.numbering.row(g, i, target[1])
-        return self.n if row is None else self.numbering.start[block] + row
+        """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
+        block, nb = self.spec.rows[target[0]], self.numbering
+        if block in ("q", "u"):
+            node = nb.node_of(target, g, i)
+            head = block if node not in self.carried.nodes else "w" + block
+            place = nb.node_place(head, node, target[2])
+            return place if place < self.n else place - self.n + 1
+        if block == "s":
+            return nb.place(target, g, i)
+        row = nb.row(g, i, target[1])
+        return self.n if row is None else nb.start[block] + row
 
-    def _add(self, g: int, plan: LinearisedPlan) -> None:
-        nb, count = self.numbering, len(self.model.groups[g].instances)
-        rows = np.array([[self._row_of(t, g, i) for t in plan.targets] for i in range(count)], dtype=np.intp).reshape(count, -1)
-        constants = plan.constants.once(nb.numbers(g, plan.constant_inputs))
+    def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
+        nb, count = self.numbering, len(active)
+        rows = np.array([[self._row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
+        constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
         split = len(plan.constant_places)
         np.add.at(self._offset, rows[:, plan.offset_places], constants[:, split:])
         linear = set(plan.offset_places)
         at = [(j, *place) for j, place in enumerate(plan.constant_places)]
-        columns, dotted = self._columns(g, [p[2] for p in at])
+        columns = self._columns(g, active, [p[2] for p in at])
         out = rows[:, [p[1] for p in at]] if at else np.zeros((count, 0), dtype=np.intp)
-        self._entries.append((out, columns, dotted, constants[:, :split]))
+        entries.constant(out, columns, constants[:, :split])
         keep = [j for j, o, _ in at if o in linear]
         live = columns[:, keep] >= 0
-        self._linear_rows.append(out[:, keep][live])
-        self._linear_columns.append((columns + nb.n * dotted)[:, keep][live])
-        self._linear_weights.append(constants[:, keep][live])
+        self._residual.linear(out[:, keep][live], columns[:, keep][live], constants[:, keep][live])
         if plan.nonlinear:
-            self._residual.gathers.append(nb.gather(g, plan.residual_inputs))
-            self._residual.places.append(rows[:, plan.nonlinear])
-            self._residual.kernels.append(plan.residual)
+            self._residual.kernel(nb.gather(g, plan.residual_inputs, active), rows[:, plan.nonlinear], plan.residual)
         if plan.jacobian_places:
-            columns, dotted = self._columns(g, [t for _, t in plan.jacobian_places])
-            self._jacobian.gathers.append(nb.gather(g, plan.jacobian_inputs))
-            self._jacobian.kernels.append(plan.jacobian)
-            self._entries.append((rows[:, [o for o, _ in plan.jacobian_places]], columns, dotted, None))
+            rows = rows[:, [o for o, _ in plan.jacobian_places]]
+            self._jacobian.kernel(nb.gather(g, plan.jacobian_inputs, active), rows, plan.jacobian)
+            entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
 
-    def _columns(self, g: int, targets: list[Target]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """(instances, targets) columns of F_y, and whether they are columns of F_y'."""
-        found = [[self.numbering.unknown(t, g, i) for t in targets] for i in range(len(self.model.groups[g].instances))]
-        table = np.array(found, dtype=np.intp).reshape(len(found), len(targets), 2)
-        return table[..., 0], table[..., 1].astype(bool)
+    def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
+        """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
+        found = [[self.numbering.place(t, g, i) for t in targets] for i in active]
+        return np.array(found, dtype=np.intp).reshape(len(found), len(targets))
 
-    def _finish(self, sparse: bool) -> None:
-        n, spare = self.n, self.n
-        cells = [np.where((c < 0) | (r == spare), n * n, c * n + r) for r, c, _, _ in self._entries]
-        used = np.unique(np.concatenate([c.ravel() for c in cells])) if cells else np.zeros(0, dtype=np.intp)
+    def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
+        """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
+        nb, carried = self.numbering, self.carried
+
+        def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
+            return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
+
+        for piece in plan.mass:
+            cells = (slots([t for t, _ in piece.targets]) - nb.nq) * nb.nu + slots([p for _, p in piece.targets]) - self.n - nb.nq
+            self._mass.kernel(carried.gather(nb, piece, trees), cells, piece.kernel)
+        pieces = [plan.forward, plan.residual, *plan.jacobian]
+        gathers = [carried.gather(nb, piece, trees) for piece in pieces]
+        if plan.structure.loaded:
+            for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
+                store.append((piece, gather, slots(piece.targets)))
+            self._loaded[2].extend((piece, gather) for piece, gather in zip(pieces[2:], gathers[2:], strict=True))
+            for piece in plan.jacobian:
+                entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
+            return
+        self._residual.kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
+        for piece, gather in zip(pieces[2:], gathers[2:], strict=True):
+            rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
+            self._jacobian.kernel(gather, rows, piece.kernel)
+            entries.varying(rows, columns)
+
+    def _finish(self, pattern: Pattern, sparse: bool) -> None:
+        n, self._pattern = self.n, pattern
+        used = np.unique(np.concatenate([pattern.cells, pattern.fixed_cells]))
         used = used[used < n * n]
         if sparse:
             indptr = np.searchsorted(used, np.arange(n + 1) * n)
             self.sparsity: Any = sp.csc_matrix((np.ones(used.size), used % n, indptr), shape=(n, n))
             self._size = used.size
-            position = [np.where(c < n * n, np.searchsorted(used, c), used.size) for c in cells]
         else:
             self.sparsity, self._size = None, n * n
-            position = [np.where(c < n * n, (c % n) * n + c // n, n * n) if n else c for c in cells]
+
+        def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
+            inside = np.searchsorted(used, cells) if sparse else cells % max(n, 1) * n + cells // max(n, 1)
+            return np.where(cells < n * n, inside, self._size)
+
+        self._place, place = position(pattern.cells), position(pattern.fixed_cells)
         self._c = [np.zeros(self._size + 1), np.zeros(self._size + 1)]
-        varying, dots = [], []
-        for place, (_, _, dotted, values) in zip(position, self._entries, strict=True):
-            if values is None:
-                varying.append(place.ravel())
-                dots.append(dotted.ravel())
-            else:
-                for part, mask in ((0, ~dotted), (1, dotted)):
-                    np.add.at(self._c[part], place[mask], values[mask])
-        self._jacobian_place = np.concatenate([*varying, np.zeros(0, dtype=np.intp)])
-        self._jacobian_dotted = np.concatenate([*dots, np.zeros(0, dtype=bool)])
-        del self._entries
+        for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
+            np.add.at(part, place[mask], pattern.fixed[mask])
 
     # -- evaluation
 
     @cached_property
-    def _batches(self) -> dict[int, _Batch]:
+    def _batches(self) -> dict[int, Batch]:
         return {}
 
-    def _batch(self, count: int) -> _Batch:
+    def _batch(self, count: int) -> Batch:
         if count not in self._batches:
-            self._batches[count] = _Batch(self, count)
+            self._batches[count] = Batch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
         return self._batches[count]
 
     @cached_property
-    def _derivative(self) -> _Evaluation:
-        return _Evaluation(self.numbering, self._jacobian.gathers, self._jacobian.kernels, 1)
+    def _derivative(self) -> Evaluation:
+        return Evaluation(self._batch(1).W, self._jacobian.gathers, self._jacobian.kernels)
+
+    @cached_property
+    def _tree_derivative(self) -> Evaluation:
+        return Evaluation(self._batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         out[:] = self._batch(1).residual(np.array([t]), y, yp)
@@ -178,75 +202,52 @@ class SceneSystem(System):
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         out[:] = self._batch(len(t)).residual(t, y, yp)
 
+    def _values(self, t: float, y: Array, yp: Array) -> Array:
+        """Varying values of the Jacobian."""
+        batch = self._batch(1)
+        if not batch.staged:
+            batch.fill(np.array([t]), y, yp)
+            return self._derivative.values()
+        batch.residual(np.array([t]), y, yp)  # the tree's derivatives need the forces on its bodies
+        return self._pattern.values(self._derivative.values(), self._tree_derivative.values())
+
+    def mass_here(self) -> Array:
+        """M (nu, nu) at the point of the last residual, a new array."""
+        nu, M = self.numbering.nu, self._constant_mass
+        if not self._mass.kernels:
+            return M.copy()
+        values = self._mass_values.values()
+        return M + np.bincount(self._mass_place, values, nu * nu).reshape(nu, nu)
+
+    @cached_property
+    def _constant_mass(self) -> Array:
+        nq, nu = self.numbering.nq, self.numbering.nu
+        M = np.zeros((nu, nu))
+        p, n = self._pattern, self.n
+        rows, columns = p.fixed_cells % n, p.fixed_cells // n
+        inside = p.fixed_dotted & (p.fixed_cells < n * n)
+        inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
+        np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
+        return M
+
+    @cached_property
+    def _mass_values(self) -> Evaluation:
+        return Evaluation(self._batch(1).W, self._mass.gathers, self._mass.kernels)
+
+    @cached_property
+    def _mass_place(self) -> NDArray[np.intp]:
+        return np.concatenate([p.ravel() for p in self._mass.places])
+
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
-        values = self._derivative.values(np.array([t]), y, yp)
-        weighted = values * np.where(self._jacobian_dotted, cj, 1.0)
-        data: Any = np.bincount(self._jacobian_place, weighted, self._size + 1)
+        weighted = self._values(t, y, yp) * np.where(self._pattern.dotted, cj, 1.0)
+        data: Any = np.bincount(self._place, weighted, self._size + 1)
         data += self._c[0]
         data += cj * self._c[1]
         out.reshape(-1)[:] = data[:-1]
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        values = self._derivative.values(np.array([t]), y, yp)
-        parts = []
-        for constant, mask in zip(self._c, (~self._jacobian_dotted, self._jacobian_dotted), strict=True):
-            data = np.bincount(self._jacobian_place[mask], values[mask], self._size + 1) + constant
+        values, parts = self._values(t, y, yp), []
+        for constant, mask in zip(self._c, (~self._pattern.dotted, self._pattern.dotted), strict=True):
+            data = np.bincount(self._place[mask], values[mask], self._size + 1) + constant
             parts.append(data[:-1] if self.sparsity is not None else data[:-1].reshape(self.n, self.n))
         return parts[0], parts[1]
-
-
-class _Evaluation:
-    """Gather, then one kernel call per law, for `count` points at once."""
-
-    def __init__(self, numbering: Numbering, gathers: list[NDArray[np.intp]], kernels: list[Any], count: int,
-                 columns: NDArray[np.intp] | None = None) -> None:  # fmt: skip
-        self.n, self.numbering, self.count = numbering.n, numbering, count
-        self.W = numbering.workspace(count)
-        shift = np.arange(count)[:, None, None] * numbering.width
-        pieces = [(shift + g[None]).ravel() for g in gathers]
-        if columns is not None:
-            pieces.append((shift[:, :, 0] + columns[None]).ravel())
-        self.index = np.concatenate([*pieces, np.zeros(0, dtype=np.intp)])
-        self.x = np.empty(self.index.size)
-        self.v = np.empty(sum(g.shape[0] * len(k.expressions) for g, k in zip(gathers, kernels, strict=True)) * count
-                          + (pieces[-1].size if columns is not None else 0))  # fmt: skip
-        self.calls, a, b = [], 0, 0
-        for g, kernel in zip(gathers, kernels, strict=True):
-            points, outputs = count * g.shape[0], len(kernel.expressions)
-            x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
-            self.calls.append((kernel, x.reshape(points, -1), v.reshape(points, outputs)))
-            a, b = a + g.size * count, b + points * outputs
-        self.tail = (self.x[a:], self.v[b:])
-        self._has_clock = numbering.clock.expressions != []
-
-    def values(self, t: Array, y: Array, yp: Array) -> Array:
-        """All kernel values in one flat array, law by law."""
-        self.W[:, : self.n] = y
-        self.W[:, self.n : 2 * self.n] = yp
-        if self._has_clock:
-            self.numbering.fill_clock(self.W, t)
-        self.W.take(self.index, out=self.x, mode="clip")
-        for kernel, x, v in self.calls:
-            kernel(x, v)
-        return self.v
-
-
-class _Batch(_Evaluation):
-    """Residuals at `count` points."""
-
-    def __init__(self, system: SceneSystem, count: int) -> None:
-        columns = np.concatenate([*system._linear_columns, np.zeros(0, dtype=np.intp)])
-        super().__init__(system.numbering, system._residual.gathers, system._residual.kernels, count, columns)
-        self.weights = np.tile(np.concatenate([*system._linear_weights, np.zeros(0)]), count)
-        self.rows, self.offset = system.n + 1, system._offset[:-1]
-        shift = np.arange(count)[:, None, None] * self.rows
-        pieces = [(shift + p[None]).ravel() for p in system._residual.places]
-        linear = np.concatenate([*system._linear_rows, np.zeros(0, dtype=np.intp)])
-        self.place = np.concatenate([*pieces, (shift[:, :, 0] + linear[None]).ravel()])
-
-    def residual(self, t: Array, y: Array, yp: Array) -> Array:
-        """(count, n)."""
-        values = self.values(t, y, yp)
-        np.multiply(self.tail[0], self.weights, out=self.tail[1])
-        total = np.bincount(self.place, values, self.count * self.rows).reshape(self.count, self.rows)
-        return total[:, :-1] + self.offset

@@ -6,12 +6,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
+from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
+from mbdae.system.expansion import Expansion
 from mbdae.system.mechanics import Mechanics
 
 
@@ -24,8 +28,10 @@ class Partition(NamedTuple):
     G: Callable[[float, Array], Array]
 
 
-def partition_of(mechanics: Mechanics) -> Partition:
+def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
     """The parts of a scene's equations of motion, for methods of second order."""
+    if expansion.carried.trees:
+        return _reduced_partition(mechanics, expansion)
 
     def at(t: float) -> Array:
         return np.array([t])
@@ -40,6 +46,38 @@ def partition_of(mechanics: Mechanics) -> Partition:
     )  # fmt: skip
 
 
+def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
+    """The same in joint coordinates: T^T M T, T^T (f - M T' u), and the rows that are left."""
+    left = [row for row in mechanics.rows if (row.group, row.instance) not in expansion.carried.dropped]
+    full = Mechanics(mechanics.model, left)
+
+    def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
+        """t, and q, u of all nodes with the velocity map."""
+        times, u = np.array([t]), np.zeros(expansion.nu) if u is None else u
+        all_q, all_u = expansion.states(times, np.r_[q, u][None])
+        return times, all_q, all_u, expansion.velocity_map(expansion.workspace(times, q[None], u[None]))[0]
+
+    def mass(t: float, q: Array) -> Array:
+        T = at(t, q)[3]
+        return np.asarray(T.T @ full.mass @ T)
+
+    def load(t: float, q: Array, u: Array, s: Array | None = None) -> Array:
+        times, all_q, all_u, T = at(t, q, u)
+        f = full.load(times, all_q, all_u, None if s is None else s[None])
+        bias = expansion.accelerations(times, q[None], u[None], np.zeros((1, expansion.nu)))
+        return np.asarray(T.T @ (f - bias @ full.mass)[0])
+
+    def rows(t: float, q: Array) -> Array:
+        times, all_q, _, _ = at(t, q)
+        return np.asarray(full.position_residual(times, all_q)[0])
+
+    def gradient(t: float, q: Array) -> Array:
+        times, all_q, _, T = at(t, q)
+        return np.asarray(full.constraint_jacobian(times, all_q)[0] @ T)
+
+    return Partition(mass, load, rows, gradient)
+
+
 def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Rates of internal states."""
     return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_rates)]
@@ -50,14 +88,19 @@ def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) ->
     return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 
-def rhs_of(mechanics: Mechanics) -> Callable[[float, Array, Array], None]:
-    """y' = rhs of a scene without constraints: (t, y, out) -> None, y = (q, u, s)."""
-    inverse, nq, nu = np.linalg.inv(mechanics.mass), mechanics.nq, mechanics.nu
+def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
+    """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
+
+    Raises SolverError where the mass matrix is not positive definite."""
+    nb, still = system.numbering, np.zeros(system.n)
+    u = slice(nb.nq, nb.nq + nb.nu)
 
     def rhs(t: float, y: Array, out: Array) -> None:
-        q, u, s = y[:nq], y[nq : nq + nu], y[nq + nu :]
-        out[:nq] = mechanics.rates(q, u)
-        out[nq : nq + nu] = inverse @ mechanics.load(np.array([t]), q[None], u[None], s[None])[0]
-        out[nq + nu :] = state_rates(mechanics, t, q, u, s)
+        system.residual(t, y, still, out)
+        np.negative(out, out=out)
+        _, out[u], info = dposv(system.mass_here(), out[u], overwrite_a=1)
+        if info:
+            raise SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[nb.nq + info - 1]} has "
+                              f"no inertia; give the bodies that it moves mass or inertia", t)  # fmt: skip
 
     return rhs

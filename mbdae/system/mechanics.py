@@ -16,6 +16,7 @@ from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, po
 from mbdae.system.base import Array
 from mbdae.system.model import Model
 from mbdae.system.numbering import Numbering, Row
+from mbdae.system.rotations import quaternion_product, turned
 from mbdae.threads import one_thread
 
 
@@ -68,8 +69,8 @@ class Mechanics:
             for i in range(len(group.instances)):
                 for (row, target), value in zip(p.constant_places, values[i], strict=False):
                     if target[0] == "up":
-                        a = self.numbering.unknown(p.targets[row], g, i)[0] - self.nq
-                        M[a, self.numbering.unknown(target, g, i)[0] - self.nq] += value
+                        a = self.numbering.velocity(p.targets[row], g, i)
+                        M[a, self.numbering.velocity(target, g, i)] += value
         return M
 
     @cached_property
@@ -86,7 +87,7 @@ class Mechanics:
         mask = np.zeros(self.nu, dtype=bool)
         for node in self.model.nodes:
             if node.kind is NodeKind.COORDINATE:
-                mask[node.u] = True
+                mask[node.u] = node.unit == "rad"
             elif node.kind.turns:
                 mask[node.u + (2 if node.kind is NodeKind.PLANAR else 3) : node.u + node.kind.sizes[1]] = True
         return mask
@@ -102,7 +103,7 @@ class Mechanics:
         for g, p, values in self.evaluate(_loads, t, q, u, s):
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
-                    f[:, self.numbering.unknown(target, g, i)[0] - self.nq] -= values[:, i, o]
+                    f[:, self.numbering.velocity(target, g, i)] -= values[:, i, o]
         return f
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
@@ -113,7 +114,7 @@ class Mechanics:
                 for o, (_, r, side, column) in enumerate(p.targets):
                     row = self.numbering.row(g, i, r)
                     if row is not None:
-                        G[:, row, self.numbering.unknown(("u", side, column), g, i)[0] - self.nq] += values[:, i, o]
+                        G[:, row, self.numbering.velocity(("u", side, column), g, i)] += values[:, i, o]
         return G
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
@@ -133,7 +134,7 @@ class Mechanics:
         for g, p, values in self.evaluate(outputs, t, q, u, s):
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
-                    out[:, nb.unknown(target, g, i)[0] - nb.start["s"]] = values[:, i, o]
+                    out[:, nb.place(target, g, i) - nb.start["s"]] = values[:, i, o]
         return out
 
     def position_residual(self, t: Array, q: Array) -> Array:
@@ -154,16 +155,8 @@ class Mechanics:
         if not self.m:
             return np.asarray(np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, dtype=float), np.zeros((len(t), 0))
         G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
-        n = self.nu + self.m
-        scale = np.r_[1 / self.velocity_units, np.ones(self.m)]
-        out = np.empty((len(t), n))
-        K = np.zeros((n, n))
-        K[: self.nu, : self.nu] = self.mass
         with one_thread():
-            for i in range(len(t)):
-                K[: self.nu, self.nu :], K[self.nu :, : self.nu] = G[i].T, G[i]
-                out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
-        return out[:, : self.nu], out[:, self.nu :]
+            return solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units)
 
     def integrate_positions(self, q: Array, displacement: Array) -> Array:
         """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""
@@ -197,6 +190,17 @@ def _largest(values: Array, otherwise: float) -> float:
     return largest if largest > 0 else otherwise
 
 
+def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array) -> tuple[Array, Array]:
+    """u' (nt, nu), lambda (nt, m) of M u' + G^T lambda = f (nt, nu), G u' = -gamma (nt, m); M (nu, nu) or one per state."""
+    nu, m = f.shape[1], gamma.shape[1]
+    scale = np.r_[units, np.ones(m)]
+    out, K = np.empty((len(f), nu + m)), np.zeros((nu + m, nu + m))
+    for i, mass in enumerate(np.broadcast_to(M, (len(f), nu, nu))):
+        K[:nu, :nu], K[:nu, nu:], K[nu:, :nu] = mass, G[i].T, G[i]
+        out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
+    return out[:, :nu], out[:, nu:]
+
+
 def _solve(K: Array, right: Array, scale: Array) -> Array:
     """Solution of K x = right; least norm in scaled unknowns where K is singular."""
     try:
@@ -206,40 +210,3 @@ def _solve(K: Array, right: Array, scale: Array) -> Array:
     except np.linalg.LinAlgError:
         pass
     return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
-
-
-def quaternion_product(a: Array, b: Array) -> Array:
-    """a o b for arrays (4,)."""
-    product: Array = np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
-    return product
-
-
-def turned(P: Array, rotation: Array) -> Array:
-    """P turned by a rotation vector in body axes, rad."""
-    angle = float(np.linalg.norm(rotation))
-    half = np.sinc(angle / (2 * np.pi)) / 2
-    return quaternion_product(P, np.r_[np.cos(angle / 2), half * rotation])
-
-
-def rotation_matrices(P: Array) -> Array:
-    """R (..., 3, 3) of quaternions (..., 4) of any length."""
-    p = P / np.linalg.norm(P, axis=-1, keepdims=True)
-    w, x, y, z = np.moveaxis(p, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def quaternion(R: Array) -> Array:
-    """Unit quaternion (4,) of a rotation matrix."""
-    K = np.array([
-        [R[0, 0] + R[1, 1] + R[2, 2], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],
-        [R[2, 1] - R[1, 2], R[0, 0] - R[1, 1] - R[2, 2], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]],
-        [R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], R[1, 2] + R[2, 1]],
-        [R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1]],
-    ])  # fmt: skip
-    P = np.linalg.eigh(K)[1][:, -1]
-    return P if P[0] >= 0 else -P

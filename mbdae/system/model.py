@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from mbdae.elements import JointCoordinate, PointMass, RigidBody
 from mbdae.errors import LawError, SceneError
 from mbdae.forces import Gravity
-from mbdae.scene.components import Array, Body
+from mbdae.scene.components import Array, Body, Connection
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -22,13 +23,15 @@ FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the pla
 
 @dataclass(frozen=True)
 class Node:
-    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u."""
+    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u;
+    unit of its translations, or of the coordinate."""
 
     name: str
     body: Body | None
     kind: NodeKind
     q: int
     u: int
+    unit: str = "m"
 
 
 @dataclass
@@ -66,6 +69,7 @@ class Model:
     groups: list[Group]
     length: float  #: size of the scene, m
     vanished: list[str]
+    kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
 
     @property
     def nq(self) -> int:
@@ -87,24 +91,39 @@ class Model:
         """Nodes of joints that keep their coordinate as an unknown; named as the joint."""
         return [n for n in self.nodes if n.body is None]
 
+    @property
+    def recursive(self) -> list[Connection]:
+        """Joints that are recursive in this model."""
+        return [c for c in self.scene.joints if c.recursive and c.name not in self.kept]
+
+    def instances(self) -> Iterator[tuple[int, int, Instance]]:
+        """Every law of the model with the numbers of its group and instance."""
+        for g, group in enumerate(self.groups):
+            for i, instance in enumerate(group.instances):
+                yield g, i, instance
+
     def node(self, body: Body) -> Node | None:
         """The node of a body, None for the ground."""
         return next((n for n in self.nodes if n.body is body), None)
 
 
-def build(scene: SceneData) -> Model:
-    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails."""
+def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
+    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
+
+    kept: recursive joints to be modelled as kinematic ones, and why."""
+    kept = dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
         if reason is None:
             try:
-                return _assemble(scene, True, "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it")
+                flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
+                return _assemble(scene, True, kept, flat)
             except LawError as error:
                 reason = str(error)
         if scene.space == "planar":
             raise SceneError([f"scene '{scene.name}': space='planar' is not possible: {reason}; use space='auto' or 'spatial'"])
-        return _assemble(scene, False, reason)
-    return _assemble(scene, False, "space='spatial' was asked for")
+        return _assemble(scene, False, kept, reason)
+    return _assemble(scene, False, kept, "space='spatial' was asked for")
 
 
 def scene_length(scene: SceneData) -> float:
@@ -139,7 +158,7 @@ def out_of_plane(scene: SceneData) -> str | None:
     return None
 
 
-def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
+def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
     nodes, q, u = [], 0, 0
     for b in scene.bodies:
         point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
@@ -148,14 +167,14 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
         q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_body = {n.body: n for n in nodes}
     for c in scene.joints:
-        if c.joint.own_coordinates:
-            nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u))
+        if laws_of(c, kept)[0].own_coordinates:
+            nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u, c.joint.coordinate_unit))
             q, u = q + 1, u + 1
     by_joint = {n.name: n for n in nodes if n.body is None}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     refused: list[str] = []
-    for law, bodies, item in _laws(scene):
+    for law, bodies, item in _laws(scene, kept):
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
         if law.own_coordinates:
@@ -181,10 +200,15 @@ def _assemble(scene: SceneData, planar: bool, why: str) -> Model:
         massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
         massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
         groups[massless.key] = massless
-    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished)
+    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept)
 
 
-def _laws(scene: SceneData) -> list[tuple[Any, tuple[Body, ...], str]]:
+def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
+    """The laws of an item in the model."""
+    return c.as_kinematic if c.name in kept else c.laws
+
+
+def _laws(scene: SceneData, kept: Mapping[str, str]) -> list[tuple[Any, tuple[Body, ...], str]]:
     """Every law with its bodies and the name of its item."""
     out: list[tuple[Any, tuple[Body, ...], str]] = []
     for b in scene.bodies:
@@ -193,7 +217,7 @@ def _laws(scene: SceneData) -> list[tuple[Any, tuple[Body, ...], str]]:
             field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
             gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
-    return out + [(law, (c.k, c.l), c.name) for c in scene.connections for law in c.laws]
+    return out + [(law, (c.k, c.l), c.name) for c in scene.connections for law in laws_of(c, kept)]
 
 
 def element_of(b: Body) -> Element:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from mbdae.scene import timed
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array
-from mbdae.system.model import Model
+from mbdae.system.model import Model, Node
 
 COORDINATES = {
     NodeKind.SPATIAL: (("x", "y", "z", "P0", "P1", "P2", "P3"), ("vx", "vy", "vz", "Omega_x", "Omega_y", "Omega_z")),
@@ -50,18 +51,29 @@ def constraint_rows(model: Model) -> list[Row]:
 
 
 class Numbering:
-    """y = (q, u, s, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere."""
+    """y = (q, u, s, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere.
 
-    def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"),
-                 derivatives: bool = False) -> None:  # fmt: skip
-        self.model, self.rows, self.derivatives = model, rows, derivatives
-        self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
+    carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
+    read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
+    and instances that do not take part. constants: further numbers, behind those of the laws.
+    """
+
+    def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
+                 carried: Sequence[Node] = (), loaded: Sequence[Node] = (),
+                 dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = ()) -> None:  # fmt: skip
+        self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
+        self.free = [node for node in model.nodes if node not in set(carried)]
+        self._place: dict[str, tuple[int, int]] = {}
+        self.nq = self.nu = 0
+        for node in self.free:
+            self._place[node.name] = self.nq, self.nu
+            self.nq, self.nu = self.nq + node.kind.sizes[0], self.nu + node.kind.sizes[1]
         self.states = {
             (g, i, j): f"{instance.item}.{name}"
             for g, group in enumerate(model.groups)
-            for i, instance in enumerate(group.instances)
+            for i, instance in enumerate(group.instances) if (g, i) not in dropped
             for j, name in enumerate(group.derived.states)
-        }
+        }  # fmt: skip
         self._state = {key: n for n, key in enumerate(self.states)}
         self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         self.start = {"q": 0, "u": self.nq, "s": self.nq + self.nu}
@@ -69,14 +81,20 @@ class Numbering:
         for block in ("lambda", "mu"):
             self.start[block] = n
             n += self.m if block in blocks else 0
-        self.n = n
+        self.n, self.carried = n, 2 * n
+        self._carried: dict[str, int] = {}
+        for node in loaded:
+            self._carried[node.name] = self.carried
+            self.carried += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
         self._clock_values: list[Any] = []
         self._constants: list[float] = []
         self._gathers: dict[Any, NDArray[np.intp]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self._collect()
+        self.further = self.carried + len(self._clock_values) + len(self._constants)
+        self._constants += constants
         self.clock = Kernel([timed.TIME], self._clock_values)
-        self.width = 2 * n + len(self._clock_values) + len(self._constants) + 1
+        self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
 
     def _collect(self) -> None:
         """Give every number and every prescribed value a slot."""
@@ -84,59 +102,87 @@ class Numbering:
             for i, instance in enumerate(group.instances):
                 for name, value in instance.timed.items():
                     for suffix, derivative in zip(("", "_dot", "_ddot"), timed.derivatives(se.sympify(value)), strict=True):
-                        self._slots[g, i, name + suffix] = 2 * self.n + len(self._clock_values)
+                        self._slots[g, i, name + suffix] = self.carried + len(self._clock_values)
                         self._clock_values.append(derivative)
         for g, group in enumerate(self.model.groups):
             for i, instance in enumerate(group.instances):
                 for name, number in instance.numbers.items():
-                    self._slots[g, i, name] = 2 * self.n + len(self._clock_values) + len(self._constants)
+                    self._slots[g, i, name] = self.carried + len(self._clock_values) + len(self._constants)
                     self._constants.append(number)
 
     def workspace(self, count: int) -> Array:
         """(count, width) rows [y, y', prescribed values, parameters, 0] with the constants filled in."""
         W = np.zeros((count, self.width))
-        first = 2 * self.n + len(self._clock_values)
+        first = self.carried + len(self._clock_values)
         W[:, first : first + len(self._constants)] = self._constants
         return W
 
     def fill_clock(self, W: Array, t: Array) -> None:
         """Prescribed values at times t (count,)."""
         if self._clock_values:
-            W[:, 2 * self.n : 2 * self.n + len(self._clock_values)] = self.clock.values(np.reshape(t, (-1, 1)))
+            W[:, self.carried : self.carried + len(self._clock_values)] = self.clock.values(np.reshape(t, (-1, 1)))
 
-    def unknown(self, target: Target, g: int, i: int) -> tuple[int, bool]:
-        """(index in y, whether it is read from y') of a target of instance i in group g; index -1 if dropped."""
-        head, instance = target[0], self.model.groups[g].instances[i]
+    def node_place(self, head: str, node: Node, component: int) -> int:
+        """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
+        nq, nu = node.kind.sizes
+        if node.name in self._carried:
+            parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
+            return self._carried[node.name] + parts[head] + component
+        q, u = self._place[node.name]
+        return (q if head[0] == "q" else self.nq + u) + component + (self.n if head.endswith("p") else 0)
+
+    @property
+    def loaded_rows(self) -> NDArray[np.intp]:
+        """Slots of the rows of loaded nodes."""
+        slots = []
+        for node in (n for n in self.model.nodes if n.name in self._carried):
+            for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True):
+                slots += [self.node_place(head, node, i) for i in range(size)]
+        return np.array(slots, dtype=np.intp)
+
+    def node_of(self, target: Target, g: int, i: int) -> Node:
+        """The node of a target ("q" | "u" | ..., side, component)."""
+        node = self.model.groups[g].instances[i].nodes[_SIDES[target[1]]]
+        assert node is not None
+        return node
+
+    def place(self, target: Target, g: int, i: int) -> int:
+        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then carried nodes; -1 if dropped."""
+        head = target[0]
         if head in ("q", "u", "qp", "up"):
-            node = instance.nodes[_SIDES[target[1]]]
-            assert node is not None
-            base = node.q if head[0] == "q" else self.nq + node.u
-            return base + target[2], head.endswith("p")
+            return self.node_place(head, self.node_of(target, g, i), target[2])
         if head in ("s", "sp"):
-            return self.start["s"] + self._state[g, i, target[1]], head == "sp"
+            return self.start["s"] + self._state[g, i, target[1]] + (self.n if head == "sp" else 0)
         row = self._row.get((g, i, target[1]))
-        return (-1, False) if row is None else (self.start[head] + row, self.derivatives)
+        return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
+
+    def velocity(self, target: Target, g: int, i: int) -> int:
+        """Number among the velocities of a target ("u" or another head, side, component)."""
+        return self.place(("u", *target[1:]), g, i) - self.nq
+
+    def slot(self, g: int, i: int, name: str) -> int:
+        """Slot of a parameter of an instance, or of a value or rate of a prescribed one."""
+        return self._slots[g, i, name]
 
     def row(self, g: int, i: int, r: int) -> int | None:
         """Number of a constraint row, None where it is dropped."""
         return self._row.get((g, i, r))
 
-    def gather(self, g: int, inputs: Inputs) -> NDArray[np.intp]:
-        """(instances, inputs) positions in the workspace."""
-        key = (g, inputs.symbols)
+    def gather(self, g: int, inputs: Inputs, active: Sequence[int] | None = None) -> NDArray[np.intp]:
+        """(instances, inputs) positions in the workspace; active: numbers of the instances, by default all."""
+        chosen = tuple(active) if active is not None else tuple(range(len(self.model.groups[g].instances)))
+        key = (g, inputs.symbols, chosen)
         if key not in self._gathers:
-            self._gathers[key] = self._gathered(g, inputs)
+            self._gathers[key] = self._gathered(g, inputs, chosen)
         return self._gathers[key]
 
-    def _gathered(self, g: int, inputs: Inputs) -> NDArray[np.intp]:
-        group = self.model.groups[g]
-        table = np.empty((len(group.instances), len(inputs.symbols)), dtype=np.intp)
-        for i in range(len(group.instances)):
+    def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
+        table = np.empty((len(chosen), len(inputs.symbols)), dtype=np.intp)
+        for row, i in enumerate(chosen):
             for j, target in enumerate(inputs.unknowns):
-                index, dotted = self.unknown(target, g, i)
-                table[i, j] = self.width - 1 if index < 0 else index + (self.n if dotted else 0)
+                table[row, j] = self.place(target, g, i) % self.width  # -1: the zero at the end
             for j, name in enumerate(inputs.parameters, start=len(inputs.unknowns)):
-                table[i, j] = self._slots[g, i, name]
+                table[row, j] = self._slots[g, i, name]
         return table
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
@@ -149,15 +195,29 @@ class Numbering:
         """(m,) scaling of every constraint row (paper Eq. 2), 1 where its joint has none."""
         return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
 
+    def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
+        """(m,) where the rows are among others."""
+        at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
+        return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
+
+    @property
+    def of_positions(self) -> NDArray[np.intp]:
+        """(nq,) where the position unknowns are among those of all nodes."""
+        return np.concatenate([np.arange(n.q, n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
+
+    @property
+    def of_velocities(self) -> NDArray[np.intp]:
+        """(nu,) where the velocity unknowns are among those of all nodes."""
+        return np.concatenate([np.arange(n.u, n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
+
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""
         names = ["?"] * self.n
-        for node in self.model.nodes:
-            qs, us = COORDINATES[node.kind]
-            for i, c in enumerate(qs):
-                names[node.q + i] = f"{node.name}.{c}"
-            for i, c in enumerate(us):
-                names[self.nq + node.u + i] = f"{node.name}.{c}"
+        for node in self.free:
+            for head, entries in zip("qu", COORDINATES[node.kind], strict=True):
+                slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
+                for i, c in enumerate(("displacement",) if slides else entries):
+                    names[self.node_place(head, node, i)] = f"{node.name}.{c}"
         for key, position in self._state.items():
             names[self.start["s"] + position] = self.states[key]
         for block in ("lambda", "mu"):

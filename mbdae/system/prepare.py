@@ -11,13 +11,17 @@ from mbdae.errors import SceneError, StartError
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.carried import Carried, too_large
+from mbdae.system.expansion import Expansion, TreeMechanics
 from mbdae.system.explicit import partition_of, rhs_of, state_rates
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
-from mbdae.system.numbering import constraint_rows
-from mbdae.system.redundancy import RankReport, analyse, massless_motions
+from mbdae.system.numbering import Row, constraint_rows
+from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
 from mbdae.system.start import Start, Starter
+from mbdae.system.trees import find_trees
 from mbdae.threads import single_threaded
 
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
@@ -28,15 +32,27 @@ class Prepared:
     """A checked scene: its model, the constraints in force, its start and its scales."""
 
     model: Model
-    mechanics: Mechanics
+    mechanics: Mechanics  #: of all nodes and rows, those of recursive joints included
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
+    expansion: Expansion
 
     @cached_property
     def everything(self) -> Mechanics:
         """With the redundant rows too: what a run is checked against."""
         return Mechanics(self.model, constraint_rows(self.model))
+
+    def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
+        """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
+        first = self.expansion.nq + self.expansion.nu
+        return *self.expansion.states(t, y), y[:, first : first + len(self.mechanics.numbering.states)]
+
+    @property
+    def rows(self) -> list[Row]:
+        """The constraint rows a form integrates: those of recursive joints are satisfied by construction."""
+        inside = self.expansion.carried.dropped
+        return [row for row in self.mechanics.rows if (row.group, row.instance) not in inside]
 
     @property
     def length(self) -> float:
@@ -56,20 +72,45 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError(problems)
     if not scene.bodies:
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
-    model = build(scene)
+    model, carried = modelled(scene)
+    expansion = Expansion(model, carried)
     everything = Mechanics(model, constraint_rows(model))
     starter = Starter(everything, start.t if start is not None else t0)
     q = start.q if start is not None else starter.close(starter.placed())
     rank = analyse(everything, starter, q)
-    problems = massless_motions(everything, rank, starter.t, q)
+    problems = _massless(everything, expansion, rank, starter, q)
     if problems:
         raise SceneError(problems)
-    mechanics = Mechanics(model, rank.kept)
+    mechanics = mechanics_of(model, rank.kept, expansion)
     begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0, changes=starter.changes).run(q)
     problems = _contradictions(everything, rank, begin) or _later_contradictions(everything, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
-    return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin))
+    return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin), expansion)
+
+
+def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:
+    """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
+    inside = expansion.carried.dropped
+    if expansion.carried.trees and all((row.group, row.instance) in inside for row in rank.kept):
+        return massless_coordinates(expansion, everything.mass, starter.t, q)
+    return massless_motions(everything, rank, starter.t, q)
+
+
+def mechanics_of(model: Model, rows: list[Row], expansion: Expansion) -> Mechanics:
+    """The mechanics of all nodes with the rows in force."""
+    return TreeMechanics(model, rows, expansion) if expansion.carried.trees else Mechanics(model, rows)
+
+
+def modelled(scene: SceneData) -> tuple[Model, Carried]:
+    """The model of a scene with the trees of its recursive joints; trees too large for one program stay kinematic."""
+    model = build(scene)
+    carried = Carried(model, find_trees(model))
+    kept = too_large(carried)
+    if kept:
+        model = build(scene, kept)
+        carried = Carried(model, find_trees(model))
+    return model, carried
 
 
 def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> list[str]:
@@ -78,7 +119,7 @@ def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> li
     rate = everything.velocity_residual(t, q, u)[0]
     bias = (everything.constraint_jacobian(t, q)[0] @ start.acceleration + everything.acceleration_bias(t, q, u)[0])
     size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
-    dropped = {row.name for row in rank.dropped}
+    dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
     found = []
     for row, v, a in zip(everything.rows, rate, bias, strict=True):
         if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
@@ -90,7 +131,7 @@ def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> li
 def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
     """The same at later times, in positions where the rows kept are satisfied."""
     timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
-    dropped, q = {row.name for row in rank.dropped}, start.q
+    dropped, q = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q
     for share in (0.01, 0.1, 0.5) if timed and dropped else ():
         closer = Starter(mechanics, start.t + share * (end - start.t), holding=False)
         try:
@@ -115,22 +156,23 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
 def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
     """The System of a prepared scene in a form, with start and scales."""
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
-    system = SceneSystem(prepared.model, mechanics.rows, spec, sparse)
+    system = SceneSystem(prepared.model, mechanics.rows, spec, sparse, prepared.expansion.carried)
     nb = system.numbering
-    system.partition = partition_of(mechanics)
-    system.rhs = None if spec.blocks else rhs_of(mechanics)
+    q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
+    system.partition = partition_of(mechanics, prepared.expansion)
+    system.rhs = None if spec.blocks else rhs_of(system)
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
-    force, reach = multiplier_scales(mechanics, start, T)
+    force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
     scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
     blocks = {
-        "q": (start.q, mechanics.rates(start.q, start.u), position_scale(mechanics)),
-        "v": (start.u, start.acceleration, mechanics.velocity_units / T),
+        "q": (start.q[q], mechanics.rates(start.q, start.u)[q], position_scale(mechanics)[q]),
+        "v": (start.u[u], start.acceleration[u], mechanics.velocity_units[u] / T),
         "s": (start.s, state_rate, np.ones(len(start.s))),
     }
     if "lambda" in spec.blocks:
-        zero = np.zeros(mechanics.m)
+        zero = np.zeros(nb.m)
         dotted = spec.derivatives
-        multipliers, force = start.multipliers / scaling, force / scaling
+        multipliers, force = start.multipliers[kept] / scaling, force / scaling
         blocks["lambda"] = (zero, multipliers, force * T) if dotted else (multipliers, zero, force)
         blocks["mu"] = (zero, zero, reach if dotted else reach / T)
     parts = [blocks[kind] for kind in ("q", "v", "s", *spec.blocks)]

@@ -8,18 +8,19 @@ import numpy as np
 
 from mbdae.errors import SceneError, StartError
 from mbdae.system.base import Array
+from mbdae.system.expansion import Expansion
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.numbering import Row
 from mbdae.system.start import Starter
 
-DEPENDENT = 1e-8  #: residual of a row of unit length against the rows before it: redundant below
-DOUBTFUL = 1e-3  #: between the two: nearly redundant, kept and reported
+DEPENDENT = 2e-6  #: residual of a row of unit length against the rows before it: redundant below
+CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
 SAMPLES = 3
 
 
 @dataclass
 class RankReport:
-    """kept and dropped rows, rows nearly redundant, rows dependent at the start only, and the freedoms."""
+    """kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms."""
 
     kept: list[Row]
     dropped: list[Row] = field(default_factory=list)
@@ -57,14 +58,17 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array) -> RankReport:
         return RankReport([], degrees_of_freedom=mechanics.nu)
     closing = {c.name for c in starter.tree.closing}
     order = sorted(range(mechanics.m), key=lambda i: mechanics.rows[i].name.rsplit(".", 1)[0] in closing)
-    places = [q, *(_other_positions(mechanics, starter, q) if closing else ())]  # a tree has no dependent rows anywhere
-    new = np.array([novelty(_rows_at(mechanics, starter.t, p)[order]) for p in places])
-    here, best = new[0], new.max(axis=0)
+    here = novelty(_rows_at(mechanics, starter.t, q)[order])
+    dependent = {mechanics.rows[i].name for i, new in zip(order, here, strict=True) if new <= DEPENDENT}
+    places = _other_positions(mechanics, starter, q, dependent) if closing else []  # a tree has no dependent rows anywhere
+    best = np.max([here, *(novelty(_rows_at(mechanics, starter.t, p)[order]) for p in places)], axis=0)
     report = RankReport([])
     for place, i in enumerate(order):
         row = mechanics.rows[i]
         if best[place] <= DEPENDENT:
             report.dropped.append(row)
+            if best[place] > CERTAIN:
+                report.doubtful.append((row, float(best[place])))
             continue
         report.kept.append(row)
         if here[place] <= DEPENDENT:
@@ -92,21 +96,24 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
     return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
 
 
-def _other_positions(mechanics: Mechanics, starter: Starter, q: Array) -> list[Array]:
-    """Consistent positions reached by moving along the freedoms (drives released) and closing the loops again."""
-    free = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
-    released = Mechanics(mechanics.model, [mechanics.rows[i] for i in free])
-    closer = Starter(released, float(starter.t[0]), holding=False)
-    freedoms = free_motions(released, closer.t, q)
-    rng = np.random.default_rng(11)
+def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, dependent: set[str]) -> list[Array]:
+    """Consistent positions reached by moving along the freedoms (drives released) and closing the loops again; where
+    nearly dependent rows lock the loops, they are released too."""
+    free = [row for row in mechanics.rows if not row.name.endswith(".drive")]
     found: list[Array] = []
-    for _ in range(SAMPLES if freedoms.size else 0):
-        direction = freedoms @ rng.normal(size=freedoms.shape[1])
-        step = 0.3 * direction / np.max(np.abs(direction)) * released.velocity_units
-        try:
-            found.append(closer.close(released.integrate_positions(q, step)))
-        except StartError:
-            continue
+    for rows in (free, [row for row in free if row.name not in dependent]):
+        released = Mechanics(mechanics.model, rows)
+        closer = Starter(released, float(starter.t[0]), holding=False)
+        freedoms, rng = free_motions(released, closer.t, q), np.random.default_rng(11)
+        for _ in range(SAMPLES if freedoms.size else 0):
+            direction = freedoms @ rng.normal(size=freedoms.shape[1])
+            step = 0.3 * direction / np.max(np.abs(direction)) * released.velocity_units
+            try:
+                found.append(closer.close(released.integrate_positions(q, step)))
+            except StartError:
+                continue
+        if found or not dependent:
+            break
     return found
 
 
@@ -117,6 +124,30 @@ def free_motions(mechanics: Mechanics, t: Array, q: Array) -> Array:
         return np.eye(mechanics.nu)
     _, sizes, V = np.linalg.svd(G, full_matrices=True)
     return np.asarray(V[int(np.sum(sizes > 1e-9 * sizes[0])) :].T)
+
+
+def massless_coordinates(expansion: Expansion, mass: Array, t: Array, q: Array) -> list[str]:
+    """Unknowns of trees of recursive joints whose motion has no inertia, by the condition of the reduced mass matrix with
+    a unit diagonal, one sentence each."""
+    u = np.zeros((1, expansion.model.nu))
+    T = expansion.velocity_map(expansion.workspace(t, *expansion.reduced(q[None], u)))[0]
+    reduced = T.T @ mass @ T
+    size = np.sqrt(np.diag(reduced))
+    largest = float(np.max(size, initial=0.0))
+    names = expansion.numbering.names()[expansion.nq :]
+    lost = [int(i) for i in np.flatnonzero(size <= 1e-12 * largest)]
+    if not lost and len(size):
+        values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
+        lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
+    joints = {n.name for n in expansion.model.joint_coordinates}
+    return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
+
+
+def _no_inertia(name: str, joints: set[str]) -> str:
+    if name in joints:
+        return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
+                f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
+    return f"body '{name}' can move without any inertia: give it mass or inertia, or a joint that stops this motion"
 
 
 def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:

@@ -23,10 +23,10 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
 
 
 def position_scale(mechanics: Mechanics) -> Array:
-    """(nq,) the scene's length for positions, 1 for quaternions and angles."""
+    """(nq,) the scene's length for positions and displacements, 1 for quaternions and angles."""
     scale = np.ones(mechanics.nq)
     for node in mechanics.model.nodes:
-        if node.body is not None:
+        if node.unit == "m":
             scale[node.q : node.q + node.kind.translations] = mechanics.model.length
     return scale
 

@@ -22,8 +22,9 @@ from mbdae.symbolic.law import Element, Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics, quaternion, turned
+from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import heading
+from mbdae.system.rotations import quaternion, rotation_of, turned
 
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
 
@@ -179,7 +180,7 @@ class Starter:
                     continue
                 value[j], speed[j] = values[0, i, 0], values[0, i, 1]
                 for o, target in enumerate(p.targets[2:], start=2):
-                    C[j, self.mechanics.numbering.unknown(("u", *target[1:]), g, i)[0] - self.mechanics.nq] += values[0, i, o]
+                    C[j, self.mechanics.numbering.velocity(target, g, i)] += values[0, i, o]
         return value, speed, C
 
     def _closure(self, q: Array) -> Array:
@@ -316,18 +317,6 @@ class Starter:
 
 def _largest(g: Array, units: Array) -> float:
     return float(np.max(np.abs(g) / units, initial=0.0))
-
-
-def rotation_of(kind: NodeKind, q: Array) -> Array:
-    """Rotation matrix (3, 3) of a node's positions."""
-    if kind is NodeKind.SPATIAL:
-        from mbdae.system.mechanics import rotation_matrices
-
-        return rotation_matrices(q[3:])
-    if kind is NodeKind.PLANAR:
-        c, s = np.cos(q[2]), np.sin(q[2])
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.eye(3)
 
 
 def _motion(joint: Connection, value: float) -> tuple[Array, Array]:

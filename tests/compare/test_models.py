@@ -49,7 +49,7 @@ def test_every_model_is_prepared_once(monkeypatch):
 def test_the_default_runs_cross_check_solvers_forms_and_models():
     w = mb.compare(four_bar(), 0.2, accuracies=[1e-4])
     assert {row.label for row in w.runs} == {"IDA GGL", "RadauIIA(2) GGL", "RadauIIA(3) GGL", "RadauIIA(3) Index3",
-                                             "RadauIIA(3) GGL Classical"}  # fmt: skip
+                                             "RadauIIA(3) GGL Classical", "RadauIIA(3) GGL Recursive"}  # fmt: skip
     assert w.pairwise.largest[0] < 1e-3
 
 
@@ -74,9 +74,10 @@ def test_a_model_that_cannot_be_is_a_failed_run_with_its_reason():
 
 
 def test_a_model_without_a_joint_to_describe_fails_and_says_so():
-    s = mb.Scene("slider", gravity=(1, 0, 0))
-    s.prismatic("guide", s.ground, s.rigid_body("block", 1.0, 1.0), at=(0, 0), axis=(1, 0, 0))
-    assert "no revolute joint" in mb.compare(s, 0.1, [mb.Run(mb.IDA(), model=mb.Classical())], [1e-3]).runs[0].failure
+    s = mb.Scene("ball", gravity=(1, 0, 0))
+    s.spherical("guide", s.ground, s.rigid_body("block", 1.0, (1.0, 1.0, 1.0)), at=(0, 1, 0))
+    row = mb.compare(s, 0.1, [mb.Run(mb.IDA(), model=mb.Classical())], [1e-3]).runs[0]
+    assert "no revolute or prismatic joint" in row.failure
 
 
 @pytest.mark.parametrize("model", ["classical", {}, {"A": "classical"}, mb.Classical])

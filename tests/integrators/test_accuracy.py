@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from dae_problems import decay, pendulum, pendulum_exact
 
+from mbdae.integrators.cvode import CVODE
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
 from mbdae.system.dae import DAE
@@ -97,7 +98,7 @@ def test_work_is_counted():
         plain(*arguments)
 
     system.residual = counted
-    for solver in (IDA(1e-6), RadauIIA(3), RadauIIA(2)):
+    for solver in (IDA(1e-6), RadauIIA(3), RadauIIA(2), CVODE(1e-6), CVODE(1e-6, method="BDF")):
         calls["residual"] = 0
         stats = solver.solve(system, 2.0).stats
         assert stats.residuals == calls["residual"] - 1  # one more to check the start

@@ -5,14 +5,17 @@ import time
 
 import numpy as np
 import pytest
-from dae_problems import blow_up, decay, pendulum
+from dae_problems import blow_up, decay, explicit, pendulum
 
 from mbdae.errors import OptionError, SolverError
+from mbdae.integrators.cvode import CVODE
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
 from mbdae.system.dae import DAE
 
-SOLVERS = [IDA(1e-6), RadauIIA(3, rtol=1e-6), RadauIIA(2, rtol=1e-6), RadauIIA(3, step=0.01)]
+SOLVERS = [
+    IDA(1e-6), RadauIIA(3, rtol=1e-6), RadauIIA(2, rtol=1e-6), RadauIIA(3, step=0.01), CVODE(1e-6), CVODE(1e-6, method="BDF")
+]  # fmt: skip
 every_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label + (" fixed" if s.fixed else ""))
 
 
@@ -64,7 +67,7 @@ def test_equation_that_turns_into_nan_is_named(solver, capfd):
             out[1] = np.nan
 
     with pytest.raises(SolverError, match=r"F\[1\] is not finite near t = 0\.5") as caught:
-        solver.solve(DAE(residual, [1.0, 1.0], [-1.0, -1.0]), 1.0)
+        solver.solve(explicit(DAE(residual, [1.0, 1.0], [-1.0, -1.0])), 1.0)
     assert caught.value.culprit == "F[1]"
     assert caught.value.time > 0.45
     assert capfd.readouterr() == ("", "")
@@ -160,6 +163,11 @@ def test_arguments_of_solve(options, message):
         (lambda: IDA(max_order=6), "max_order = 6"),
         (lambda: IDA(atol=-1.0), "atol"),
         (lambda: RadauIIA(4), "stages = 4"),
+        (lambda: CVODE(rtol=2.0), r"rtol = 2\.0: give a value"),
+        (lambda: CVODE(method="adams"), r"method = 'adams': give 'Adams' \(not stiff\) or 'BDF' \(stiff\)"),
+        (lambda: CVODE(max_order=13), "max_order = 13: Adams has orders 1 to 12"),
+        (lambda: CVODE(method="BDF", max_order=6), "max_order = 6: BDF has orders 1 to 5"),
+        (lambda: CVODE(1e-6, atol=[1.0]).solve(decay(), 1.0), r"atol has shape \(1,\): give one number or 2"),
         (lambda: RadauIIA(step=-0.1), "step"),
         (lambda: IDA(1e-6, atol=[1.0]).solve(decay(), 1.0), r"atol has shape \(1,\): give one number or 2"),
     ],
@@ -172,7 +180,7 @@ def test_options_of_solvers(make, message):
 def test_accuracy_becomes_rtol():
     chosen = IDA(max_order=2).at_accuracy(1e-6, "GGL")
     assert chosen == IDA(rtol=chosen.rtol, max_order=2)
-    for solver in (IDA(), RadauIIA(2), RadauIIA(3)):
+    for solver in (IDA(), RadauIIA(2), RadauIIA(3), CVODE(), CVODE(method="BDF")):
         for form, factor in solver.factors[solver.label].items():
             assert solver.at_accuracy(1e-6, form).rtol == pytest.approx(1e-6 * factor)
     fixed = RadauIIA(2, step=0.1)

@@ -45,7 +45,7 @@ def runs(seeds: Iterable[int], accuracies: Iterable[float], t_end: float = 1.0) 
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", mb.AccuracyWarning)
                     r = scene.simulate(t_end, accuracy, solver=solver)
-                error = float(np.max(distance(prepared, r.solution(times)[:, :n], exact)))
+                error = float(np.max(distance(prepared, times, r.solution(times)[:, :n], exact)))
                 found.append(Run(error / accuracy, bool(r.warnings), seed, solver.label, accuracy))
     return found
 

@@ -1,0 +1,52 @@
+"""New scenes with other joint models: statements replayed with another argument."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mbdae.errors import SceneError
+from mbdae.scene.components import JointModel, Kinematic, Recursive
+from mbdae.scene.record import Statement, encode, replay
+
+if TYPE_CHECKING:
+    from mbdae.scene.scene import SceneData
+
+#: statements whose joint has models, and the number of the argument that names it
+MODELLED = {"revolute": 5, "prismatic": 11}
+
+
+def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
+    """The scene with another model of some joints; see `SceneData.replace`."""
+    known = [c.name for c in scene.connections if c.kind in MODELLED]
+    wrong = [n for n in names if n not in known]
+    if wrong:
+        raise SceneError([f"there is no revolute or prismatic joint '{wrong[0]}' in scene '{scene.name}'; it has {known}"])
+    plain = model == type(model)()
+    chosen = set(names or (c.name for c in scene.connections if c.kind == "revolute" or (plain and c.name in known)))
+    if not chosen:
+        raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {model!r}"])
+    statements: list[Statement] = []
+    for method, args, kwargs in scene.statements:
+        if method in MODELLED and (args[0] if args else kwargs["name"]) in chosen:
+            args, kwargs = _with_model(args, kwargs, encode(model), MODELLED[method])
+        statements.append([method, args, kwargs])
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
+    return replay(data, type(scene))
+
+
+def with_recursive_tree(scene: SceneData) -> Any:
+    """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
+    from mbdae.scene.topology import spanning_tree
+
+    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point)]
+    closing = [c.name for c in spanning_tree(scene, turning).closing]
+    tree = [c.name for c in turning if c.name not in closing]
+    variant: Any = replaced(scene, tuple(tree), Recursive()) if tree else scene
+    return replaced(variant, tuple(closing), Kinematic()) if closing else variant
+
+
+def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int) -> tuple[list[Any], dict[str, Any]]:
+    """Arguments of a joint's statement with another model, wherever it was given (argument number `place`)."""
+    if len(args) > place:
+        return [*args[:place], model, *args[place + 1 :]], kwargs
+    return args, {**kwargs, "model": model}

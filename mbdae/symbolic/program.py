@@ -1,0 +1,76 @@
+"""Straight-line programs: small named steps, differentiated one by one.
+
+Written out, the equations of a tree of bodies grow exponentially with its depth; as steps they grow linearly, and
+forward differentiation of the steps gives the exact Jacobian (geometric terms included) without a formula of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.vectors import Expr, Vec
+
+_ZERO = se.Integer(0)
+
+
+class Program:
+    """Steps name = expression of inputs and earlier names, in the order they are taken."""
+
+    def __init__(self) -> None:
+        self.steps: dict[Expr, Expr] = {}
+        self._names: dict[Expr, Expr] = {}
+
+    def let(self, e: Any) -> Expr:
+        """The name of an expression; numbers and plain symbols stand for themselves."""
+        e = se.sympify(e)
+        if e.is_Number or isinstance(e, se.Symbol):
+            return e
+        if e not in self._names:
+            self._names[e] = se.Symbol(f"step{len(self.steps)}")
+            self.steps[self._names[e]] = e
+        return self._names[e]
+
+    def vec(self, v: Vec) -> Vec:
+        """A vector of named components."""
+        return Vec(*map(self.let, v))
+
+    def needed(self, outputs: Iterable[Expr]) -> list[Expr]:
+        """Names the outputs depend on, in order."""
+        wanted = set().union(*(e.free_symbols for e in outputs)) if outputs else set()
+        found = []
+        for name in reversed(self.steps):
+            if name in wanted:
+                wanted |= self.steps[name].free_symbols
+                found.append(name)
+        return found[::-1]
+
+    def derivatives(self, outputs: Sequence[Expr], seeds: Sequence[Expr], limit: int | None = None) -> list[dict[Expr, Expr]]:
+        """Partial derivatives of every output by the seeds (inputs), named; the zero ones are left out.
+
+        limit: number of steps of the program at which the work is given up (OverflowError)."""
+        tangent: dict[Expr, dict[Expr, Expr]] = {seed: {seed: se.Integer(1)} for seed in seeds}
+        for name in self.needed(outputs):
+            tangent[name] = self._tangent(self.steps[name], tangent)
+            if limit is not None and len(self.steps) > limit:
+                raise OverflowError(len(self.steps))
+        return [self._tangent(e, tangent) for e in outputs]
+
+    def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
+        total: dict[Expr, Expr] = {}
+        for x in sorted(e.free_symbols & tangent.keys(), key=str):
+            slope = se.diff(e, x) if tangent[x] else _ZERO
+            for seed, value in tangent[x].items():
+                total[seed] = total.get(seed, _ZERO) + slope * value
+        return {seed: self.let(value) for seed, value in total.items() if value != 0}
+
+    def closed(self, outputs: Sequence[Expr]) -> list[Expr]:
+        """Outputs in terms of inputs alone. Every step stays one shared node (an unevaluated expression): without that
+        sums are flattened into their users and compilation explodes."""
+        table: dict[Expr, Expr] = {}
+        for name in self.needed(outputs):
+            e = self.steps[name]
+            table[name] = se.UnevaluatedExpr(e.subs({x: table[x] for x in e.free_symbols if x in table}))
+        return [e.subs({x: table[x] for x in e.free_symbols if x in table}) for e in map(se.sympify, outputs)]

@@ -1,0 +1,340 @@
+"""Trees of recursive joints: the motion of every body as a function of joint coordinates, by one program.
+
+A joint with the twist (travel, turn) carries l from k by the screw motion exp(c (travel, turn)) about k.z. The tree
+program goes from the root outwards (positions, velocities, accelerations), evaluates the laws between its bodies, and
+returns the forces from the leaves to the root: the residual of the joint coordinates and of a free root. Its Jacobian
+is the derivative of the program, so the geometric stiffness is in it by construction (paper Eqs. 24-33).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
+from mbdae.symbolic.law import Joint, Structure
+from mbdae.symbolic.outputs import Target, dynamics
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.quaternions import rate_from_spatial_spin, rotation_columns, rotation_per_component
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+
+Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
+OPERATIONS = 6000  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
+
+
+@dataclass(frozen=True)
+class Link:
+    """The joint that carries node `j` (its place in the tree, from 1) from node `parent` (0: the root)."""
+
+    law: type[Joint]
+    parent: int
+    side: str  #: of the joint on which the parent is, "k" or "l"
+    kind: NodeKind  #: of the node carried
+    axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
+    prescribed: bool
+    numbers: Numbers
+
+
+@dataclass(frozen=True)
+class Member:
+    """A law between nodes of the tree (None: the ground) that is part of its program."""
+
+    law: tuple[Any, Structure, tuple[Side, ...]]
+    nodes: tuple[int | None, ...]
+    numbers: Numbers
+
+
+@dataclass(frozen=True)
+class TreeStructure:
+    """What distinguishes two trees beside numbers. loaded: nodes that laws outside the program act on."""
+
+    root: NodeKind
+    links: tuple[Link, ...]
+    members: tuple[Member, ...]
+    loaded: tuple[int, ...] = ()
+
+
+@dataclass
+class State:
+    """Motion of a node: R by columns, heading and quaternion where its kind has them, spins and their rates inertial."""
+
+    kind: NodeKind
+    r: Vec
+    R: tuple[Vec, Vec, Vec]
+    heading: Expr
+    v: Vec
+    w: Vec
+    a: Vec
+    al: Vec
+    P: list[Expr] = field(default_factory=list)
+
+    def of_body(self, columns: list[list[Expr]]) -> tuple[Vec, ...]:
+        """Inertial vectors of body components."""
+        return tuple(self.R[0] * c[0] + self.R[1] * c[1] + self.R[2] * c[2] for c in columns)
+
+    def to_body(self, a: Vec) -> Vec:
+        """Body components of an inertial vector."""
+        return Vec(*(column @ a for column in self.R))
+
+
+Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
+
+
+class TreeProgram:
+    """The program of a tree. Nodes: 0 the root, j the one carried by link j; -j is the joint coordinate of link j.
+
+    inputs: symbol -> its place: ("q" | "u" | "up", node, i), ("clock", j, 0 | 1 | 2) a prescribed coordinate and its
+    rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) rows of laws outside.
+    """
+
+    def __init__(self, structure: TreeStructure) -> None:
+        self.structure, self.program = structure, Program()
+        self.inputs: dict[Expr, tuple[Any, ...]] = {}
+        self.nodes = [self._root(structure.root)]
+        self._arms: list[tuple[Vec, Vec, Vec, Vec]] = []
+        for j, link in enumerate(structure.links, start=1):
+            self.nodes.append(self._carried(j, link))
+        self.force = self._pulled("wu", self._members())
+        self.correction = self._pulled("wq", {}) if structure.loaded else {}
+
+    def _input(self, *place: Any) -> Expr:
+        symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
+        self.inputs[symbol] = place
+        return symbol
+
+    def _number(self, owner: str, name: str, numbers: Numbers) -> Expr:
+        value = dict(numbers)[name]
+        return self._input("number", owner, name) if value is None else se.Integer(value)
+
+    # -- outwards
+
+    def _root(self, kind: NodeKind) -> State:
+        if not kind.moves:
+            return State(kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO, [se.Integer(i == 0) for i in range(4)])
+        (nq, nu), let = kind.sizes, self.program.let
+        q, u, up = ([self._input(what, 0, i) for i in range(n)] for what, n in (("q", nq), ("u", nu), ("up", nu)))
+        if kind is NodeKind.PLANAR:
+            bx = Vec(let(se.cos(q[2])), let(se.sin(q[2])), 0)
+            R = (bx, UNIT[2].cross(bx), UNIT[2])
+            moves = [Vec(part[0], part[1], 0) for part in (q, u, up)]
+            return State(kind, moves[0], R, q[2], moves[1], Vec(0, 0, u[2]), moves[2], Vec(0, 0, up[2]))
+        bx, by, bz = map(self.program.vec, rotation_columns(q[3:]))
+        state = State(kind, Vec(*q[:3]), (bx, by, bz), se.Integer(0), Vec(*u[:3]), ZERO, Vec(*up[:3]), ZERO, q[3:])
+        state.w, state.al = (self.program.vec(state.of_body([part[3:]])[0]) for part in (u, up))
+        return state
+
+    def _frame(self, j: int, link: Link, side: str, node: State, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
+        """Offset of the joint's point from a node and the joint's axes, as the node carries them."""
+        offset, columns = self._in_body(j, link, side, axes)
+        return self.program.vec(node.of_body([offset])[0]), tuple(map(self.program.vec, node.of_body(columns)))
+
+    def _in_body(self, j: int, link: Link, side: str, axes: Axes) -> tuple[list[Expr], list[list[Expr]]]:
+        numbers = {name: self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name.startswith(side)}
+        offset = [numbers[f"{side}_p{i}"] for i in (1, 2, 3)]
+        return offset, axes_pattern(axes, [[numbers[f"{side}_Q{a}{i}"] for i in (1, 2, 3)] for a in "xyz"])[0]
+
+    def _coordinate(self, j: int, link: Link) -> list[Expr]:
+        """c, dc/dt, d2c/dt2, positive from parent to child."""
+        if link.prescribed:
+            c = [self._input("clock", j, i) for i in range(3)]
+        else:
+            c = [self._input(what, -j, 0) for what in ("q", "u", "up")]
+        return c if link.side == "k" else [-x for x in c]  # the inverse of a one-parameter group
+
+    def _carried(self, j: int, link: Link) -> State:
+        """Relative kinematics: v = v_k + w x arm + slide c', w = w_k + spin c', and their rates."""
+        vec, k = self.program.vec, self.nodes[link.parent]
+        other = "l" if link.side == "k" else "k"
+        travel, turn = link.law.twist  # type: ignore[misc]
+        (c, cd, cdd), (s, axes) = self._coordinate(j, link), self._frame(j, link, link.side, k, link.axes[0])
+        spin, slide = axes[2] * turn, axes[2] * travel
+        arm = vec(s + slide * c)
+        w, al = vec(k.w + spin * cd), vec(k.al + spin * cdd + k.w.cross(spin) * cd)
+        along = vec(k.w.cross(arm) + slide * cd)
+        v = vec(k.v + along)
+        a = vec(k.a + k.al.cross(arm) + k.w.cross(along) + k.w.cross(slide) * cd + slide * cdd)
+        child = State(link.kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO)
+        if not link.kind.turns:
+            child.r, child.v, child.a = vec(k.r + arm), v, a
+            self._arms.append((arm, ZERO, spin, slide))
+            return child
+        child.w, child.al = w, al
+        self._orient(child, k, (j, link, other), axes, turn * c)
+        offset, _ = self._in_body(j, link, other, link.axes[1])
+        t = vec(child.of_body([offset])[0])
+        wt = vec(w.cross(t))
+        child.r, child.v, child.a = vec(k.r + arm - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
+        self._arms.append((arm, t, spin, slide))
+        return child
+
+    def _orient(self, child: State, k: State, place: tuple[int, Link, str], axes: tuple[Vec, ...], angle: Expr) -> None:
+        """Rotation of the node carried: the joint's axes turned by the angle about z, times Q^T."""
+        (j, link, other), let, vec = place, self.program.let, self.program.vec
+        if child.kind is NodeKind.PLANAR:
+            drawn = [self._number(f"link{j}", f"{side}_theta0", link.numbers) for side in (other, link.side)]
+            child.heading = let(k.heading + axes[2][2] * angle + drawn[0] - drawn[1])
+            bx = Vec(let(se.cos(child.heading)), let(se.sin(child.heading)), 0)
+            child.R = (bx, UNIT[2].cross(bx), UNIT[2])
+            return
+        cos, sin = let(se.cos(angle)), let(se.sin(angle))
+        x, y = vec(axes[0] * cos + axes[1] * sin), vec(axes[1] * cos - axes[0] * sin)
+        _, Q = self._in_body(j, link, other, link.axes[1])
+        child.R = tuple(vec(x * Q[0][i] + y * Q[1][i] + axes[2] * Q[2][i]) for i in range(3))  # type: ignore[assignment]
+        half = [se.cos(angle / 2), 0, 0, se.sin(angle / 2)]
+        to_joint = [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)]
+        from_joint = [self._number(f"link{j}", f"{other}_P{i}", link.numbers) for i in range(4)]
+        inverse = [from_joint[0], *(-x for x in from_joint[1:])]
+        child.P = list(map(let, _product(_product(_product(k.P, to_joint), half), inverse)))
+
+    # -- laws of the tree
+
+    def _members(self) -> dict[int, Wrench]:
+        """Forces of the laws of the program on every node."""
+        total: dict[int, Wrench] = {}
+        for m, member in enumerate(self.structure.members):
+            d = derive(*member.law)
+            table = self._meaning(m, member, d)
+            for name, value in d.variation.values.items():
+                table[name] = self.program.let(_substituted(d.variation.resolve(value), table))
+            for f, node in zip(d.frames, member.nodes, strict=True):
+                rows = {t[2]: _substituted(d.variation.resolve(e), table) for t, e in dynamics(d) if t[1] == f.side}
+                if node is not None and rows:
+                    total[node] = _sum(total.get(node), self._wrench(node, rows))
+        return total
+
+    def _meaning(self, m: int, member: Member, d: Derived) -> dict[Expr, Expr]:
+        """Symbols of a law in terms of the program."""
+        known = {name: self._number(f"member{m}", name, member.numbers) for name, _ in member.numbers}
+        table: dict[Expr, Expr] = {se.Symbol(name): value for name, value in known.items()}
+        for symbol in {*d.variation.clock, *d.variation.clock.values()}:
+            table[symbol] = self._input("timed", f"member{m}", str(symbol))
+        for f, node in zip(d.frames, member.nodes, strict=True):
+            if node is None:
+                table |= {symbol: _substituted(value, table) for symbol, value in f.meaning.items()}
+            else:
+                table |= self._frame_meaning(f, self.nodes[node], known)
+        return table
+
+    def _frame_meaning(self, f: Frame, node: State, known: dict[str, Expr]) -> dict[Expr, Expr]:
+        table: dict[Expr, Expr] = {}
+
+        def bind(symbols: Vec, value: Vec) -> None:
+            table.update((s, v) for s, v in zip(symbols, value, strict=True) if isinstance(s, se.Symbol))
+
+        bind(f.center, node.r)
+        bind(f.center_velocity, node.v)
+        for i in range(f.kind.translations):
+            table[se.Symbol(f"{f.side}_up{i + 1}")] = node.a[i]
+        if not f.kind.turns:
+            return table
+        vec = self.program.vec
+        for column, value in zip(f.body, node.R, strict=True):
+            bind(column, value)
+        spin, rate = (node.w, node.al) if f.kind.flat else (vec(node.to_body(node.w)), vec(node.to_body(node.al)))
+        bind(f.w, node.w)
+        bind(f.spin, spin)
+        for i in range(f.kind.translations, f.kind.sizes[1]):
+            table[se.Symbol(f"{f.side}_up{i + 1}")] = rate[2] if f.kind.flat else rate[i - 3]
+        if f"{f.side}_p1" in known:
+            offset = [known[f"{f.side}_p{i}"] for i in (1, 2, 3)]
+            columns = axes_pattern(f.axes, [[known[f"{f.side}_Q{a}{i}"] for i in (1, 2, 3)] for a in "xyz"])[0]
+            bind(f.arm, vec(node.of_body([offset])[0]))
+            for axis, value in zip((f.x, f.y, f.z), node.of_body(columns), strict=True):
+                bind(axis, vec(value))
+            if isinstance(f.heading, se.Symbol):
+                table[f.heading] = node.heading - known.get(f"{f.side}_theta0", se.Integer(0))
+        return table
+
+    def _wrench(self, node: int, rows: dict[int, Expr]) -> Wrench:
+        """Dynamics rows of a node as force and inertial torque."""
+        state, zero = self.nodes[node], se.Integer(0)
+        n = state.kind.translations
+        force = Vec(*[rows.get(i, zero) for i in range(n)], *[0] * (3 - n))
+        turning = [rows.get(i, zero) for i in range(n, state.kind.sizes[1])]
+        if not turning:
+            return force, ZERO
+        return force, Vec(0, 0, turning[0]) if state.kind.flat else state.of_body([turning])[0]
+
+    # -- inwards
+
+    def _pulled(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
+        """Rows of the coordinates and of the root: the transpose of the outward velocities (virtual power)."""
+        vec = self.program.vec
+        total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
+        for j in self.structure.loaded:
+            total[j] = _sum(total[j], self._load(role, j))
+        rows: dict[tuple[int, int], Expr] = {}
+        for j, link in reversed(list(enumerate(self.structure.links, start=1))):
+            arm, t, spin, slide = self._arms[j - 1]
+            F = vec(total[j][0])
+            M = vec(total[j][1] - t.cross(F))
+            if not link.prescribed:
+                row = spin @ M + slide @ F
+                rows[-j, 0] = self.program.let(row if link.side == "k" else -row)
+            total[link.parent] = _sum(total[link.parent], (F, M + arm.cross(F)))
+        if self.nodes[0].kind.moves:
+            rows |= self._root_rows(role, *map(vec, total[0]))
+        return {place: e for place, e in rows.items() if e != 0}
+
+    def _root_rows(self, role: str, F: Vec, N: Vec) -> dict[tuple[int, int], Expr]:
+        root = self.nodes[0]
+        if root.kind is NodeKind.PLANAR:
+            turning = [N[2]]
+        elif role == "wu":
+            turning = list(root.to_body(N))
+        else:
+            turning = rate_from_spatial_spin(root.P, N)
+        entries = [*list(F)[: root.kind.translations], *turning]
+        return {(0, i): self.program.let(e) for i, e in enumerate(entries)}
+
+    def _load(self, role: str, j: int) -> Wrench:
+        """Rows that laws outside add to a node: of its dynamics ("wu"), or corrections of its position rates ("wq")."""
+        state = self.nodes[j]
+        rows = [self._input(role, j, i) for i in range(state.kind.sizes[1 if role == "wu" else 0])]
+        if role == "wu" or state.kind is not NodeKind.SPATIAL:
+            return self._wrench(j, dict(enumerate(rows)))
+        T = rotation_per_component(state.P)
+        return Vec(*rows[:3]), Vec(*(sum((t * x for t, x in zip(line, rows[3:], strict=True)), se.Integer(0)) for line in T))
+
+    # -- outputs
+
+    def rows(self) -> list[tuple[Target, Expr]]:
+        """The residual rows of the tree."""
+        parts = (("u", self.force), ("q", self.correction))
+        return [((block, *place), e) for block, rows in parts for place, e in rows.items()]
+
+    def states(self, nodes: tuple[int, ...], accelerations: bool = True) -> list[tuple[Target, Expr]]:
+        """q, u and (on request) u' of some nodes."""
+        out: list[tuple[Target, Expr]] = []
+        for j in nodes:
+            s, n = self.nodes[j], self.nodes[j].kind.translations
+            turned = {NodeKind.SPATIAL: s.P, NodeKind.PLANAR: [s.heading]}.get(s.kind, [])
+            out += [(("q", j, i), e) for i, e in enumerate([*list(s.r)[:n], *turned])]
+            for name, move, turn in (("u", s.v, s.w), ("up", s.a, s.al))[: 2 if accelerations else 1]:
+                spin = [] if not s.kind.turns else [turn[2]] if s.kind.flat else list(s.to_body(turn))
+                out += [((name, j, i), self.program.let(e)) for i, e in enumerate([*list(move)[:n], *spin])]
+        return out
+
+
+def _product(a: list[Expr], b: list[Expr]) -> list[Expr]:
+    """Quaternion product a o b."""
+    u, v = Vec(*a[1:]), Vec(*b[1:])
+    return [a[0] * b[0] - u @ v, *(v * a[0] + u * b[0] + u.cross(v))]
+
+
+def _sum(a: Wrench | None, b: Wrench) -> Wrench:
+    return b if a is None else (a[0] + b[0], a[1] + b[1])
+
+
+def _substituted(e: Expr, table: dict[Expr, Expr]) -> Expr:
+    return e.subs({x: table[x] for x in e.free_symbols if x in table})
+
+
+@lru_cache(maxsize=64)
+def tree_program(structure: TreeStructure) -> TreeProgram:
+    """The program of a tree; made once per process and structure."""
+    return TreeProgram(structure)

@@ -1,0 +1,112 @@
+"""Entries of the Jacobian: where the values of kernels and constants belong, carried nodes by the chain rule."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.kernels.tree_plan import Piece
+from mbdae.system.base import Array
+
+Index = NDArray[np.intp]
+
+
+def _joined(parts: list[Index]) -> Index:
+    return np.concatenate([np.zeros(0, dtype=np.intp), *(p.ravel() for p in parts)])
+
+
+class Entries:
+    """Collects entries (row, column) of F_y and F_y'.
+
+    Rows: below n of F, n dropped, above it rows of loaded nodes. Columns: below n of F_y, below 2 n of F_y', above it
+    q, u and u' of loaded nodes, -1 dropped. An entry on a loaded node is multiplied by the derivatives of the tree: its
+    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self._rows: list[Index] = []
+        self._columns: list[Index] = []
+        self._fixed: tuple[list[Index], list[Index], list[Array]] = ([], [], [])
+        self._tree_cells: list[tuple[int, int]] = []  #: (row, column) of every value of the trees; (n, -1) if a factor
+        self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: row of a loaded node -> rows of F, factors
+        self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: slot of a loaded node -> columns, factors
+
+    def varying(self, rows: Index, columns: Index) -> None:
+        """Entries whose values a kernel gives, in the order of its outputs."""
+        self._rows.append(rows)
+        self._columns.append(columns)
+
+    def constant(self, rows: Index, columns: Index, values: Array) -> None:
+        """Entries with fixed values."""
+        self._fixed[0].append(rows)
+        self._fixed[1].append(columns)
+        self._fixed[2].append(values.ravel())
+
+    def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
+        """The values of a kernel of equal trees; slot(tree, place): slot of a row, of a state or of an input."""
+        for tree in range(trees):
+            for target, place in piece.targets:
+                factor = len(self._tree_cells)
+                row, column = slot(tree, target), slot(tree, place)
+                self._tree_cells.append((self.n, -1))
+                if target[1] > 0:
+                    self._right[row].append((column, factor))
+                elif place[0] in ("wu", "wq"):
+                    self._left[column - self.n + 1].append((row, factor))
+                else:
+                    self._tree_cells[-1] = row, column
+
+    def finish(self) -> Pattern:
+        """Everything in its place."""
+        n = self.n
+        rows, columns = _joined(self._rows), _joined(self._columns)
+        fixed_rows, fixed_columns = _joined(self._fixed[0]), _joined(self._fixed[1])
+        values = np.concatenate([np.zeros(0), *self._fixed[2]])
+        chained = (fixed_rows > n) | (fixed_columns >= 2 * n)
+        all_rows, all_columns = np.r_[rows, fixed_rows[chained]], np.r_[columns, fixed_columns[chained]]
+        products = self._products(all_rows, all_columns)
+        direct = (rows <= n) & (columns < 2 * n)
+        cells = np.array(self._tree_cells, dtype=np.intp).reshape(-1, 2)
+        placed = np.array(products, dtype=np.intp).reshape(-1, 5)
+        return Pattern(
+            n, np.r_[np.where(direct, rows, n), cells[:, 0], placed[:, 0]], np.r_[columns, cells[:, 1], placed[:, 1]],
+            placed[:, 2:].T.copy(), values[chained], fixed_rows[~chained], fixed_columns[~chained], values[~chained],
+        )  # fmt: skip
+
+    def _products(self, rows: Index, columns: Index) -> list[tuple[int, int, int, int, int]]:
+        """(row, column, left factor, value, right factor); factor 0 is the number 1, f + 1 value f of the trees."""
+        found = []
+        for v in np.flatnonzero(((rows > self.n) | (columns >= 2 * self.n)) & (rows != self.n) & (columns >= 0)):
+            row, column = int(rows[v]), int(columns[v])
+            left = [(r, f + 1) for r, f in self._left[row]] if row > self.n else [(row, 0)]
+            right = [(c, f + 1) for c, f in self._right[column]] if column >= 2 * self.n else [(column, 0)]
+            found += [(r, c, a, int(v), b) for r, a in left for c, b in right]
+        return found
+
+
+class Pattern:
+    """Finished entries: rows and columns of kernel values, tree values and products, and of constants."""
+
+    def __init__(self, n: int, rows: Index, columns: Index, factors: Index, chained: Array, fixed_rows: Index,
+                 fixed_columns: Index, fixed: Array) -> None:  # fmt: skip
+        self.cells, self.dotted = _cells(n, rows, columns), columns >= n
+        self.left, self.value, self.right = factors
+        self.chained = chained
+        self.fixed_cells, self.fixed_dotted, self.fixed = _cells(n, fixed_rows, fixed_columns), fixed_columns >= n, fixed
+
+    def values(self, kernels: Array, trees: Array | None) -> Array:
+        """All varying values in the order of `cells`; kernels, trees: values of kernels of laws and of trees."""
+        if trees is None:
+            return kernels
+        factors = np.concatenate([[1.0], trees])
+        middle = np.concatenate([kernels, self.chained])
+        return np.concatenate([kernels, trees, factors[self.left] * middle[self.value] * factors[self.right]])
+
+
+def _cells(n: int, rows: Index, columns: Index) -> Index:
+    """Number of the cell column * n + row, n * n where there is none."""
+    return np.where((rows >= n) | (columns < 0), n * n, columns % max(n, 1) * n + rows)

@@ -1,0 +1,134 @@
+"""Evaluation of kernels: gather from the workspace, one call per law, scatter by one bincount."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.kernels.tree_plan import Piece
+from mbdae.system.base import Array
+from mbdae.system.numbering import Numbering
+
+Index = NDArray[np.intp]
+
+
+class Evaluation:
+    """One kernel call per law for all rows of the workspace W (count, width)."""
+
+    def __init__(self, W: Array, gathers: list[Index], kernels: list[Any], columns: Index | None = None) -> None:
+        self.W, (count, width) = W, W.shape
+        shift = np.arange(count)[:, None, None] * width
+        pieces = [(shift + g[None]).ravel() for g in gathers]
+        if columns is not None:
+            pieces.append((shift[:, :, 0] + columns[None]).ravel())
+        self.index = np.concatenate([*pieces, np.zeros(0, dtype=np.intp)])
+        self.x = np.empty(self.index.size)
+        self.v = np.empty(sum(g.shape[0] * len(k.expressions) for g, k in zip(gathers, kernels, strict=True)) * count
+                          + (pieces[-1].size if columns is not None else 0))  # fmt: skip
+        self.calls, a, b = [], 0, 0
+        for g, kernel in zip(gathers, kernels, strict=True):
+            points, outputs = count * g.shape[0], len(kernel.expressions)
+            x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
+            self.calls.append((kernel, x.reshape(points, -1), v.reshape(points, outputs)))
+            a, b = a + g.size * count, b + points * outputs
+        self.tail = (self.x[a:], self.v[b:])
+
+    def values(self) -> Array:
+        """All kernel values in one flat array, law by law."""
+        self.W.take(self.index, out=self.x, mode="clip")
+        for kernel, x, v in self.calls:
+            kernel(x, v)
+        return self.v
+
+
+class Scatter:
+    """Terms of the residual: kernels with the rows of their values, and linear terms."""
+
+    def __init__(self) -> None:
+        self.gathers: list[Index] = []
+        self.places: list[Index] = []
+        self.kernels: list[Any] = []
+        self._linear: tuple[list[Index], list[Index], list[Array]] = ([], [], [])
+
+    def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
+        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...)."""
+        self.gathers.append(gather)
+        self.places.append(places)
+        self.kernels.append(kernel)
+
+    def linear(self, rows: Index, columns: Index, weights: Array) -> None:
+        """Terms weight * unknown."""
+        self._linear[0].append(rows)
+        self._linear[1].append(columns)
+        self._linear[2].append(weights)
+
+    @property
+    def linear_terms(self) -> tuple[Index, Index, Array]:
+        """Rows, columns and weights."""
+        rows, columns, weights = self._linear
+        empty = np.zeros(0, dtype=np.intp)
+        return np.concatenate([empty, *rows]), np.concatenate([empty, *columns]), np.concatenate([np.zeros(0), *weights])
+
+
+class TreeStage:
+    """Kernels of trees that other laws act on: the motion of their bodies before, their rows after those laws."""
+
+    def __init__(self, W: Array, pieces: list[tuple[Piece, Index, Index]]) -> None:
+        self.evaluation = Evaluation(W, [g for _, g, _ in pieces], [p.kernel for p, _, _ in pieces])
+        count = len(W)
+        shift = np.arange(count)[:, None, None]
+        self.at = [(shift, places[None]) for _, _, places in pieces]
+
+    def into(self, out: Array, add: bool) -> None:
+        """Write the outputs to their places in every row of `out`, or add them there."""
+        self.evaluation.values()
+        for (_, _, v), (row, column) in zip(self.evaluation.calls, self.at, strict=True):
+            values = v.reshape(len(out), *column.shape[1:])
+            out[row, column] = out[row, column] + values if add else values
+
+
+class Batch:
+    """Residuals at `count` points. stages: forward and residual kernels of loaded trees with slots and places."""
+
+    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,
+                 stages: tuple[list[Any], list[Any]]) -> None:  # fmt: skip
+        self.numbering, self.n, self.offset = numbering, numbering.n, offset
+        self.W = numbering.workspace(count)
+        rows, columns, weights = terms.linear_terms
+        self.laws = Evaluation(self.W, terms.gathers, terms.kernels, columns)
+        self.weights, self.rows = np.tile(weights, count), len(offset)
+        shift = np.arange(count)[:, None, None] * self.rows
+        pieces = [(shift + p[None]).ravel() for p in terms.places]
+        self.place = np.concatenate([*pieces, (shift[:, :, 0] + rows[None]).ravel()])
+        self._has_clock = numbering.clock.expressions != []
+        self.staged = bool(stages[0])
+        if self.staged:
+            self.forward, self.backward = (TreeStage(self.W, pieces) for pieces in stages)
+
+    def fill(self, t: Array, y: Array, yp: Array) -> None:
+        """Unknowns, prescribed values and the motion of loaded nodes into the workspace."""
+        self.W[:, : self.n] = y
+        self.W[:, self.n : 2 * self.n] = yp
+        if self._has_clock:
+            self.numbering.fill_clock(self.W, t)
+        if self.staged:
+            self.forward.into(self.W, add=False)
+
+    def residual(self, t: Array, y: Array, yp: Array) -> Array:
+        """(count, n)."""
+        self.fill(t, y, yp)
+        values = self.laws.values()
+        np.multiply(self.laws.tail[0], self.weights, out=self.laws.tail[1])
+        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows)
+        total += self.offset
+        if self.staged:
+            self._pull(total)
+        return np.asarray(total[:, : self.n])
+
+    def _pull(self, total: Array) -> None:
+        """Rows of loaded nodes into the rows of the coordinates that move them."""
+        rows = self.numbering.loaded_rows
+        self.W[:, rows] = total[:, rows - self.n + 1]
+        self.backward.into(total, add=True)

@@ -1,0 +1,55 @@
+"""Rotations by numbers: quaternions (4,) of any length, rotation vectors, matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.base import Array
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """a o b for arrays (4,)."""
+    product: Array = np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
+    return product
+
+
+def turned(P: Array, rotation: Array) -> Array:
+    """P turned by a rotation vector in body axes, rad."""
+    angle = float(np.linalg.norm(rotation))
+    half = np.sinc(angle / (2 * np.pi)) / 2
+    return quaternion_product(P, np.r_[np.cos(angle / 2), half * rotation])
+
+
+def rotation_matrices(P: Array) -> Array:
+    """R (..., 3, 3) of quaternions (..., 4) of any length."""
+    p = P / np.linalg.norm(P, axis=-1, keepdims=True)
+    w, x, y, z = np.moveaxis(p, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion(R: Array) -> Array:
+    """Unit quaternion (4,) of a rotation matrix."""
+    K = np.array([
+        [R[0, 0] + R[1, 1] + R[2, 2], R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]],
+        [R[2, 1] - R[1, 2], R[0, 0] - R[1, 1] - R[2, 2], R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]],
+        [R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], R[1, 1] - R[0, 0] - R[2, 2], R[1, 2] + R[2, 1]],
+        [R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], R[2, 2] - R[0, 0] - R[1, 1]],
+    ])  # fmt: skip
+    P = np.linalg.eigh(K)[1][:, -1]
+    return P if P[0] >= 0 else -P
+
+
+def rotation_of(kind: NodeKind, q: Array) -> Array:
+    """Rotation matrix (3, 3) of a node's positions."""
+    if kind is NodeKind.SPATIAL:
+        return rotation_matrices(q[3:])
+    if kind is NodeKind.PLANAR:
+        c, s = np.cos(q[2]), np.sin(q[2])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.eye(3)
