@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Kinematic, Recursive
+    from mbdae.scene.section import Section
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.dae import DAE
 
@@ -31,16 +32,16 @@ _HOME = {
     "GGL": "mbdae.formulations", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
     "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations",
     "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
-    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
-    "selftest": "mbdae.contracts.selftest",
+    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
+    "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage",
+    "params": "mbdae.symbolic.law", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
     "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "FixedOrientation",
     "Force", "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic", "RadauIIA", "Recursive",
-    "Revolute", "Run", "Scene", "SceneError", "SolverError", "Spherical", "StartError", "Weld", "compare", "load", "params",
-    "selftest", "t",
+    "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "Weld", "compare", "load",
+    "params", "selftest", "t",
 ]  # fmt: skip
 
 

@@ -40,4 +40,4 @@ class GGL(Form):
         k = 2 if self.algebraic else 1
         rows = {"q": "q", "u": "u", "s": "s", "gd": "lambda", "g": "mu"}
         index = {"q": 1, "v": 1, "s": 1, "lambda": k, "mu": k}
-        return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index)
+        return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index, bool(self.algebraic))

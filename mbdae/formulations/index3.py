@@ -29,4 +29,4 @@ class Index3(Form):
     def spec(self) -> FormSpec:
         rows = {"q": "q", "u": "u", "s": "s", "g": "lambda"}
         index = {"q": 1, "v": 2, "s": 1, "lambda": 3}
-        return FormSpec(self.label, index3_outputs, rows, ("lambda",), False, index)
+        return FormSpec(self.label, index3_outputs, rows, ("lambda",), False, index, mixed=True)

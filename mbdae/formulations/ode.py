@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from mbdae.formulations.base import Form
@@ -14,12 +14,17 @@ from mbdae.system.numbering import Row
 
 @dataclass(frozen=True)
 class ODE(Form):
-    """q' = H u, M u' = f: where no constraint exists."""
+    """q' = H u, M u' = f: where no constraint exists. mixed: beams keep their stresses as unknowns (what Radau IIA wants)."""
 
+    mixed: bool = False
     label: ClassVar[str] = "ODE"
 
+    def for_index(self, highest: int) -> ODE:
+        return replace(self, mixed=highest >= 2)
+
     def spec(self) -> FormSpec:
-        return FormSpec(self.label, index3_outputs, {"q": "q", "u": "u", "s": "s"}, (), False, {"q": 1, "v": 1, "s": 1})
+        index = {"q": 1, "v": 1, "s": 1}
+        return FormSpec(self.label, index3_outputs, {"q": "q", "u": "u", "s": "s"}, (), False, index, self.mixed)
 
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:

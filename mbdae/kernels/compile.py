@@ -22,6 +22,11 @@ class Kernel:
     def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None = None) -> None:
         self.symbols, self.expressions, self.level = list(symbols), list(expressions), level
 
+    @property
+    def width(self) -> int:
+        """Number of outputs."""
+        return len(self.expressions)
+
     @cached_property
     def compiled(self) -> Callable[..., Any]:
         """The LLVM function, compiled on first use."""

@@ -63,12 +63,16 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
     for _, p, values in mechanics.evaluate(energy_outputs, t, q, u, s):
         for o, target in enumerate(p.targets):
             totals[target[0]] += values[:, :, o].sum(axis=1)
+    for line in mechanics.model.lines:
+        totals["kinetic"] += line.kinetic(u)
+        totals["potential"] += line.energy(q, u)[0] + line.potential(q)
     return totals["kinetic"], totals["potential"]
 
 
 def has_power(mechanics: Mechanics) -> bool:
     """Whether anything dissipates or does work."""
     timed = any(instance.timed for group in mechanics.model.groups for instance in group.instances)
+    timed |= any(line.loads or line.numbers["damping"] for line in mechanics.model.lines)
     return timed or any(power_outputs(group.derived) for group in mechanics.model.groups)
 
 
@@ -79,6 +83,9 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
     for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s):
         for o, target in enumerate(p.targets):
             out[:, 0 if target[0] == "dissipated" else 1] += values[:, :, o].sum(axis=1)
+    for line in mechanics.model.lines:
+        out[:, 0] += line.energy(q, u)[1]
+    out[:, 1] += mechanics.power_of_loads(t, q, u)
     if any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances):
         _, multipliers = mechanics.accelerations(t, q, u, s)
         rheonomic = mechanics.velocity_residual(t, q, np.zeros_like(u))

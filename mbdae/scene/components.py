@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +32,16 @@ class Body:
     is_ground: bool = False
     principal_plane: bool = False  #: inertia given as one number: about z only
 
+    @property
+    def owner(self) -> Body:
+        """What the user named: the body itself, or the beam of one of its nodes."""
+        return self
+
+    @property
+    def heading(self) -> float:
+        """Angle of the body's x axis in the plane as drawn, rad."""
+        return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+
     def at(self, point: Any) -> Place:
         """A place fixed to the body, given as drawn (inertial coordinates, m); `at(s)` with 0..1 along a link."""
         if np.ndim(point) == 0:
@@ -44,6 +56,40 @@ class Body:
             raise ValueError(f"'{self.name}' has no length to measure along; give a point")
         lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
+
+
+@dataclass(eq=False)
+class Beam(Body):
+    """A flexible beam along its outline, or along `curve` (position by a parameter from 0 to 1)."""
+
+    section: Any = None
+    elements: Any = 1
+    order: int = 2
+    curve: Callable[[float], Any] | None = None
+    axis2: Any = None
+    scene: Any = field(default=None, repr=False)
+
+    def load(self, per_length: Any, frame: str = "inertial", name: str | None = None) -> Any:
+        """A force per reference length on the axis, N/m, three numbers or expressions of mb.t: dead (in the inertial
+        frame), or following the section (frame="section": its axes 1, 2, 3)."""
+        return self.scene.line_load(name or f"load on {self.name}", self, per_length, frame)
+
+
+@dataclass(eq=False)
+class Station(Body):
+    """A node of a beam as a body without mass of its own: what joints and forces attach to."""
+
+    beam: Body | None = None
+    turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
+
+    @property
+    def owner(self) -> Body:
+        assert self.beam is not None
+        return self.beam
+
+    @property
+    def heading(self) -> float:
+        return self.turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +149,7 @@ class Connection:
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
     as_kinematic: list[Law] = field(default_factory=list)  #: its laws where a recursive joint has to stay kinematic
+    places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
 
     @property
     def recursive(self) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from importlib import import_module
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -48,6 +49,8 @@ def encode(value: Any) -> Any:
         return _encode_law(value)
     if isinstance(value, type):
         return {"class": _path(value)}
+    if isinstance(value, FunctionType):
+        return {"class": _path(value)}
     if isinstance(value, list | tuple):
         return [encode(v) for v in value]
     if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
@@ -79,7 +82,7 @@ def _encode_law(law: Law) -> dict[str, Any]:
     return {"law": _path(type(law)), "name": law.name, "at_l": encode(getattr(law, "at_l", None)), **places, "values": own}
 
 
-def _path(cls: type) -> str:
+def _path(cls: type | FunctionType) -> str:
     return f"{cls.__module__}:{cls.__qualname__}"
 
 

@@ -24,14 +24,14 @@ from mbdae.forces import (
 )
 from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import inertia as mass_properties
+from mbdae.scene.beams import BeamLoad, BeamStatements
 from mbdae.scene.components import Array, Body, Classical, Connection, JointModel, Kinematic, Place, Recursive
-from mbdae.scene.reading import Reading
 from mbdae.scene.record import Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
 
-class SceneData(Reading):
+class SceneData(BeamStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
 
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
@@ -47,6 +47,7 @@ class SceneData(Reading):
         self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True)
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
+        self.line_loads: list[BeamLoad] = []
 
     # -- bodies
 
@@ -269,7 +270,7 @@ class SceneData(Reading):
             self.problems.append(f"{kind} '{name}': value has {len(entries)} components, needs 3")
             entries = [0.0, 0.0, 0.0]
         if isinstance(body, Place):
-            body, at = body.body, at if at is not None else body.point
+            at = at if at is not None else body.point
         components = {n: self._timed(name, f"value[{i}]", v) or None for i, (n, v) in enumerate(zip(names, entries, strict=True))}
         where = self._place_of(body) if at is None else self._vector(name, "at", at, "m")
         following = frame == "body"
@@ -290,6 +291,7 @@ class SceneData(Reading):
         return self._connect(Connection(law.name, kind, law.k, law.l, [law], is_joint))
 
     def _connect(self, item: Connection) -> Connection:
+        item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
         item.k, item.l = self._resolve(item, item.k), self._resolve(item, item.l)
         for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
@@ -330,7 +332,7 @@ class SceneData(Reading):
 
     @property
     def _items(self) -> list[Any]:
-        return [*self.bodies, *self.connections]
+        return [*self.bodies, *self.connections, *self.line_loads]
 
     @property
     def joints(self) -> list[Connection]:

@@ -30,6 +30,13 @@ def rate_from_spatial_spin(P: Sequence[Expr], omega: Vec) -> list[Expr]:
     return [-(p @ omega) / 2, *((omega * p0 + omega.cross(p)) / 2)]
 
 
+def body_spin(P: Sequence[Expr], rate: Sequence[Expr]) -> Vec:
+    """Omega = 2 vec(P* o P') / |P|^2: the inverse of `rate_from_body_spin`; along a line, its curvature and twist."""
+    p, dp = Vec(*P[1:]), Vec(*rate[1:])
+    spin: Vec = (dp * P[0] - p * rate[0] - p.cross(dp)) * (2 / (P[0] * P[0] + p @ p))
+    return spin
+
+
 def rotation_per_component(P: Sequence[Expr]) -> list[list[Expr]]:
     """T (3, 4) with delta psi = T delta P (inertial components): the inverse of `rate_from_spatial_spin`."""
     p0, p1, p2, p3 = P

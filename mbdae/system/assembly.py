@@ -17,17 +17,24 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from mbdae.kernels import LinearisedPlan, linearised_plan
+from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.plan import Outputs
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.outputs import Target
+from mbdae.system import lines
 from mbdae.system.base import Array, System
 from mbdae.system.carried import Carried, slot_of
 from mbdae.system.entries import Entries, Pattern
 from mbdae.system.evaluation import Batch, Evaluation, Scatter
+from mbdae.system.lines import batches
 from mbdae.system.model import Model
+from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
 from mbdae.system.trees import Tree
 
+#: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
+#: of nearly rigid strains, and their errors are weighed like those
+ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
 SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
 
 
@@ -36,7 +43,8 @@ class FormSpec:
     """What a form asks of the assembly.
 
     outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
-    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown.
+    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
+    keep their stresses as unknowns (kind "z").
     """
 
     label: str
@@ -45,6 +53,7 @@ class FormSpec:
     blocks: tuple[str, ...]
     derivatives: bool
     index: Mapping[str, int]
+    mixed: bool = False
 
 
 class SceneSystem(System):
@@ -55,12 +64,14 @@ class SceneSystem(System):
         self.model, self.spec, self.label = model, spec, spec.label
         self.carried = carried = carried if carried is not None else Carried(model, [])
         rows = [row for row in rows if (row.group, row.instance) not in carried.dropped]
-        self.numbering = Numbering(model, rows, spec.blocks, spec.derivatives, carried.nodes, carried.loaded,
+        blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
+        self.numbering = Numbering(model, rows, blocks, spec.derivatives, carried.nodes, carried.loaded,
                                    carried.dropped, carried.constants)  # fmt: skip
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
-        self.index = np.array([spec.index[k] for k in self.kinds], dtype=int)
+        index = dict(spec.index) | (ELASTIC if nb.stresses else {})
+        self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
@@ -70,6 +81,10 @@ class SceneSystem(System):
             active = [i for i in range(len(group.instances)) if (g, i) not in carried.dropped]
             if active:
                 self._add(g, active, linearised_plan(group.derived, spec.outputs), entries)
+        for batch in batches(model.lines, spec.mixed) if model.lines else ():
+            self._add_elements(batch, entries)
+        for line in model.lines:
+            self._add_inertia(line, entries)
         for plan, equal in carried.plans():
             self._add_tree(plan, equal, entries)
         self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
@@ -79,7 +94,7 @@ class SceneSystem(System):
 
     def _kinds(self) -> tuple[str, ...]:
         nb = self.numbering
-        sizes = {"q": nb.nq, "v": nb.nu, "s": len(nb.states)} | dict.fromkeys(self.spec.blocks, nb.m)
+        sizes = {"q": nb.nq, "v": nb.nu, "s": len(nb.states), "z": len(nb.stresses)} | dict.fromkeys(self.spec.blocks, nb.m)
         return tuple(kind for kind, size in sizes.items() for _ in range(size))
 
     def _equations(self) -> tuple[str, ...]:
@@ -88,6 +103,7 @@ class SceneSystem(System):
         names = [f"kinematics of {n}" for n in self.names[: nb.nq]]
         names += [f"momentum of {n}" for n in self.names[nb.nq : nb.nq + nb.nu]]
         names += [f"state {n}" for n in nb.states.values()]
+        names += [f"strain of {n}" for n in nb.stresses]
         by_block = {block: head for head, block in self.spec.rows.items()}
         for block in self.spec.blocks:
             names += [f"{row.name} ({meaning[by_block[block]]} constraint)" for row in nb.rows]
@@ -126,6 +142,45 @@ class SceneSystem(System):
             rows = rows[:, [o for o, _ in plan.jacobian_places]]
             self._jacobian.kernel(nb.gather(g, plan.jacobian_inputs, active), rows, plan.jacobian)
             entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
+
+    def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
+        """(elements,) slot of an entry (head, node of the element, i) of every element's nodes."""
+        head, a, i = target
+        return np.array([self.numbering.node_place(head, of_element[a], i) for of_element in nodes], dtype=np.intp)
+
+    def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
+        """(elements,) row of F of a momentum row; of a loaded node its own row."""
+        heads = ["u" if e[target[1]] not in self.carried.nodes else "wu" for e in nodes]
+        places = np.array([self.numbering.node_place(h, e[target[1]], target[2]) for h, e in zip(heads, nodes, strict=True)])
+        return np.where(places < self.n, places, places - self.n + 1)
+
+    def _add_elements(self, batch: lines.Batch, entries: Entries) -> None:
+        """A kernel over the elements of beams."""
+        kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
+        timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
+        slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
+                 for t in kernel.inputs}  # fmt: skip
+        rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
+        gather = np.stack([slots[t] for t in kernel.inputs], axis=1)
+        self._residual.kernel(gather, rows, kernel)
+        if kernel.jacobian_places:
+            at = rows[:, [o for o, _ in kernel.jacobian_places]]
+            self._jacobian.kernel(gather, at, ElementJacobian(kernel))
+            entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
+
+    def _add_inertia(self, line: lines.Line, entries: Entries) -> None:
+        """Consistent mass and dead loads of a beam."""
+        nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
+        entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
+        rows = np.stack([self._row_on(nodes, ("u", *e)) for e in entries_of], axis=1)
+        columns = np.stack([self._nodal(nodes, ("up", *e)) for e in entries_of], axis=1)
+        at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
+        values = line.blocks.reshape(at.shape)
+        entries.constant(at, by, values)
+        M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # one term for every pair of unknowns
+        kept = M.data != 0
+        self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
+        np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
 from mbdae.symbolic.law import Joint
 from mbdae.symbolic.tree import OPERATIONS
-from mbdae.system.model import Instance, Model, Node
+from mbdae.system.model import Instance, Model
+from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering
 from mbdae.system.trees import Place, Tree
 
@@ -37,6 +38,7 @@ class Carried:
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
         idle = {(g, i) for g, i, nodes in outside if nodes and all(n in carried and n.body is None for n in nodes)}
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in carried}
+        loaded |= {n for line in model.lines for n in line.nodes if n in carried}
         self.dropped = frozenset(inside | idle)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]

@@ -25,11 +25,11 @@ class Evaluation:
             pieces.append((shift[:, :, 0] + columns[None]).ravel())
         self.index = np.concatenate([*pieces, np.zeros(0, dtype=np.intp)])
         self.x = np.empty(self.index.size)
-        self.v = np.empty(sum(g.shape[0] * len(k.expressions) for g, k in zip(gathers, kernels, strict=True)) * count
+        self.v = np.empty(sum(g.shape[0] * k.width for g, k in zip(gathers, kernels, strict=True)) * count
                           + (pieces[-1].size if columns is not None else 0))  # fmt: skip
         self.calls, a, b = [], 0, 0
         for g, kernel in zip(gathers, kernels, strict=True):
-            points, outputs = count * g.shape[0], len(kernel.expressions)
+            points, outputs = count * g.shape[0], kernel.width
             x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
             self.calls.append((kernel, x.reshape(points, -1), v.reshape(points, outputs)))
             a, b = a + g.size * count, b + points * outputs

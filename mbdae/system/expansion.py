@@ -10,7 +10,8 @@ import numpy as np
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, slot_of
 from mbdae.system.mechanics import Mechanics, solve_constrained
-from mbdae.system.model import Model, Node
+from mbdae.system.model import Model
+from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
 from mbdae.system.trees import Tree
 from mbdae.threads import one_thread

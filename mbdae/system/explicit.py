@@ -30,7 +30,7 @@ class Partition(NamedTuple):
 
 def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
     """The parts of a scene's equations of motion, for methods of second order."""
-    if expansion.carried.trees:
+    if expansion.carried.trees and not mechanics.model.lines:
         return _reduced_partition(mechanics, expansion)
 
     def at(t: float) -> Array:

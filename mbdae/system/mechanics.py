@@ -6,6 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from mbdae.kernels import linearised_plan, plan
 from mbdae.kernels.plan import Outputs
@@ -14,6 +16,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, position, velocity
 from mbdae.system.base import Array
+from mbdae.system.lines import Batch, batches, nodal_inputs, sparse_mass
 from mbdae.system.model import Model
 from mbdae.system.numbering import Numbering, Row
 from mbdae.system.rotations import quaternion_product, turned
@@ -60,8 +63,8 @@ class Mechanics:
         return W
 
     @cached_property
-    def mass(self) -> Array:
-        """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame."""
+    def mass(self) -> Any:
+        """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame; sparse with beams."""
         M = np.zeros((self.nu, self.nu))
         for g, group in enumerate(self.model.groups):
             p = linearised_plan(group.derived, _inertia)
@@ -71,15 +74,20 @@ class Mechanics:
                     if target[0] == "up":
                         a = self.numbering.velocity(p.targets[row], g, i)
                         M[a, self.numbering.velocity(target, g, i)] += value
-        return M
+        return M if not self.model.lines else sp.csc_matrix(M) + sparse_mass(self.model.lines, self.nu)
 
     @cached_property
-    def weight(self) -> Array:
+    def weight(self) -> Any:
         """The mass matrix made positive definite by a millionth of its largest entries: the metric of projections."""
         M, rotational = self.mass, self.rotational
-        d = np.diag(M)
+        d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
-        return M + np.diag(1e-6 * floor)
+        return M + (sp.diags(1e-6 * floor, format="csc") if self.model.lines else np.diag(1e-6 * floor))
+
+    def mobility(self, G: Array) -> Array:
+        """(m,) velocity of every row per impulse on it, by the metric of projections."""
+        moved = splu(self.weight).solve(G.T.copy()) if self.model.lines else np.linalg.solve(self.weight, G.T)
+        return np.asarray(np.einsum("ij,ji->i", G, moved))
 
     @cached_property
     def rotational(self) -> Any:
@@ -104,7 +112,39 @@ class Mechanics:
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
                     f[:, self.numbering.velocity(target, g, i)] -= values[:, i, o]
+        return f + self._of_beams(t, q, u) if self.model.lines else f
+
+    @cached_property
+    def _batches(self) -> list[Batch]:
+        return batches(self.model.lines, False)
+
+    def prescribed(self, t: Array, slots: tuple[tuple[int, str], ...]) -> Array:
+        """(nt, slots) prescribed inputs of loads on beams."""
+        W = self.numbering.workspace(len(t))
+        self.numbering.fill_clock(W, t)
+        return W[:, [self.numbering.slot(-1, *place) for place in slots]]
+
+    def _of_beams(self, t: Array, q: Array, u: Array) -> Array:
+        """Forces of beams (nt, nu), stresses by their compliance."""
+        f = np.zeros((len(t), self.nu))
+        for line in self.model.lines:
+            np.add.at(f.T, line.places("u").ravel(), line.dead.ravel()[:, None])
+        for batch in self._batches:
+            self._add_batch(f, batch, t, q, u)
         return f
+
+    def _add_batch(self, f: Array, batch: Batch, t: Array, q: Array, u: Array) -> None:
+        x = nodal_inputs(batch.kernel, batch.lines, q, u, self.prescribed(t, batch.timed))
+        at = np.array([[e[a].u + i for _, a, i in batch.kernel.targets] for e in batch.nodes], dtype=np.intp).ravel()
+        np.add.at(f.T, at, -batch.kernel.values(x).reshape(len(t), -1).T)
+
+    def power_of_loads(self, t: Array, q: Array, u: Array) -> Array:
+        """Power (nt,) of following and timed loads on beams, W."""
+        f = np.zeros((len(t), self.nu))
+        for batch in self._batches:
+            if batch.is_load:
+                self._add_batch(f, batch, t, q, u)
+        return np.asarray(np.einsum("ti,ti->t", f, u))
 
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """G (nt, m, nu)."""
@@ -152,11 +192,24 @@ class Mechanics:
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None) -> tuple[Array, Array]:
         """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique."""
         f = self.load(t, q, u, s)
+        if self.model.lines:
+            return self._sparse_accelerations(t, q, u, f)
         if not self.m:
             return np.asarray(np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, dtype=float), np.zeros((len(t), 0))
         G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
         with one_thread():
             return solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units)
+
+    def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array) -> tuple[Array, Array]:
+        out = np.empty((len(t), self.nu + self.m))
+        with one_thread():
+            for i in range(len(t)):
+                at = slice(i, i + 1)
+                G = sp.csc_matrix(self.constraint_jacobian(t[at], q[at])[0])
+                gamma = self.acceleration_bias(t[at], q[at], u[at])[0]
+                K = sp.bmat([[self.mass, G.T], [G, None]], format="csc") if self.m else self.mass
+                out[i] = splu(K).solve(np.r_[f[i], -gamma])
+        return out[:, : self.nu], out[:, self.nu :]
 
     def integrate_positions(self, q: Array, displacement: Array) -> Array:
         """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""

@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from mbdae.elements import JointCoordinate, PointMass, RigidBody
+from mbdae.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.errors import LawError, SceneError
 from mbdae.forces import Gravity
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.beams import mesh_of
+from mbdae.scene.components import Array, Beam, Body, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Structure
+from mbdae.system.lines import Line, meshed
+from mbdae.system.nodes import Node
 
 _COORDINATE: Side = (NodeKind.COORDINATE, Axes.GENERAL)
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
-
-
-@dataclass(frozen=True)
-class Node:
-    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u;
-    unit of its translations, or of the coordinate."""
-
-    name: str
-    body: Body | None
-    kind: NodeKind
-    q: int
-    u: int
-    unit: str = "m"
 
 
 @dataclass
@@ -70,6 +60,8 @@ class Model:
     length: float  #: size of the scene, m
     vanished: list[str]
     kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
+    lines: list[Line] = field(default_factory=list)  #: flexible beams
+    attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
 
     @property
     def nq(self) -> int:
@@ -83,8 +75,16 @@ class Model:
 
     @property
     def bodies(self) -> list[tuple[Node, Body]]:
-        """Every body with its node."""
+        """Every node of a body or a beam, with the body it is (of a beam: one of its stations)."""
         return [(n, n.body) for n in self.nodes if n.body is not None]
+
+    def ends(self, c: Connection) -> tuple[Body, Body]:
+        """The bodies an item connects in the model: on a beam the node it attaches to."""
+        return self.attached.get((c.name, "k"), c.k), self.attached.get((c.name, "l"), c.l)
+
+    def line(self, beam: Body) -> Line | None:
+        """The nodes and elements of a beam."""
+        return next((line for line in self.lines if line.beam is beam), None)
 
     @property
     def joint_coordinates(self) -> list[Node]:
@@ -103,7 +103,7 @@ class Model:
                 yield g, i, instance
 
     def node(self, body: Body) -> Node | None:
-        """The node of a body, None for the ground."""
+        """The node of a body, None for the ground and for a beam as a whole."""
         return next((n for n in self.nodes if n.body is body), None)
 
 
@@ -148,8 +148,13 @@ def out_of_plane(scene: SceneData) -> str | None:
             return f"body '{b.name}' is rotated out of the plane"
         if abs(b.velocity[2]) > 0 or np.max(np.abs(b.angular_velocity[:2])) > 0:
             return f"body '{b.name}' starts with a velocity out of the plane"
+        if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
+            return f"beam '{b.name}' has no section axis normal to the plane"
         if b.inertia is not None and np.max(np.abs(b.inertia[2, :2])) > 1e-12 * np.abs(b.inertia).max(initial=1e-300):
             return f"body '{b.name}' has products of inertia with z"
+    for load in scene.line_loads:
+        if load.law.f3 is not None:
+            return f"load '{load.name}' has a component 3, out of the plane"
     for c in scene.connections:
         for law in c.laws:
             for point in (law.at, getattr(law, "at_l", None)):
@@ -160,12 +165,14 @@ def out_of_plane(scene: SceneData) -> str | None:
 
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
     nodes, q, u = [], 0, 0
-    for b in scene.bodies:
-        point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
+    point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
+    meshes, attached = meshed(scene)
+    for b in [body for given in scene.bodies for body in (meshes[given].stations if isinstance(given, Beam) else [given])]:
         kind = point if b.is_point else turning
         nodes.append(Node(b.name, b, kind, q, u))
         q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_body = {n.body: n for n in nodes}
+    lines = [Line(b, m.mesh, [by_body[s] for s in m.stations], turning, scene) for b, m in meshes.items()]
     for c in scene.joints:
         if laws_of(c, kept)[0].own_coordinates:
             nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u, c.joint.coordinate_unit))
@@ -174,7 +181,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     refused: list[str] = []
-    for law, bodies, item in _laws(scene, kept):
+    for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
         if law.own_coordinates:
@@ -200,7 +207,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
         massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
         groups[massless.key] = massless
-    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept)
+    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached)
 
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
@@ -208,20 +215,26 @@ def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
     return c.as_kinematic if c.name in kept else c.laws
 
 
-def _laws(scene: SceneData, kept: Mapping[str, str]) -> list[tuple[Any, tuple[Body, ...], str]]:
+def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],
+          nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:  # fmt: skip
     """Every law with its bodies and the name of its item."""
     out: list[tuple[Any, tuple[Body, ...], str]] = []
-    for b in scene.bodies:
+    for b in nodes:
         out.append((element_of(b), (b,), b.name))
         if np.any(scene.gravity) and b.mass:
             field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
             gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
-    return out + [(law, (c.k, c.l), c.name) for c in scene.connections for law in laws_of(c, kept)]
+    for c in scene.connections:
+        ends = (attached.get((c.name, "k"), c.k), attached.get((c.name, "l"), c.l))
+        out += [(law, ends, c.name) for law in laws_of(c, kept)]
+    return out
 
 
 def element_of(b: Body) -> Element:
     """The element law of a body."""
+    if isinstance(b, Station):
+        return BeamNode(b.name)
     if b.inertia is None:
         return PointMass(b.name, mass=float(b.mass))
     J = b.inertia.astype(float)
@@ -246,15 +259,10 @@ def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
         numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
         numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
-        numbers[f"{side}_theta0"] = heading(body.rotation)
+        numbers[f"{side}_theta0"] = body.heading
     if isinstance(law, Gravity):  # acts at the node itself
         sides = [(kind, Axes.NORMAL if planar else Axes.GENERAL) for kind, _ in sides]
     return tuple(sides), numbers
-
-
-def heading(R: Array) -> float:
-    """Angle of a planar rotation matrix, rad."""
-    return float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def joint_axes(law: Any, k: Body) -> Array:

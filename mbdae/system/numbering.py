@@ -16,7 +16,8 @@ from mbdae.scene import timed
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array
-from mbdae.system.model import Model, Node
+from mbdae.system.model import Model
+from mbdae.system.nodes import Node
 
 COORDINATES = {
     NodeKind.SPATIAL: (("x", "y", "z", "P0", "P1", "P2", "P3"), ("vx", "vy", "vz", "Omega_x", "Omega_y", "Omega_z")),
@@ -51,7 +52,7 @@ def constraint_rows(model: Model) -> list[Row]:
 
 
 class Numbering:
-    """y = (q, u, s, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere.
+    """y = (q, u, s, z, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere.
 
     carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
     read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
@@ -78,6 +79,9 @@ class Numbering:
         self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
         self.start = {"q": 0, "u": self.nq, "s": self.nq + self.nu}
         n = self.nq + self.nu + len(self.states)
+        self.stresses = [name for line in model.lines for name in line.stresses] if "z" in blocks else []
+        self.start["z"] = n
+        n += len(self.stresses)
         for block in ("lambda", "mu"):
             self.start[block] = n
             n += self.m if block in blocks else 0
@@ -104,6 +108,10 @@ class Numbering:
                     for suffix, derivative in zip(("", "_dot", "_ddot"), timed.derivatives(se.sympify(value)), strict=True):
                         self._slots[g, i, name + suffix] = self.carried + len(self._clock_values)
                         self._clock_values.append(derivative)
+        for k, line in enumerate(self.model.lines):
+            for name, value in line.timed.items():
+                self._slots[-1, k, name] = self.carried + len(self._clock_values)
+                self._clock_values.append(se.sympify(value))
         for g, group in enumerate(self.model.groups):
             for i, instance in enumerate(group.instances):
                 for name, number in instance.numbers.items():
@@ -161,7 +169,7 @@ class Numbering:
         return self.place(("u", *target[1:]), g, i) - self.nq
 
     def slot(self, g: int, i: int, name: str) -> int:
-        """Slot of a parameter of an instance, or of a value or rate of a prescribed one."""
+        """Slot of a parameter of an instance, or of a value or rate of a prescribed one; group -1: a load on a beam."""
         return self._slots[g, i, name]
 
     def row(self, g: int, i: int, r: int) -> int | None:
@@ -218,6 +226,7 @@ class Numbering:
                 slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
                 for i, c in enumerate(("displacement",) if slides else entries):
                     names[self.node_place(head, node, i)] = f"{node.name}.{c}"
+        names[self.start["z"] : self.start["z"] + len(self.stresses)] = self.stresses
         for key, position in self._state.items():
             names[self.start["s"] + position] = self.states[key]
         for block in ("lambda", "mu"):

@@ -19,7 +19,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
 from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, massless_motions
-from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale
+from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, stress_scale
 from mbdae.system.start import Start, Starter
 from mbdae.system.trees import find_trees
 from mbdae.threads import single_threaded
@@ -92,14 +92,15 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
 def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:
     """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
     inside = expansion.carried.dropped
-    if expansion.carried.trees and all((row.group, row.instance) in inside for row in rank.kept):
+    if expansion.carried.trees and not expansion.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(expansion, everything.mass, starter.t, q)
     return massless_motions(everything, rank, starter.t, q)
 
 
 def mechanics_of(model: Model, rows: list[Row], expansion: Expansion) -> Mechanics:
     """The mechanics of all nodes with the rows in force."""
-    return TreeMechanics(model, rows, expansion) if expansion.carried.trees else Mechanics(model, rows)
+    reduced = expansion.carried.trees and not model.lines  # with beams the constrained equations are sparse, these are not
+    return TreeMechanics(model, rows, expansion) if reduced else Mechanics(model, rows)
 
 
 def modelled(scene: SceneData) -> tuple[Model, Carried]:
@@ -160,7 +161,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     nb = system.numbering
     q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
     system.partition = partition_of(mechanics, prepared.expansion)
-    system.rhs = None if spec.blocks else rhs_of(system)
+    system.rhs = None if spec.blocks or prepared.model.lines else rhs_of(system)
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
     scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
@@ -168,6 +169,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
         "q": (start.q[q], mechanics.rates(start.q, start.u)[q], position_scale(mechanics)[q]),
         "v": (start.u[u], start.acceleration[u], mechanics.velocity_units[u] / T),
         "s": (start.s, state_rate, np.ones(len(start.s))),
+        "z": (np.zeros(len(nb.stresses)), np.zeros(len(nb.stresses)), np.full(len(nb.stresses), stress_scale(mechanics, T))),
     }
     if "lambda" in spec.blocks:
         zero = np.zeros(nb.m)
@@ -175,7 +177,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
         multipliers, force = start.multipliers[kept] / scaling, force / scaling
         blocks["lambda"] = (zero, multipliers, force * T) if dotted else (multipliers, zero, force)
         blocks["mu"] = (zero, zero, reach if dotted else reach / T)
-    parts = [blocks[kind] for kind in ("q", "v", "s", *spec.blocks)]
+    parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
     system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
     system.t0 = start.t
     assert len(system.y0) == nb.n

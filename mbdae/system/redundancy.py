@@ -104,12 +104,12 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, dependent
     for rows in (free, [row for row in free if row.name not in dependent]):
         released = Mechanics(mechanics.model, rows)
         closer = Starter(released, float(starter.t[0]), holding=False)
-        freedoms, rng = free_motions(released, closer.t, q), np.random.default_rng(11)
+        freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
         for _ in range(SAMPLES if freedoms.size else 0):
             direction = freedoms @ rng.normal(size=freedoms.shape[1])
-            step = 0.3 * direction / np.max(np.abs(direction)) * released.velocity_units
+            step = 0.3 * direction / np.max(np.abs(direction)) * closer.units(q)
             try:
-                found.append(closer.close(released.integrate_positions(q, step)))
+                found.append(closer.close(closer.moved(q, step)))
             except StartError:
                 continue
         if found or not dependent:
@@ -117,12 +117,16 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, dependent
     return found
 
 
-def free_motions(mechanics: Mechanics, t: Array, q: Array) -> Array:
-    """(nu, freedoms) basis of the motions the constraints leave, over unit displacements."""
-    G = mechanics.constraint_jacobian(t, q[None])[0] * mechanics.velocity_units
-    if not len(G):
-        return np.eye(mechanics.nu)
-    _, sizes, V = np.linalg.svd(G, full_matrices=True)
+def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> Array:
+    """(coordinates, freedoms) basis of the motions the constraints leave to rigid beams, over unit displacements."""
+    G = mechanics.constraint_jacobian(t, q[None])[0]
+    return _null_space((G @ starter.rigid.basis(q) if mechanics.model.lines else G) * starter.units(q))
+
+
+def _null_space(A: Array) -> Array:
+    if not len(A):
+        return np.eye(A.shape[1])
+    _, sizes, V = np.linalg.svd(A, full_matrices=True)
     return np.asarray(V[int(np.sum(sizes > 1e-9 * sizes[0])) :].T)
 
 
@@ -153,14 +157,22 @@ def _no_inertia(name: str, joints: set[str]) -> str:
 def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:
     """Names of the bodies with a free motion that has no inertia, one sentence each."""
     kept = Mechanics(mechanics.model, report.kept)
-    unit, N = kept.velocity_units, free_motions(kept, t, q)
-    M = unit[:, None] * kept.mass * unit
+    G = kept.constraint_jacobian(t, q[None])[0]
+    own = np.ones(kept.nu, dtype=bool)
+    for node in (n for line in kept.model.lines for n in line.nodes):  # nodes of beams that nothing holds have mass
+        own[node.u : node.u + node.kind.sizes[1]] = np.any(G[:, node.u : node.u + node.kind.sizes[1]])
+    at = np.flatnonzero(own)
+    unit, N = kept.velocity_units[at], _null_space(G[:, at] * kept.velocity_units[at])
+    mass = kept.mass[at][:, at]
+    M = unit[:, None] * (mass.toarray() if kept.model.lines else mass) * unit
     reduced = N.T @ M @ N
     if not reduced.size:
         return []
     values, vectors = np.linalg.eigh(reduced)
     largest = max(float(np.max(np.diag(M), initial=0.0)), 1e-300)
-    return [_name_motion(kept, N @ vectors[:, i]) for i in np.flatnonzero(values <= 1e-14 * largest)]
+    motions = np.zeros((len(values), kept.nu))
+    motions[:, at] = (N @ vectors).T
+    return [_name_motion(kept, motions[i]) for i in np.flatnonzero(values <= 1e-14 * largest)]
 
 
 def _name_motion(mechanics: Mechanics, motion: Array) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
+from mbdae.system.rigid import RigidMotions
 from mbdae.system.start import Start
 
 #: mu takes up the local errors of the positions: a sum of small random pieces, no smooth function. Held to the
@@ -15,9 +16,13 @@ SLACK = 1e5
 
 def characteristic_time(mechanics: Mechanics, start: Start) -> float:
     """The shortest of: unit over speed, root of unit over acceleration, at the start; 1 s where nothing moves."""
-    units = mechanics.velocity_units
+    units, acceleration = mechanics.velocity_units, start.acceleration
+    if mechanics.model.lines:  # of beams as rigid bodies: their elastic modes are faster
+        B = RigidMotions(mechanics.model).basis(start.q)
+        M = mechanics.mass @ B
+        acceleration = B @ np.linalg.lstsq(B.T @ M, M.T @ acceleration, rcond=1e-12)[0]
     rates = np.abs(start.u) / units
-    accelerations = np.sqrt(np.abs(start.acceleration) / units)
+    accelerations = np.sqrt(np.abs(acceleration) / units)
     fastest = max(float(np.max(rates, initial=0.0)), float(np.max(accelerations, initial=0.0)))
     return 1 / fastest if fastest > 1e-9 else 1.0
 
@@ -43,8 +48,16 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
     G = mechanics.constraint_jacobian(np.array([start.t]), start.q[None])[0]
     size = np.sqrt(np.sum((G * mechanics.velocity_units) ** 2, axis=1))
     size[size == 0] = 1.0
-    mobility = np.einsum("ij,ji->i", G, np.linalg.solve(mechanics.weight, G.T))
+    mobility = mechanics.mobility(G)
     force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(start.multipliers))
     move, turn = (np.max(np.abs(G[:, mask]), axis=1, initial=0.0) for mask in (~mechanics.rotational, mechanics.rotational))
     arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
     return np.max(force * size) / size, SLACK / arm
+
+
+def stress_scale(mechanics: Mechanics, T: float) -> float:
+    """N or N m: what accelerates the beams by their length in the characteristic time."""
+    if not mechanics.model.lines:
+        return 1.0
+    mass = max(line.beam.mass for line in mechanics.model.lines)
+    return float(mass * mechanics.model.length / T**2)

@@ -23,7 +23,8 @@ from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
-from mbdae.system.model import heading
+from mbdae.system.nodes import Node
+from mbdae.system.rigid import RigidMotions
 from mbdae.system.rotations import quaternion, rotation_of, turned
 
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
@@ -72,7 +73,8 @@ class Starter:
         self.mechanics, self.model, self.t = mechanics, mechanics.model, np.array([t0])
         self.scene, self.tree = self.model.scene, spanning_tree(self.model.scene)
         self.changes = changes if changes is not None else []
-        self._root_of_weight = np.linalg.cholesky(mechanics.weight)
+        self.rigid = RigidMotions(self.model)
+        self._roots: tuple[Any, Array] | None = None
 
     def run(self, q: Array) -> Start:
         """From closed positions: velocities, states; then accelerations and multipliers."""
@@ -94,7 +96,7 @@ class Starter:
             motion[child] = (R @ dR, R @ dr + r)
         q = np.zeros(self.model.nq)
         for node, body in self.model.bodies:
-            R, r = motion[body]
+            R, r = motion[body.owner]
             n = node.kind.translations
             q[node.q : node.q + n] = (R @ body.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
@@ -107,13 +109,13 @@ class Starter:
 
     def _unwrapped_heading(self, body: Body, R: Array) -> float:
         """Heading as drawn plus the turn along the tree, whole turns included."""
-        turn, at = 0.0, body
+        turn, at = 0.0, body.owner
         while at not in self.tree.roots:
             parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
             if joint.kind == "revolute":
                 turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])
             at = parent
-        return heading(body.rotation) + turn
+        return body.heading + turn
 
     def held_value(self, joint: Connection) -> float | None:
         """Start value of a joint's coordinate, if the user fixed it."""
@@ -138,9 +140,9 @@ class Starter:
             size = _largest(g, units)
             if size <= CLOSED:
                 break
-            step, factor = self._least_change(A, -g), 1.0
+            step, factor = self._least_change(A, -g, q), 1.0
             while factor > 1e-4:
-                candidate = self.mechanics.integrate_positions(q, factor * step)
+                candidate = self.moved(q, factor * step)
                 g_new = self._closure(candidate)
                 if _largest(g_new, units) < size:
                     break
@@ -200,15 +202,44 @@ class Starter:
         size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
         return np.asarray(np.where(size > 0, size, 1.0))
 
-    def _least_change(self, A: Array, right: Array) -> Array:
-        """x with A x = right (least squares) of least mass-weighted size."""
+    def _least_change(self, A: Array, right: Array, q: Array) -> Array:
+        """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size."""
+        B, root = self._metric(q)
         if not len(A):
-            return np.zeros(A.shape[1])
-        B = np.linalg.solve(self._root_of_weight, A.T).T  # A L^-T
-        norms = np.linalg.norm(B, axis=1)
+            return np.zeros(self.rigid.size)
+        scaled = np.linalg.solve(root, (A @ B if B is not None else A).T).T  # A B L^-T
+        norms = np.linalg.norm(scaled, axis=1)
         norms[norms == 0] = 1.0
-        y = np.linalg.lstsq(B / norms[:, None], right / norms, rcond=1e-9)[0]
-        return np.asarray(np.linalg.solve(self._root_of_weight.T, y))
+        y = np.linalg.lstsq(scaled / norms[:, None], right / norms, rcond=1e-9)[0]
+        return np.asarray(np.linalg.solve(root.T, y))
+
+    def _metric(self, q: Array) -> tuple[Array | None, Array]:
+        """Basis of the rigid motions (None: all coordinates are free) and the Cholesky factor of the mass in it."""
+        if not self.model.lines:
+            if self._roots is None:
+                self._roots = None, np.linalg.cholesky(self.mechanics.weight)
+            return self._roots
+        B = self.rigid.basis(q)
+        M = B.T @ (self.mechanics.mass @ B)
+        return B, np.linalg.cholesky(M + np.diag(1e-6 * np.max(np.diag(M)) + np.zeros(len(M))))
+
+    def units(self, q: Array) -> Array:
+        """(size,) unit displacements of the coordinates of rigid motions: the scene's length, 1 rad."""
+        if not self.model.lines:
+            return self.mechanics.velocity_units
+        single = [self.mechanics.velocity_units[n.u : n.u + n.kind.sizes[1]] for n in self.rigid.single]
+        beams = [self.mechanics.velocity_units[nodes[0].u :][: nodes[0].kind.sizes[1]] for nodes in self.rigid.beams]
+        return np.concatenate([*single, *beams])
+
+    def moved(self, q: Array, x: Array) -> Array:
+        """Positions after displacements x in the coordinates of rigid motions."""
+        if not self.model.lines:
+            return self.mechanics.integrate_positions(q, x)
+        d, column = np.zeros(self.model.nu), 0
+        for node in self.rigid.single:
+            nu = node.kind.sizes[1]
+            d[node.u : node.u + nu], column = x[column : column + nu], column + nu
+        return self.rigid.moved(q, x, self.mechanics.integrate_positions(q, d))
 
     def _report_positions(self, before: Array, after: Array) -> None:
         for node, body in self.model.bodies:
@@ -242,13 +273,15 @@ class Starter:
             twist[child] = self._carry(twist[parent], parent, joint, child, place)
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
-            v, w = twist[body]
+            v, w = twist[body.owner]
             n = node.kind.translations
+            if body is not body.owner:
+                v = v + np.cross(w, self._station(q, node) - place[body.owner][0])
             u[node.u : node.u + n] = v[:n]
             if node.kind is NodeKind.PLANAR:
                 u[node.u + 2] = w[2]
             elif node.kind is NodeKind.SPATIAL:
-                u[node.u + 3 : node.u + 6] = place[body][1].T @ w
+                u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
         for node in self.model.joint_coordinates:
             u[node.u] = self.held_rate(self.scene[node.name]) or 0.0
         return u
@@ -275,8 +308,18 @@ class Starter:
             n = node.kind.translations
             r = np.zeros(3)
             r[:n] = q[node.q : node.q + n]
-            poses[body] = (r, rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]]))
+            R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
+            poses[body] = (r, R)
+            if body is not body.owner and body.owner not in poses:  # a rigid beam moves with its first node
+                R = R @ body.rotation.T
+                poses[body.owner] = (r + R @ (body.owner.position - body.position), R)
         return poses
+
+    @staticmethod
+    def _station(q: Array, node: Node) -> Array:
+        r = np.zeros(3)
+        r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
+        return r
 
     def project_velocities(self, q: Array, u: Array) -> Array:
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates."""
@@ -287,7 +330,8 @@ class Starter:
         projected = u
         for _ in range(3):  # the first pass projects, the others remove its rounding
             left = np.r_[self.mechanics.velocity_residual(self.t, q[None], projected[None])[0], C @ projected - wanted]
-            projected = projected + self._least_change(A, -left)
+            x = self._least_change(A, -left, q)
+            projected = projected + (self.rigid.basis(q) @ x if self.model.lines else x)
         speed = float(np.max(np.abs(projected) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         if len(left) and np.max(np.abs(left)) > 1e-8 * speed * max(1.0, self.model.length):
             worst = int(np.argmax(np.abs(left)))

@@ -12,7 +12,8 @@ from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
-from mbdae.system.model import Instance, Model, Node
+from mbdae.system.model import Instance, Model
+from mbdae.system.nodes import Node
 from mbdae.system.rotations import quaternion
 
 ROUND_OFF = 1e-15  #: of unit vectors, and of offsets over the scene's length: what counts as 0 or 1
@@ -48,7 +49,10 @@ class Tree:
         return replace(self, structure=replace(self.structure, loaded=numbers))
 
 
-def refused(joints: list[Connection], ground: Body) -> list[str]:
+Joined = tuple[Connection, Body, Body]  #: a joint with the bodies (or nodes of beams) it connects
+
+
+def refused(joints: list[Joined], ground: Body) -> list[str]:
     """Why joints cannot be recursive, one sentence each."""
     leader: dict[Body, Body] = {ground: ground}
     via: dict[Body, str] = {}
@@ -59,27 +63,27 @@ def refused(joints: list[Connection], ground: Body) -> list[str]:
         return b
 
     found = []
-    for c in joints:
-        for body in (c.k, c.l):
-            if body.is_point and (c.kind == "revolute" or body is c.k):
+    for c, k, l in joints:
+        for body in (k, l):
+            if body.is_point and (c.kind == "revolute" or body is k):
                 found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
                              f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
-        a, b = find(c.k), find(c.l)
+        a, b = find(k), find(l)
         if a is b:
-            taken = via.get(c.l) or via.get(c.k)
-            found.append(f"{c.kind} '{c.name}': model=mb.Recursive() closes a loop: the motion of '{c.l.name}' relative to "
-                         f"'{c.k.name}' already follows from other recursive joints (among them '{taken}'); use "
+            taken = via.get(l) or via.get(k)
+            found.append(f"{c.kind} '{c.name}': model=mb.Recursive() closes a loop: the motion of '{l.name}' relative to "
+                         f"'{k.name}' already follows from other recursive joints (among them '{taken}'); use "
                          f"model=mb.Kinematic() for one joint of the loop, or s.recursive() which chooses it")  # fmt: skip
             continue
         leader[a] = b
-        via.setdefault(c.l, c.name)
-        via.setdefault(c.k, c.name)
+        via.setdefault(l, c.name)
+        via.setdefault(k, c.name)
     return found
 
 
 def find_trees(model: Model) -> list[Tree]:
     """The trees of the recursive joints of a model; raises SceneError where one cannot be recursive."""
-    joints = model.recursive
+    joints = [(c, *model.ends(c)) for c in model.recursive]
     if not joints:
         return []
     problems = refused(joints, model.scene.ground)
@@ -96,21 +100,22 @@ def find_trees(model: Model) -> list[Tree]:
     return trees
 
 
-def _roots(joints: list[Connection], ground: Body) -> list[Body]:
+def _roots(joints: list[Joined], ground: Body) -> list[Body]:
     """The ground first, then bodies no recursive joint carries as its l, then the rest."""
-    bodies = list(dict.fromkeys([b for c in joints for b in (c.k, c.l)]))
-    carried = {c.l for c in joints}
+    bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
+    carried = {l for _, _, l in joints}
     return sorted(bodies, key=lambda b: (b is not ground, b in carried))
 
 
-def _edges(root: Body, joints: list[Connection]) -> list[tuple[Body, Connection, Body]]:
+def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Body]]:
     edges: list[tuple[Body, Connection, Body]] = []
     front, left = [root], list(joints)
     while front:
         parent = front.pop(0)
-        for c in [c for c in left if parent in (c.k, c.l)]:
-            child = c.l if c.k is parent else c.k
-            left.remove(c)
+        for joint in [j for j in left if parent in j[1:]]:
+            c, k, l = joint
+            child = l if k is parent else k
+            left.remove(joint)
             edges.append((parent, c, child))
             front.append(child)
     return edges

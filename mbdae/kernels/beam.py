@@ -1,0 +1,145 @@
+"""A beam over a mesh: its strain kernel with the reference strains, its constant mass, gyroscopic and load kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.elements.beam import Beam
+from mbdae.elements.line_mesh import LineMesh
+from mbdae.elements.line_shape import Table, mass_points, strain_points
+from mbdae.errors import OptionError
+from mbdae.forces.line_load import LineLoad
+from mbdae.kernels.element import Array, ElementKernel
+from mbdae.kernels.line import LineKernel
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.line import LineDerived, derive_line
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.quaternions import rotation_columns
+from mbdae.symbolic.vectors import Vec
+
+
+def derived_beam(numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineDerived:
+    """The beam law for the parameters of a section; a damping of 0 is absent."""
+    absent = frozenset() if numbers.get("damping") else frozenset({"damping"})
+    return derive_line(Beam, Structure(absent), kind, mixed)
+
+
+def strain_kernel(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind, mixed: bool = True) -> LineKernel:
+    """Internal forces, and with `mixed` the rows of the stresses; a beam at rest as drawn is free of stress.
+
+    numbers: parameters of `Beam` (see `Section.numbers`), without the reference strains: those are the strains of the
+    interpolated reference curve.
+    """
+    rigid = [name for name, value in numbers.items() if name.startswith("compliance_") and value == 0]
+    if rigid and not mixed:
+        raise OptionError(f"{rigid[0]} = 0: a rigid strain exists in the mixed form only, where its stress is an unknown")
+    d, at = derived_beam(numbers, kind, mixed), strain_points(mesh.order)
+    constants = {**numbers, **_measures(mesh, at), **_reference_strains(mesh, kind)}
+    return LineKernel(d, at, constants, turns(mesh, kind))
+
+
+def load_kernel(mesh: LineMesh, law: LineLoad, kind: NodeKind, given: tuple[str, ...] = ()) -> LineKernel:
+    """A distributed load; `given` names its components that are inputs. A dead load is `mesh.lumped` times its value."""
+    at = mass_points(mesh.order)
+    constants = {name: getattr(law, name) for name in law.params if name not in given}
+    d = derive_line(LineLoad, law.structure(frozenset(given)), kind)
+    return LineKernel(d, at, {**constants, **_measures(mesh, at)}, turns(mesh, kind), given)
+
+
+def turns(mesh: LineMesh, kind: NodeKind) -> Array:
+    """Constant rotations from nodes to sections: quaternions, or angles in the plane."""
+    return mesh.offsets if kind is NodeKind.PLANAR else mesh.turns
+
+
+def reference_positions(mesh: LineMesh, kind: NodeKind) -> Array:
+    """q (n, nq) of the nodes as drawn."""
+    if kind is NodeKind.PLANAR:
+        return np.column_stack([mesh.positions[:, :2], mesh.headings])
+    return np.hstack([mesh.positions, mesh.quaternions])
+
+
+def _measures(mesh: LineMesh, at: Table) -> dict[str, Array]:
+    ds = mesh.measure(at)
+    return {"ds": ds, "weight": ds * at.weights}
+
+
+def _reference_strains(mesh: LineMesh, kind: NodeKind) -> dict[str, Array]:
+    """(m, points) strains of the interpolated reference curve: the rows of the law at zero stress and reference."""
+    d, at = derived_beam({}, kind), strain_points(mesh.order)
+    constants = dict.fromkeys(d.parameters, 0.0) | {"ds": mesh.measure(at), "weight": 1.0}
+    kernel = LineKernel(d, at, constants, turns(mesh, kind))
+    q = reference_positions(mesh, kind)[mesh.elements].reshape(len(mesh.elements), -1)
+    strains = kernel.values(np.hstack([q, np.zeros((len(q), len(kernel.names)))]))[:, -len(kernel.names) :]
+    strains = strains.reshape(len(q), len(at.xi), -1)
+    return {f"reference_{name}": strains[:, :, i] for i, name in enumerate(d.stresses)}
+
+
+def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind) -> Array:
+    """(m, (p + 1) nu, (p + 1) nu) consistent mass of every element in the velocities of its nodes, constant."""
+    density = np.zeros((kind.sizes[1], kind.sizes[1]))
+    for place, e in derived_beam(numbers, kind).mass.items():
+        density[place] = float(e.subs({name: value for name, value in numbers.items() if se.Symbol(name) in e.free_symbols}))
+    U = _to_sections(mesh, kind)
+    M = np.einsum("mab,maik,ij,mbjl->makbl", mesh.shared(mass_points(mesh.order)), U, density, U, optimize=True)
+    size = M.shape[1] * M.shape[2]
+    return np.asarray(M.reshape(len(M), size, size))
+
+
+def _to_sections(mesh: LineMesh, kind: NodeKind) -> Array:
+    """(m, p + 1, nu, nu) velocities of sections from those of nodes: spins are resolved in turned axes."""
+    U = np.tile(np.eye(kind.sizes[1]), (*mesh.elements.shape, 1, 1))
+    if kind is NodeKind.SPATIAL:
+        columns = rotation_columns(list(se.symbols("P1:5")))
+        R = _numeric(list(se.symbols("P1:5")), [c for column in columns for c in column], mesh.turns)
+        U[..., 3:, 3:] = R.reshape(*mesh.elements.shape, 3, 3)  # rows are the columns of R: the transpose
+    return U
+
+
+def _numeric(symbols: list[Any], expressions: list[Any], x: Array) -> Array:
+    f = se.Lambdify(symbols, expressions, backend="lambda")
+    return np.asarray(f(np.ascontiguousarray(x, dtype=float)))
+
+
+@lru_cache(maxsize=1)
+def _cross() -> Array:
+    """E (3, 3, 3) with (a x b)_i = E_ijk a_j b_k, from the vector product of the laws."""
+    a, b = Vec(*se.symbols("a1:4")), Vec(*se.symbols("b1:4"))
+    return np.array([[[float(se.diff(se.diff(e, j), k)) for k in b] for j in a] for e in a.cross(b)])
+
+
+class GyroscopicKernel(ElementKernel):
+    """Omega_i x (M Omega)_i at the nodes of every element, M its rotary mass: keeps energy and angular momentum.
+
+    Inputs and outputs are body-frame spins and moments of the nodes.
+    """
+
+    def __init__(self, blocks: Array, count: int) -> None:
+        """`blocks` of `mass_blocks` for spatial nodes, `count` nodes per element."""
+        size = blocks.shape[1] // count
+        self.count, self.elements = count, len(blocks)
+        self.J = blocks.reshape(-1, count, size, count, size)[:, :, 3:, :, 3:]
+        self.inputs: list[Target] = [("u", a, 3 + i) for a in range(count) for i in range(3)]
+        self.targets = self.inputs
+
+    def _momenta(self, x: Array) -> tuple[Array, Array, Array]:
+        W = x.reshape(len(x), self.count, 3)
+        J = np.tile(self.J, (len(x) // len(self.J), 1, 1, 1, 1))
+        return W, J, np.einsum("maibj,mbj->mai", J, W)
+
+    def values(self, x: Array) -> Array:
+        W, _, L = self._momenta(x)
+        found: Array = np.einsum("ijk,maj,mak->mai", _cross(), W, L).reshape(len(x), -1)
+        return found
+
+    def full_jacobian(self, x: Array) -> Array:
+        W, J, L = self._momenta(x)
+        K: Array = np.einsum("ijk,maj,makbl->maibl", _cross(), W, J)
+        for a in range(self.count):
+            K[:, a, :, a] += np.einsum("ijk,mk->mij", _cross(), L[:, a])
+        return K.reshape(len(x), 3 * self.count, 3 * self.count)

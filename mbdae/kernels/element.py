@@ -1,0 +1,70 @@
+"""What the assembly calls for elements of several nodes: values and derivatives of all elements at once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.symbolic.outputs import Target
+
+Array = NDArray[Any]
+
+
+class ElementKernel(ABC):
+    """A law over m elements of the same kind; called like a `Kernel` whose points are the elements.
+
+    inputs   columns of x: ("q", node, i), ("u", node, i), ("z", j) algebraic unknowns, ("p", name) prescribed values
+    targets  columns of the outputs: ("u", node, i) momentum rows, left-hand side, ("z", j) rows of the algebraic unknowns
+
+    Nodes are numbered within the element. x is (N, inputs), N a multiple of m: several states of all elements in order.
+    """
+
+    elements: int
+    inputs: list[Target]
+    targets: list[Target]
+
+    @abstractmethod
+    def values(self, x: Array) -> Array:
+        """Outputs (N, outputs)."""
+
+    @abstractmethod
+    def full_jacobian(self, x: Array) -> Array:
+        """(N, outputs, inputs) derivatives of `values` by unknowns; ("p", name), the last inputs, are left out."""
+
+    def __call__(self, x: Array, out: Array) -> None:
+        out[:] = self.values(x)
+
+    @property
+    def width(self) -> int:
+        """Number of outputs."""
+        return len(self.targets)
+
+    @cached_property
+    def _places(self) -> tuple[Array, Array]:
+        """Entries of the Jacobian that do not vanish in a random state."""
+        x = np.random.default_rng(7).uniform(0.3, 0.9, (self.elements, len(self.inputs)))
+        outputs, inputs = np.nonzero(np.any(self.full_jacobian(x) != 0, axis=0))
+        return outputs, inputs
+
+    @cached_property
+    def jacobian_places(self) -> list[tuple[int, Target]]:
+        """(output, input) of every derivative `jacobian` returns."""
+        return [(int(o), self.inputs[i]) for o, i in zip(*self._places, strict=True)]
+
+    def jacobian(self, x: Array) -> Array:
+        """(N, places) derivatives."""
+        return self.full_jacobian(x)[:, *self._places]
+
+
+class ElementJacobian:
+    """The derivatives of an element kernel, called like a kernel."""
+
+    def __init__(self, kernel: ElementKernel) -> None:
+        self.kernel, self.width = kernel, len(kernel.jacobian_places)
+
+    def __call__(self, x: Array, out: Array) -> None:
+        out[:] = self.kernel.jacobian(x)

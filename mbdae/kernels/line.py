@@ -1,0 +1,205 @@
+"""A law on a line as one kernel over elements: interpolate, evaluate all points, scatter with the transpose.
+
+All elements share one table of shape functions; numbers of an element are kept per point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg as sl
+import scipy.sparse as sp
+import symengine as se
+
+from mbdae.elements.line_shape import Table
+from mbdae.errors import LawError
+from mbdae.kernels.compile import Kernel
+from mbdae.kernels.element import Array, ElementKernel
+from mbdae.kernels.line_nodes import Nodes
+from mbdae.symbolic.line import Field, LineDerived
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
+
+
+class LineKernel(ElementKernel):
+    """A law on a line over m elements; `turns` as in `Nodes`.
+
+    constants: parameter -> number, (m,) or (m, points); given: parameters that are inputs instead, one number per element
+    (prescribed in time). Inputs: positions q of the nodes, where damped their velocities u, stresses point by point.
+    """
+
+    def __init__(self, derived: LineDerived, at: Table, constants: Mapping[str, Any], turns: Array | None = None,
+                 given: Sequence[str] = ()) -> None:  # fmt: skip
+        self.derived, self.at, self.given = derived, at, tuple(given)
+        self.points, self.turns = len(at.xi), turns
+        self.nodes = Nodes(derived.kind, at.values.shape[1], turns)
+        names = [name for name in derived.parameters if name not in self.given]
+        self.numbers = _per_point([constants[name] for name in names], self.points)
+        self.parameters = (*self.given, *names)
+        self.elements = len(self.numbers)
+        self.fields = self._table(derived.fields)
+        self.duals = self._table([f for f, _ in derived.duals])
+        #: stress unknowns of an element, `N1[0]` at the first point
+        self.names = [f"{name}[{g}]" for g in range(self.points) for name in derived.stresses]
+        n, stresses = self.nodes, [("z", j) for j in range(len(self.names))]
+        positions = [("q", a, i) for a in range(n.count) for i in range(n.nq)]
+        velocities = [("u", a, i) for a in range(n.count) for i in range(n.nu)]
+        rates = velocities if derived.damped else []
+        self.inputs: list[Target] = [*positions, *rates, *stresses, *(("p", name) for name in self.given)]
+        self.targets: list[Target] = [*velocities, *stresses]
+        self._splits = np.cumsum([len(positions), len(rates), len(stresses)])
+        self._buffers: dict[tuple[int, bool], Array] = {}
+
+    def _table(self, fields: Sequence[Field]) -> Array:
+        """(count * nq, points * fields): interpolation of nodal values; its transpose scatters."""
+        T = np.zeros((self.nodes.count, self.nodes.nq, self.points, len(fields)))
+        for i, f in enumerate(fields):
+            T[:, f.component, :, i] = (self.at.slopes if f.slope else self.at.values).T
+        return T.reshape(self.nodes.count * self.nodes.nq, -1)
+
+    # -- values
+
+    @property
+    def point(self) -> Kernel:
+        """Duals and rows at a point."""
+        return _point(self.derived, self.parameters)
+
+    def values(self, x: Array) -> Array:
+        q, _, X = self._gather(x)
+        duals, rows = self._split(_evaluated(self.point, X), len(x))
+        forces = self.nodes.forces(q, self._covector(duals))
+        return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
+
+    def at_points(self, x: Array, expressions: Sequence[Expr]) -> Array:
+        """(N, points, expressions) values of what the law derives besides, such as `derived.energy`.
+
+        Compliance 0 is read as infinite here: a rigid strain stores no energy (its stress is an unknown).
+        """
+        X = self._gather(x)[2].copy()
+        compliances = [i for i, s in enumerate(self.point.symbols) if str(s).startswith("compliance_")]
+        X[:, compliances] = np.where(X[:, compliances] == 0, np.inf, X[:, compliances])
+        return Kernel(self.point.symbols, expressions).once(X).reshape(len(x), self.points, -1)
+
+    def _gather(self, x: Array) -> tuple[Array, Array, Array]:
+        """Nodal q (N, count, nq) and u (N, count, nu), and the inputs (N * points, inputs) of the law."""
+        N, n = len(x), self.nodes
+        a, b, c = self._splits
+        q, u = x[:, :a].reshape(N, n.count, n.nq), x[:, a:b].reshape(N, -1, n.nu)
+        parts = [n.sections(q).reshape(N, -1) @ self.fields]
+        if self.derived.damped:
+            parts.append(n.turned(n.rates(q, u)).reshape(N, -1) @ self.fields)
+        X, column = self._buffer(N, np.iscomplexobj(x)), 0
+        for part in (*parts, x[:, b:c]):
+            width = part.shape[1] // self.points
+            X[:, :, column : column + width] = part.reshape(N, self.points, width)
+            column += width
+        X[:, :, column : column + len(self.given)] = x[:, None, c:]
+        return q, u, X.reshape(N * self.points, -1)
+
+    def _buffer(self, N: int, is_complex: bool) -> Array:
+        """(N, points, inputs) with the numbers of the law filled in: kept, because they do not change."""
+        if (N, is_complex) not in self._buffers:
+            X = np.empty((N, self.points, len(self.point.symbols)), dtype=complex if is_complex else float)
+            X[:, :, X.shape[2] - self.numbers.shape[2] :] = np.tile(self.numbers, (N // len(self.numbers), 1, 1))
+            self._buffers[N, is_complex] = X
+        return self._buffers[N, is_complex]
+
+    def _split(self, values: Array, N: int) -> tuple[Array, Array]:
+        """Duals (N, points * duals) and rows (N, points * stresses)."""
+        values = values.reshape(N, self.points, -1)
+        n = len(self.derived.duals)
+        return values[:, :, :n].reshape(N, -1), values[:, :, n:].reshape(N, -1)
+
+    def _covector(self, duals: Array) -> Array:
+        """What works on the nodes' positions (N, count, nq)."""
+        return self.nodes.back((duals @ self.duals.T).reshape(len(duals), self.nodes.count, self.nodes.nq))
+
+    # -- derivatives
+
+    @property
+    def point_jacobian(self) -> Kernel:
+        """Duals, then derivatives of duals and rows by the variables of the law."""
+        return _point_jacobian(self.derived, self.parameters)[0]
+
+    @cached_property
+    def _spread(self) -> Any:
+        """Constant (rows * columns, derivatives) operator to the derivatives of an element."""
+        d, points = self.derived, range(self.points)
+        outputs = _with_identity(self.duals, self.points, len(d.duals), len(d.rows))
+        columns = _with_identity(self.fields, self.points, len(d.fields), len(d.stresses), 1 + d.damped)
+        o, i = np.array(_point_jacobian(d, self.parameters)[1], dtype=int).reshape(-1, 2).T
+        left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
+        right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
+        return sp.csr_matrix(sl.khatri_rao(left, right)), (len(left), len(right))
+
+    def full_jacobian(self, x: Array) -> Array:
+        q, u, X = self._gather(x)
+        N, n, D = len(x), self.nodes, len(self.derived.duals)
+        values = _evaluated(self.point_jacobian, X).reshape(N, self.points, -1)
+        covector = self._covector(values[:, :, :D].reshape(N, -1))
+        spread, shape = self._spread
+        K = (spread @ values[:, :, D:].reshape(N, -1).T).reshape(*shape, N)
+        a, z = n.count * n.nq, len(self.names)
+        blocks = [n.turn_columns(K[:, :a])]
+        if self.derived.damped:
+            by_rate = n.turn_columns(K[:, a : 2 * a])
+            blocks = [blocks[0] + n.position_columns(by_rate, u), n.velocity_columns(by_rate, q)]
+        K = np.concatenate([*blocks, K[:, K.shape[1] - z :]], axis=1)
+        forces = n.force_rows(n.turn_rows(K[:a]), q)
+        forces[:, :a] += n.geometric(covector)
+        return np.concatenate([forces, K[a:]]).transpose(2, 0, 1)
+
+
+def merged(kernels: Sequence[LineKernel]) -> LineKernel:
+    """One kernel for the elements of several lines, one after the other: equal law, order and kind of nodes."""
+    first = kernels[0]
+    if len({(k.derived, k.at, k.given, k.turns is None) for k in kernels}) > 1:
+        raise LawError("lines of different laws, orders or kinds of nodes have no kernel in common")
+    names = first.parameters[len(first.given) :]
+    numbers = np.concatenate([k.numbers for k in kernels])
+    turns = None if first.turns is None else np.concatenate([k.turns for k in kernels])
+    return LineKernel(first.derived, first.at, {n: numbers[..., i] for i, n in enumerate(names)}, turns, first.given)
+
+
+@lru_cache(maxsize=64)
+def _point(derived: LineDerived, parameters: tuple[str, ...]) -> Kernel:
+    """The kernel of a law at a point, one per process."""
+    return Kernel([*derived.variables, *map(se.Symbol, parameters)], derived.outputs)
+
+
+@lru_cache(maxsize=64)
+def _point_jacobian(derived: LineDerived, parameters: tuple[str, ...]) -> tuple[Kernel, list[tuple[int, int]]]:
+    """Duals and derivatives at a point, and which (output, variable) each derivative is."""
+    partials = derived.derivatives()
+    expressions = [*(e for _, e in derived.duals), *partials.values()]
+    return Kernel(_point(derived, parameters).symbols, expressions), list(partials)
+
+
+def _per_point(values: Sequence[Any], points: int) -> Array:
+    """(m, points, parameters) from numbers, (m,) or (m, points)."""
+    arrays = [np.asarray(v, dtype=float) for v in values]
+    arrays = [a[:, None] if a.ndim == 1 else a for a in arrays]
+    shape = np.broadcast_shapes(*(a.shape for a in arrays), (1, points))
+    return np.stack([np.broadcast_to(a, shape) for a in arrays], axis=-1) if arrays else np.zeros((*shape, 0))
+
+
+def _evaluated(kernel: Kernel, X: Array) -> Array:
+    """Compiled for real numbers, by numpy for complex ones (complex step)."""
+    return kernel.oracle(X) if np.iscomplexobj(X) else kernel.values(X)
+
+
+def _with_identity(table: Array, points: int, fields: int, extra: int, copies: int = 1) -> Array:
+    """Operator from values at the points (fields `copies` times, then `extra` of its own) to nodal and own values."""
+    nodal = table.reshape(-1, points, fields)
+    width = copies * fields + extra
+    rows = len(table)
+    out = np.zeros((copies * rows + points * extra, points, width))
+    for k in range(copies):
+        out[k * rows : (k + 1) * rows, :, k * fields : (k + 1) * fields] = nodal
+    own = np.arange(points * extra).reshape(points, extra)
+    for g in range(points):
+        out[copies * rows + own[g], g, copies * fields + np.arange(extra)] = 1.0
+    return out.reshape(len(out), -1)

@@ -1,0 +1,132 @@
+"""The nodes of a line element: from their unknowns to what is interpolated, and forces back.
+
+Interpolated are section positions and quaternions, component by component. What works on the interpolated quaternion is
+g at a node; P' = 1/2 Q(P) Omega and the moment 1/2 Q(P)^T g share one constant tensor, and so do their derivatives.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import symengine as se
+
+from mbdae.kernels.element import Array
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.quaternions import rate_from_body_spin
+from mbdae.symbolic.vectors import Vec
+
+
+@lru_cache(maxsize=1)
+def kinematic_tensor() -> Array:
+    """H (4, 3, 4) with P'_a = H_acb Omega_c P_b, from the statement of the kinematics."""
+    P, w = se.symbols("P1:5"), se.symbols("w1:4")
+    rates = rate_from_body_spin(P, Vec(*w))
+    return np.array([[[float(se.diff(se.diff(e, c), b)) for b in P] for c in w] for e in rates])
+
+
+class Nodes:
+    """N elements of `count` nodes; arrays are (N, count, components), derivatives (rows, columns, N) element by element."""
+
+    def __init__(self, kind: NodeKind, count: int, turns: Array | None) -> None:
+        """`turns`: (m, count, 4) rotations from node to section, or (m, count) angles in the plane; None: none."""
+        self.flat, self.count = kind is NodeKind.PLANAR, count
+        self.nq, self.nu = kind.sizes
+        self.offset: Array | None = None  #: (m, count) planar, rad
+        self.T: Array | None = None  #: (m, count, 4, 4): P of the section = T P of the node
+        if turns is not None and self.flat and np.any(turns):
+            self.offset = turns
+        elif turns is not None and not self.flat and np.any(turns != np.eye(4)[0]):
+            vector = 2 * np.einsum("acb,mnc->mnab", kinematic_tensor(), turns[..., 1:])
+            self.T = vector + turns[..., :1, None] * np.eye(4)
+
+    def _tiled(self, values: Array, N: int) -> Array:
+        return np.tile(values, (N // len(values), *(1,) * (values.ndim - 1)))
+
+    # -- values
+
+    def turned(self, q: Array) -> Array:
+        """Rates or variations (N, count, nq) of nodes as those of their sections."""
+        if self.T is None:
+            return q
+        P = np.einsum("mnab,mnb->mna", self._tiled(self.T, len(q)), q[..., 3:])
+        return np.concatenate([q[..., :3], P], axis=-1)
+
+    def sections(self, q: Array) -> Array:
+        """Positions (N, count, nq) of nodes as those of their sections."""
+        if self.offset is None:
+            return self.turned(q)
+        return np.concatenate([q[..., :2], q[..., 2:] + self._tiled(self.offset, len(q))[..., None]], axis=-1)
+
+    def back(self, covector: Array) -> Array:
+        """Transpose of `turned`."""
+        if self.T is None:
+            return covector
+        g = np.einsum("mnab,mna->mnb", self._tiled(self.T, len(covector)), covector[..., 3:])
+        return np.concatenate([covector[..., :3], g], axis=-1)
+
+    def rates(self, q: Array, u: Array) -> Array:
+        """q' (N, count, nq) of velocities u (N, count, nu)."""
+        if self.flat:
+            return u
+        rates = np.einsum("mnac,mnc->mna", self._spin_columns(q), u[..., 3:])
+        return np.concatenate([u[..., :3], rates], axis=-1)
+
+    def forces(self, q: Array, covector: Array) -> Array:
+        """Forces and body-frame moments (N, count, nu) of covectors of q (N, count, nq)."""
+        if self.flat:
+            return covector
+        moments = np.einsum("mnac,mna->mnc", self._spin_columns(q), covector[..., 3:])
+        return np.concatenate([covector[..., :3], moments], axis=-1)
+
+    def _spin_columns(self, q: Array) -> Array:
+        """Q(P) / 2 of every node, (N, count, 4, 3)."""
+        by_quaternion = kinematic_tensor().reshape(12, 4).T
+        return np.asarray((q[..., 3:].reshape(-1, 4) @ by_quaternion).reshape(*q.shape[:2], 4, 3))
+
+    # -- derivatives
+
+    def turn_columns(self, K: Array) -> Array:
+        """Derivatives (rows, count * nq, N) by section positions as those by node positions."""
+        if self.T is None:
+            return K
+        return self._on_columns(K, self._tiled(self.T, K.shape[-1]))
+
+    def turn_rows(self, K: Array) -> Array:
+        """Rows (count * nq, columns, N) of section covectors as those of nodes."""
+        return self.turn_columns(K.swapaxes(0, 1)).swapaxes(0, 1)
+
+    def velocity_columns(self, K: Array, q: Array) -> Array:
+        """Derivatives by q' (rows, count * nq, N) as those by velocities (rows, count * nu, N)."""
+        if self.flat:
+            return K
+        return self._on_columns(K, self._spin_columns(q))
+
+    def position_columns(self, K: Array, u: Array) -> Array:
+        """Derivatives by q' (rows, count * nq, N) as those by the positions the rates depend on."""
+        if self.flat:
+            return np.zeros_like(K)
+        moved = self._on_columns(K, np.einsum("acb,mnc->mnab", kinematic_tensor(), u[..., 3:]))
+        moved.reshape(len(K), self.count, self.nq, -1)[:, :, :3] = 0.0
+        return moved
+
+    def force_rows(self, K: Array, q: Array) -> Array:
+        """Rows (count * nq, columns, N) of covectors as those of forces and moments (count * nu, columns, N)."""
+        return self.velocity_columns(K.swapaxes(0, 1), q).swapaxes(0, 1)
+
+    def geometric(self, covector: Array) -> Array:
+        """Derivative of `forces` by q at constant covector, (count * nu, count * nq, N)."""
+        K = np.zeros((self.count, self.nu, self.count, self.nq, len(covector)), dtype=covector.dtype)
+        if not self.flat:
+            moments = np.einsum("acb,mna->ncbm", kinematic_tensor(), covector[..., 3:])
+            for a in range(self.count):
+                K[a, 3:, a, 3:] = moments[a]
+        return K.reshape(self.count * self.nu, self.count * self.nq, -1)
+
+    def _on_columns(self, K: Array, A: Array) -> Array:
+        """K times blockdiag(I, A) at every node: K (rows, count * nq, N), A (N, count, 4, k)."""
+        rows, _, N = K.shape
+        blocks = K.reshape(rows, self.count, self.nq, N)
+        A = np.ascontiguousarray(A.transpose(2, 1, 3, 0))  # elements last, as in K: fast products
+        turned = sum(blocks[:, :, 3 + a, None] * A[a] for a in range(4))
+        return np.concatenate([blocks[:, :, :3], turned], axis=2).reshape(rows, -1, N)

@@ -1,0 +1,21 @@
+"""Nodes of a model: what carries unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mbdae.scene.components import Body
+from mbdae.symbolic.frames import NodeKind
+
+
+@dataclass(frozen=True)
+class Node:
+    """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u;
+    unit of its translations, or of the coordinate."""
+
+    name: str
+    body: Body | None
+    kind: NodeKind
+    q: int
+    u: int
+    unit: str = "m"

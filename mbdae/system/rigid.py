@@ -1,0 +1,67 @@
+"""Motions that keep beams rigid: what the start closes loops with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.base import Array
+from mbdae.system.model import Model
+from mbdae.system.nodes import Node
+from mbdae.system.rotations import quaternion_product, rotation_matrices, rotation_of, turned
+
+
+class RigidMotions:
+    """Coordinates of displacements: those of every node, of a beam six (three in the plane) for all its nodes together."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.beams: list[list[Node]] = [line.nodes for line in model.lines]
+        of_beams = {n.name for nodes in self.beams for n in nodes}
+        self.single = [n for n in model.nodes if n.name not in of_beams]
+        self.size = sum(n.kind.sizes[1] for n in self.single) + sum(nodes[0].kind.sizes[1] for nodes in self.beams)
+
+    def basis(self, q: Array) -> Array:
+        """B (nu, size): velocities of all nodes per coordinate; a beam moves (v of its first node, w), inertial."""
+        B, column = np.zeros((self.model.nu, self.size)), 0
+        for node in self.single:
+            nu = node.kind.sizes[1]
+            B[node.u : node.u + nu, column : column + nu] = np.eye(nu)
+            column += nu
+        for nodes in self.beams:
+            n, nu = nodes[0].kind.translations, nodes[0].kind.sizes[1]
+            spins = np.eye(3)[[2]] if n == 2 else np.eye(3)
+            for node in nodes:
+                arm = self._place(q, node) - self._place(q, nodes[0])
+                B[node.u : node.u + n, column : column + n] = np.eye(n)
+                B[node.u : node.u + n, column + n : column + nu] = np.cross(spins, arm).T[:n]
+                turning = spins[:, 2:] if n == 2 else rotation_of(node.kind, q[node.q :][: node.kind.sizes[0]]).T @ spins.T
+                B[node.u + n : node.u + nu, column + n : column + nu] = turning
+            column += nu
+        return B
+
+    def moved(self, q: Array, x: Array, free: Array) -> Array:
+        """q after displacements x (size,) of the coordinates; `free` are the positions with those of single nodes applied."""
+        q, column = free.copy(), self.size - sum(nodes[0].kind.sizes[1] for nodes in self.beams)
+        before = free
+        for nodes in self.beams:
+            n, nu = nodes[0].kind.translations, nodes[0].kind.sizes[1]
+            move, turn = np.zeros(3), np.zeros(3)
+            move[:n] = x[column : column + n]
+            turn[3 - (nu - n) :] = x[column + n : column + nu]
+            P = turned(np.array([1.0, 0, 0, 0]), turn)
+            R, pivot = rotation_matrices(P), self._place(before, nodes[0])
+            for node in nodes:
+                q[node.q : node.q + n] = (pivot + move + R @ (self._place(before, node) - pivot))[:n]
+                if node.kind is NodeKind.PLANAR:
+                    q[node.q + 2] += turn[2]
+                else:
+                    q[node.q + 3 : node.q + 7] = quaternion_product(P, before[node.q + 3 : node.q + 7])
+            column += nu
+        return q
+
+    @staticmethod
+    def _place(q: Array, node: Node) -> Array:
+        r = np.zeros(3)
+        r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
+        return r
