@@ -6,7 +6,17 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import AccuracyWarning, LawError, MbdaeError, OptionError, SceneError, SolverError, StartError
+from mbdae.errors import (
+    AccuracyWarning,
+    EquilibriumError,
+    LawError,
+    MbdaeError,
+    OptionError,
+    SceneError,
+    SolverError,
+    StartError,
+    SteadyError,
+)
 
 if TYPE_CHECKING:
     from mbdae.api import Scene
@@ -38,10 +48,10 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "FixedOrientation",
-    "Force", "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic", "RadauIIA", "Recursive",
-    "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "Weld", "compare", "load",
-    "params", "selftest", "t",
+    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "EquilibriumError",
+    "FixedOrientation", "Force", "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic",
+    "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError",
+    "SteadyError", "Weld", "compare", "load", "params", "selftest", "t",
 ]  # fmt: skip
 
 

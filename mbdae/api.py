@@ -7,7 +7,7 @@ import time
 import warnings as python_warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
+
+if TYPE_CHECKING:
+    from mbdae.analysis import Equilibrium, Linearization
 
 DEFAULT_OUTPUTS = 201
 
@@ -47,6 +50,18 @@ class Scene(SceneData):
         from mbdae.results.drawing import draw
 
         return draw(prepare(self), path)
+
+    def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
+        """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`."""
+        from mbdae.analysis import equilibrium
+
+        return equilibrium(self, frame, progress)
+
+    def linearize(self, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
+        """Modes, frequencies, damping and growth of small departures from a steady motion; see `mbdae.analysis.linearize`."""
+        from mbdae.analysis import linearize
+
+        return linearize(self, at, frame, count)
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
                  outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,

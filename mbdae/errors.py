@@ -7,8 +7,10 @@
     │   └── StartError      no consistent start: loops that cannot close, prescribed values that contradict
     ├── LawError            a joint or force law is not well stated
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
-    └── SolverError         the integration stopped; carries the time, the culprit and the solution so far
-        └── WallClockError  its wall-clock time was used up
+    ├── SolverError         the integration stopped; carries the time, the culprit and the solution so far
+    │   └── WallClockError  its wall-clock time was used up
+    ├── EquilibriumError    no state at rest was found; carries the last one that is, and its load factor
+    └── SteadyError         the linearised equations depend on time; carries them as they are at that instant
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
 """
 
@@ -56,6 +58,29 @@ class SolverError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+class EquilibriumError(MbdaeError):
+    """No state at rest under the full loads was found.
+
+    equilibrium: the last state at rest that was, under loads times its load factor; None where there is none.
+    load_factor: the load factor it was found at, 0 to 1.
+    """
+
+    def __init__(self, message: str, equilibrium: Any = None, load_factor: float = 0.0) -> None:
+        super().__init__(message)
+        self.equilibrium, self.load_factor = equilibrium, load_factor
+
+
+class SteadyError(MbdaeError):
+    """The linearised equations depend on time in the frame asked for.
+
+    frozen: the linearisation with the coefficients of that instant; its eigenvalues decide nothing about stability.
+    """
+
+    def __init__(self, message: str, frozen: Any = None) -> None:
+        super().__init__(message)
+        self.frozen = frozen
 
 
 class AccuracyWarning(UserWarning):

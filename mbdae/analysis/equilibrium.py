@@ -1,0 +1,278 @@
+"""Static equilibrium, and relative equilibrium in a frame that turns steadily."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from mbdae.analysis.frame import motion_in_words
+from mbdae.analysis.statics import CONVERGED, Point, Statics, Tangent
+from mbdae.analysis.steady import Rest, acceleration_scale, departure
+from mbdae.errors import EquilibriumError, OptionError, StartError
+from mbdae.integrators.solution import Solution, Stats
+from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.scene.components import Connection
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
+from mbdae.system.start import Start
+from mbdae.threads import single_threaded
+
+SMALLEST_STEP = 1e-6  #: relative to the load factor reached
+REACH = 0.1  #: largest displacement per step of the loads, in the scene's length and rad: a longer one may skip a limit point
+NEAR = 0.3  #: how far, over the step, its result may be from its tangent
+TRUST = 0.5  #: largest step of the search for a stable state, in the scene's length and rad
+REMEDY = "stop that motion with a joint, or give it a spring"
+FAR = 30.0  #: way in the scene's lengths and rad after which a search has run away
+SEARCHES = 200  #: corrections of that search
+Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
+
+
+@dataclass(frozen=True)
+class _Newton:
+    """What made an equilibrium, where a Result names its solver."""
+
+    label: str = "Newton"
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Any:
+        """A state at rest has one instant."""
+        return _Instant(y, yp)
+
+
+@dataclass(frozen=True)
+class _Instant:
+    """The one state of a solution with one instant."""
+
+    y: Array
+    yp: Array
+
+    def value(self, t: Array) -> Array:
+        """y (k, n)."""
+        return np.repeat(self.y, len(t), axis=0)
+
+    def derivative(self, t: Array) -> Array:
+        """y' (k, n)."""
+        return np.repeat(self.yp, len(t), axis=0)
+
+
+class Equilibrium(Result):
+    """A state at rest in a frame: a Result with one instant, its sensors have the shape (1, ...).
+
+    It starts a run (`s.simulate(..., start=e)`) and is a state to linearise about (`s.linearize(at=e)`).
+    frame: name of the frame's body; load_factor: 1 for the scene as stated; residual: largest unbalanced force over the
+    largest force; iterations: Newton corrections in all; unstable: number of directions in which the stiffness is
+    negative (a rotating state may be stable all the same: `s.linearize` decides).
+    """
+
+    frame: str
+    load_factor: float
+    residual: float
+    iterations: int
+    unstable: int
+
+    @cached_property
+    def _dynamics(self) -> tuple[Array, Array]:
+        """u' and multipliers under the loads times their load factor, not under the full ones."""
+        return self.prepared.start.acceleration[None], self.prepared.start.multipliers[None]
+
+    def _start_value(self, item: Connection) -> float:
+        """Where whole turns are counted from: what a spring of the joint has followed, else the start."""
+        states = self.prepared.mechanics.numbering.states.values()
+        followed = [i for i, name in enumerate(states) if name == f"{item.name}.followed"]
+        return float(self._states[2][0, followed[0]]) if followed else super()._start_value(item)
+
+    def save(self, path: Any) -> None:
+        raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "
+                          f"(s.simulate(..., start=e).save('{path}'))")  # fmt: skip
+
+    def __repr__(self) -> str:
+        return (f"<Equilibrium of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': load factor "
+                f"{self.load_factor:.6g}, residual {self.residual:.1e}, {self.iterations} iterations"
+                f"{f', stiffness negative in {self.unstable} direction(s)' if self.unstable else ''}>")  # fmt: skip
+
+
+@single_threaded
+def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None = None) -> Equilibrium:
+    """A state at rest in a frame: s.ground (default), or a body that turns steadily about a fixed axis.
+
+    The frame's rate is the one the scene's start or its prescribed angle gives that body; prescribed motions keep their
+    values and rates at the start, other joints are at rest. Loads are raised from 0 to their values in steps found on the
+    way. Where the scene has no stiffness without its loads, or they lead to a state whose stiffness is negative, a stable
+    state is searched under the full loads.
+    progress(load_factor, iterations) is called after every step. Raises EquilibriumError where there is no such state.
+    """
+    prepared = prepare(scene)
+    statics = Statics(Rest(prepared, frame if frame is not None else prepared.model.scene.ground))
+    statics.check_steady(statics.begin)
+    path = _Path(statics, progress or (lambda factor, iterations: None))
+    return path.run()
+
+
+def confirmed(statics: Statics, point: Point) -> Equilibrium:
+    """The Result of a point at rest that is determined, and stays at rest as time goes on."""
+    result = as_result(statics, point)
+    soft = statics.soft_motions(statics.tangent(point))
+    if soft:
+        raise EquilibriumError(f"the state at rest is not determined: {soft[0]} meets no stiffness; {REMEDY}", result)
+    statics.check_steady(point)
+    axes = statics.rest.axes(statics.q(point))
+    reason = departure(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6)
+    if reason:
+        raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
+                               f"in that frame with time; take another frame", result)  # fmt: skip
+    return result
+
+
+def as_result(statics: Statics, point: Point) -> Equilibrium:
+    """The Result of a point at rest."""
+    prepared, m = statics.rest.prepared, statics.mechanics
+    t, q, u, s = statics.rest.t, statics.q(point), statics.u(point), statics.s(point)
+    up, multipliers = point.yp[m.nq : m.nq + m.nu], point.y[statics.kinds == "lambda"] * statics.system.numbering.scaling()
+    start = Start(float(t[0]), q, u, s, up, multipliers)
+    stats = Stats(steps=0, newton_iterations=point.iterations)
+    y, yp = point.y[None], point.yp[None]
+    solution = Solution(t, y, yp, None, stats, _Newton(), statics.system.names, True, _Instant(y, yp))
+    info = RunInfo(_Newton(), "Index3", Accuracy(None, None), stats)
+    result = Equilibrium(replace(prepared, start=start), solution, info, t)
+    result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations
+    result.residual, result.unstable = statics.balance(point), statics.unstable(statics.tangent(point))
+    return result
+
+
+class _Path:
+    """The way from the start without loads to rest under the loads."""
+
+    def __init__(self, statics: Statics, progress: Progress) -> None:
+        self.statics, self.progress = statics, progress
+
+    def run(self) -> Equilibrium:
+        """By raising the loads where the scene has stiffness without them; else, or for a stable state, by a search."""
+        s, begin = self.statics, self.statics.begin
+        if s.soft_motions(s.tangent(begin)):
+            self._refuse_free_motions(begin)
+            return confirmed(s, self._search(replace(begin, load_factor=1.0)))
+        found = confirmed(s, self._step_loads(begin))
+        if found.unstable:
+            try:
+                stable = confirmed(s, self._search(replace(begin, load_factor=1.0)))
+                return found if stable.unstable else stable
+            except (EquilibriumError, OptionError):
+                return found  # a rotor above its critical speed: nothing holds it but its spin
+        return found
+
+    def _refuse_free_motions(self, begin: Point) -> None:
+        """A motion without stiffness under the full loads too, at the start and beside it, has none anywhere."""
+        s, full = self.statics, self.statics.carried(replace(begin, load_factor=1.0))
+        T = s.tangent(full)
+        aside = np.zeros(T.K.shape[0])
+        aside[: s.mechanics.nu] = T.N @ np.random.default_rng(5).uniform(0.03, 0.1, T.N.shape[1])
+        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.carried(s.moved(full, T.p, aside))))
+        if soft:
+            raise EquilibriumError(f"no state at rest can be determined: {soft[0]} meets no stiffness; {REMEDY}")
+
+    # -- raising the loads
+
+    def _step_loads(self, point: Point) -> Point:
+        """Follow the state at rest from load factor 0 to 1; a step counts where its result is near its tangent."""
+        step = 1.0
+        while point.load_factor < 1:
+            step = min(step, 1 - point.load_factor)
+            tried = self._one_step(point, step)
+            if tried is None:
+                step /= 2
+                if step < SMALLEST_STEP * max(point.load_factor, 1e-4):
+                    raise self._stopped(point)
+                continue
+            point, quality = tried
+            self.progress(point.load_factor, point.iterations)
+            step *= 2.0 if quality < 0.05 else 1.3 if quality < 0.15 else 1.0
+        return point
+
+    def _one_step(self, point: Point, step: float) -> tuple[Point, float] | None:
+        s, factor = self.statics, point.load_factor + step
+        raised = replace(point, load_factor=1.0 if 1 - factor < 1e-12 else factor)
+        T = s.tangent(raised)
+        predicted = s.solve(T.K, T.right)[: s.mechanics.nu]
+        if not np.all(np.isfinite(predicted)) or s.size(predicted) > REACH:
+            return None
+        found = s.newton(raised)
+        if found is None:
+            return None
+        off, size = s.size(found[1] - predicted), s.size(predicted)
+        quality = off / size if size > 1e-7 else 0.0
+        return (found[0], quality) if quality <= NEAR else None
+
+    def _stopped(self, point: Point) -> EquilibriumError:
+        s = self.statics
+        where = as_result(s, point)
+        T = s.tangent(point)
+        _, sizes, right = np.linalg.svd(s.stiffness(T)[0])
+        before = np.linalg.svd(s.stiffness(s.tangent(s.begin))[0], compute_uv=False)
+        motion = motion_in_words(s.mechanics.model, T.N @ right[-1], s.units)
+        why = (f"a limit point, the stiffness against {motion} vanishes there" if sizes[-1] < 0.1 * before[-1] else
+               f"no state at rest is next to it, the softest motion is {motion}")  # fmt: skip
+        return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {why}; the state "
+                                f"reached is in `.equilibrium`: lower the loads, stiffen the scene, or simulate what follows",
+                                where, point.load_factor)  # fmt: skip
+
+    # -- scenes without stiffness of their own
+
+    def _search(self, point: Point) -> Point:
+        """Go down to a stable state under the full loads: Newton with as much inertia as keeps the stiffness positive."""
+        s, radius, last, far = self.statics, TRUST, np.zeros(self.statics.mechanics.nu), 0.0
+        for _ in range(SEARCHES):
+            T = s.tangent(point)
+            x = self._downhill(T, point, radius)
+            way, size = x[: s.mechanics.nu], s.size(x)
+            if not np.isfinite(size) or far > FAR:
+                break
+            far += size
+            turned = float(way @ (last / s.units**2)) < 0
+            radius = max(radius / 2, 1e-3) if turned else min(1.5 * radius, TRUST)
+            try:
+                point, last = s.closed(s.moved(point, T.p, x)), way
+            except StartError:
+                radius /= 4
+                continue
+            self.progress(point.load_factor, point.iterations)
+            if size <= CONVERGED:
+                return point
+        soft = self._unheld(point)
+        raise EquilibriumError(f"no state at rest was found in {point.iterations} corrections: {soft}; {REMEDY}, or start "
+                               f"nearer to rest")  # fmt: skip
+
+    def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
+        """A correction that lowers the potential where there is one, no longer than the radius."""
+        s, nu = self.statics, self.statics.mechanics.nu
+        K, _ = s.stiffness(T)
+        W = T.p.C.T @ (T.p.C.T @ s.mechanics.weight).T
+        metric = T.N.T @ W @ T.N
+        values = _eigenvalues((K + K.T) / 2, metric)
+        shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
+        pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
+        unit = max(abs(values[0]), abs(values[-1]), pull)
+        inertia = sp.block_diag([W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)], format="csr")
+        for _ in range(40):
+            x = s.solve(T.K + shift * inertia if shift else T.K, T.right)
+            if np.all(np.isfinite(x)) and s.size(x) <= radius:
+                return x
+            shift = max(3 * shift, 1e-8 * unit)
+        return np.full(T.K.shape[0], np.nan)
+
+    def _unheld(self, point: Point) -> str:
+        s = self.statics
+        T = s.tangent(point)
+        force = T.N @ (T.N.T @ T.right[: s.mechanics.nu])
+        soft = s.soft_motions(T)
+        return f"{soft[0] if soft else motion_in_words(s.mechanics.model, force, s.units)} is held by nothing"
+
+
+def _eigenvalues(K: Array, metric: Array) -> Array:
+    return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)
+

@@ -1,0 +1,165 @@
+"""The frame an analysis is resolved in, and the motions that are steady in it.
+
+A motion is steady in a frame that turns at the constant rate omega where the velocity and the angular velocity of every
+node, resolved in the frame, are constant: v' = omega x v, w' = omega x w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.scene.components import Body
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics, quaternion_product, turned
+from mbdae.system.model import Model, Node
+from mbdae.system.start import rotation_of
+
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class RotatingFrame:
+    """Axes (columns of `rotation`, inertial) that turn at `rate` (3,) rad/s, inertial; `node`: None for the ground."""
+
+    name: str
+    rotation: Array
+    rate: Array
+    node: Node | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the axes turn at all."""
+        return bool(np.any(self.rate))
+
+
+def body_of(model: Model, frame: Any) -> Body:
+    """The body a `frame` option names; refuses what has no axes."""
+    scene = model.scene
+    body = scene[frame] if isinstance(frame, str) else frame
+    known = any(body is b for b in (scene.ground, *scene.bodies))
+    if not known and isinstance(body, Body) and any(b.name == body.name for b in scene.bodies):
+        body, known = scene[body.name], True
+    if not known:
+        name = getattr(frame, "name", frame)
+        raise OptionError(f"frame = {name!r} is no body of scene '{scene.name}'; give s.ground or a body of it")
+    if body.is_point:
+        raise OptionError(f"frame = '{body.name}': a point mass has no axes; give s.ground or a rigid body")
+    return body  # type: ignore[no-any-return]
+
+
+def frame_at(model: Model, frame: Any, q: Array, u: Array) -> RotatingFrame:
+    """The frame of a body at positions q (nq,) and velocities u (nu,)."""
+    body = body_of(model, frame)
+    node = model.node(body)
+    if node is None:
+        return RotatingFrame("ground", np.eye(3), np.zeros(3))
+    rate = angular_velocity(node, q, u)
+    size = float(np.max(np.abs(u), initial=0.0))
+    rate = np.where(np.abs(rate) > 1e-10 * size, rate, 0.0)  # what a projection leaves of a zero
+    return RotatingFrame(body.name, attitude(node, q), rate, node)
+
+
+def attitude(node: Node, q: Array) -> Array:
+    """R (3, 3) of a node, body to inertial."""
+    return rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
+
+
+def position(node: Node, q: Array) -> Array:
+    """r (3,) of a node; its plane is z = 0."""
+    r = np.zeros(3)
+    r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
+    return r
+
+
+def velocity(node: Node, u: Array) -> Array:
+    """v (3,) of a node."""
+    v = np.zeros(3)
+    v[: node.kind.translations] = u[node.u : node.u + node.kind.translations]
+    return v
+
+
+def angular_velocity(node: Node, q: Array, u: Array) -> Array:
+    """omega (3,) of a node, inertial components."""
+    if node.kind is NodeKind.SPATIAL:
+        return np.asarray(attitude(node, q) @ u[node.u + 3 : node.u + 6])
+    return np.array([0.0, 0.0, u[node.u + 2]]) if node.kind is NodeKind.PLANAR else np.zeros(3)
+
+
+def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None:
+    """Write v and omega (inertial) of a node into u (nu,); the same for their rates of change."""
+    n = node.kind.translations
+    u[node.u : node.u + n] = v[:n]
+    if node.kind is NodeKind.SPATIAL:
+        u[node.u + 3 : node.u + 6] = attitude(node, q).T @ omega
+    elif node.kind is NodeKind.PLANAR:
+        u[node.u + 2] = omega[2]
+
+
+def carriers(model: Model) -> list[Node]:
+    """Nodes with a place in space: all but the coordinates of joints."""
+    return [n for n in model.nodes if n.kind is not NodeKind.COORDINATE]
+
+
+def steady_acceleration(model: Model, frame: RotatingFrame, q: Array, u: Array) -> Array:
+    """u' (nu,) of the motion that is steady in the frame."""
+    up = np.zeros(model.nu)
+    for node in carriers(model) if frame.turns else ():
+        v, omega = velocity(node, u), angular_velocity(node, q, u)
+        set_velocity(node, q, up, np.cross(frame.rate, v), np.cross(frame.rate, omega))
+    return up
+
+
+def advanced(mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array, tau: float) -> tuple[Array, Array]:
+    """Positions and velocities a time tau (s) later on the motion that is steady in the frame."""
+    q, u = q.copy(), u.copy()
+    E, S = _turn(frame.rate, tau)
+    for node in mechanics.model.nodes:
+        if node.kind is NodeKind.COORDINATE:
+            q[node.q] += tau * u[node.u]
+            continue
+        v, omega, n = velocity(node, u), angular_velocity(node, q, u), node.kind.translations
+        q[node.q : node.q + n] += (S @ v)[:n]
+        if node.kind is NodeKind.PLANAR:
+            q[node.q + 2] += tau * omega[2]
+        elif node.kind is NodeKind.SPATIAL:
+            relative = quaternion_product(turned(IDENTITY, tau * frame.rate), turned(IDENTITY, tau * (omega - frame.rate)))
+            q[node.q + 3 : node.q + 7] = quaternion_product(relative, q[node.q + 3 : node.q + 7])
+        set_velocity(node, q, u, E @ v, E @ omega)
+    return q, u
+
+
+def _turn(rate: Array, tau: float) -> tuple[Array, Array]:
+    """exp(rate~ tau) and its integral from 0 to tau, both (3, 3)."""
+    size = float(np.linalg.norm(rate))
+    if size == 0:
+        return np.eye(3), tau * np.eye(3)
+    n, angle = skew(rate / size), size * tau
+    E = np.eye(3) + np.sin(angle) * n + (1 - np.cos(angle)) * n @ n
+    S = tau * np.eye(3) + (1 - np.cos(angle)) / size * n + (tau - np.sin(angle) / size) * n @ n
+    return E, S
+
+
+def skew(a: Array) -> Array:
+    """a~ (3, 3) with a~ b = a x b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def motion_in_words(model: Model, motion: Array, units: Array) -> str:
+    """The body that moves most in a motion (nu,), components in the frame's axes, and how."""
+    worst = int(np.argmax(np.abs(motion) / units))
+    node = next(n for n in model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
+    part = motion[node.u : node.u + node.kind.sizes[1]]
+    if node.kind is NodeKind.COORDINATE:
+        return f"the coordinate of joint '{node.name}'"
+    n = node.kind.translations
+    move = worst - node.u < n
+    part = part[:n] if move else part[n:]
+    part = part * np.sign(motion[worst]) / np.linalg.norm(part)
+    direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9, 0.0, part))
+    how = f"moving along ({direction})" if move else "turning" if len(part) == 1 else f"turning about ({direction})"
+    return f"'{node.name}' {how}"

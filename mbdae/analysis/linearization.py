@@ -1,0 +1,308 @@
+"""Linearised equations about a steady motion: modes, frequencies, damping and growth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from mbdae.analysis.frame import RotatingFrame, advanced, frame_at, motion_in_words
+from mbdae.analysis.pencil import Pencil, Reduced, basis, derivatives, free_basis, pencil, reduced
+from mbdae.analysis.steady import STEADY, departure, times_to_compare
+from mbdae.errors import OptionError, SteadyError
+from mbdae.formulations.index3 import Index3
+from mbdae.results.result import Result
+from mbdae.scene.components import Body
+from mbdae.scene.scene import SceneData
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.explicit import state_rates
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.start import Start
+from mbdae.threads import single_threaded
+
+LARGEST = 1600  #: states up to which all eigenvalues are found
+RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a double zero
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Motion of a node in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes."""
+
+    displacement: Array
+    rotation: Array
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
+
+    `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
+    that the largest component (m, rad) is 1.
+    """
+
+    eigenvalue: complex
+    vector: Array  #: (nu,) complex
+    owner: Linearization
+
+    @property
+    def frequency(self) -> float:
+        """Hz, of the (damped) oscillation."""
+        return self.eigenvalue.imag / (2 * np.pi)
+
+    @property
+    def angular_frequency(self) -> float:
+        """rad/s, of the (damped) oscillation."""
+        return self.eigenvalue.imag
+
+    @property
+    def growth(self) -> float:
+        """1/s; negative: the mode decays."""
+        return self.eigenvalue.real
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio: 1 and more without oscillation, negative where the mode grows, 0 for an eigenvalue 0."""
+        size = abs(self.eigenvalue)
+        return 0.0 - self.eigenvalue.real / size if size else 0.0
+
+    def __getitem__(self, body: str | Body) -> Shape:
+        name = body if isinstance(body, str) else body.name
+        scene = self.owner.prepared.model.scene
+        node = self.owner.prepared.model.node(scene[name])
+        move, turn = np.zeros(3, dtype=complex), np.zeros(3, dtype=complex)
+        if node is not None:
+            n, part = node.kind.translations, self.vector[node.u : node.u + node.kind.sizes[1]]
+            move[:n] = part[:n]
+            if len(part) > n:
+                turn[2 if len(part) == 3 else slice(None)] = part[2] if len(part) == 3 else part[3:]
+        return Shape(move, turn)
+
+    @property
+    def participation(self) -> dict[str, float]:
+        """Share of every body in the kinetic energy of the mode (of its displacements, where nothing moves has mass)."""
+        return self.owner._shares(self.vector)
+
+
+class Linearization:
+    """Linear equations of small departures from a steady motion, and their modes by rising frequency.
+
+    Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
+    `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K`: the second-order equations
+    M x'' + C x' + K x = 0 of the displacements p = `basis` x the constraints leave, p (nu,) along the frame's axes.
+    """
+
+    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, equations: Reduced, count: int | None) -> None:
+        self.prepared, self.frame, self.t, self.equations = prepared, frame.name, t, equations
+        self.axes = frame.rotation
+        self.M, self.C, self.K, self.basis = equations.M, equations.C, equations.K, equations.N
+        values, vectors = eigenpairs(equations, count)
+        shapes = [equations.N @ vectors[: len(self.M), i] for i in range(len(values))]
+        self.modes = [Mode(complex(v), _scaled(x), self) for v, x in zip(values, shapes, strict=True)]
+
+    @property
+    def eigenvalues(self) -> Array:
+        """(modes,) complex, 1/s."""
+        return np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
+
+    @property
+    def frequencies(self) -> Array:
+        """(modes,) Hz."""
+        return np.array([mode.frequency for mode in self.modes])
+
+    @property
+    def angular_frequencies(self) -> Array:
+        """(modes,) rad/s."""
+        return np.array([mode.angular_frequency for mode in self.modes])
+
+    @property
+    def damping(self) -> Array:
+        """(modes,) damping ratios."""
+        return np.array([mode.damping for mode in self.modes])
+
+    @property
+    def growth(self) -> Array:
+        """(modes,) 1/s, positive where a mode grows."""
+        return np.array([mode.growth for mode in self.modes])
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows (by more than rounding)."""
+        size = np.max(np.abs(self.eigenvalues), initial=0.0)
+        return bool(np.all(self.growth <= 1e-9 * size))
+
+    def __iter__(self) -> Iterator[Mode]:
+        return iter(self.modes)
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    @cached_property
+    def _metric(self) -> Array:
+        """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
+        m, start = self.prepared.mechanics, self.prepared.start
+        system = SceneSystem(m.model, m.rows, Index3().spec())
+        C = basis(system, m, RotatingFrame(self.frame, self.axes, np.zeros(3)), start.q, start.u).C
+        return np.asarray(C.T @ (C.T @ m.mass.T).T)
+
+    def _shares(self, vector: Array) -> dict[str, float]:
+        m, energy = self.prepared.mechanics, np.abs(np.conj(vector) * (self._metric @ vector))
+        if not np.max(energy, initial=0.0):
+            energy = np.abs(vector / m.velocity_units) ** 2
+        total = float(np.sum(energy)) or 1.0
+        shares: dict[str, float] = {}
+        for node, body in m.model.bodies:
+            part = float(np.sum(energy[node.u : node.u + node.kind.sizes[1]])) / total
+            shares[body.name] = shares.get(body.name, 0.0) + part
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    def __str__(self) -> str:
+        head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
+        lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  bodies"]
+        for i, mode in enumerate(self.modes):
+            who = ", ".join(f"{name} {share:.0%}" for name, share in list(mode.participation.items())[:4] if share >= 0.05)
+            lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
+                         f"{mode.growth:>11.4g}  {who}")  # fmt: skip
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': {len(self.modes)} modes>"
+
+
+def _scaled(vector: Array) -> Array:
+    """The vector with its largest component 1."""
+    largest = vector[np.argmax(np.abs(vector))] if len(vector) else 1.0
+    return np.asarray(vector / largest) if largest else vector
+
+
+def eigenpairs(equations: Reduced, count: int | None) -> tuple[Array, Array]:
+    """Eigenvalues with imaginary part >= 0 by rising frequency, and the vectors (states, modes)."""
+    E, A = equations.first_order()
+    size = len(E)
+    if size == 0:
+        return np.zeros(0, dtype=complex), np.zeros((0, 0), dtype=complex)
+    if size > LARGEST and count is None:
+        raise OptionError(f"the linearised scene has {size} states; above {LARGEST} ask for the lowest modes: count=20")
+    if size <= LARGEST:
+        S = np.linalg.solve(E, -A)
+        values, vectors = np.linalg.eig(S)
+        largest = float(np.max(np.abs(values)))
+    else:
+        values, vectors, largest = _lowest(E, A, int(count or 1))
+    values = np.where(np.abs(values) <= RESOLVED * largest, 0.0, values)
+    values = np.where(np.abs(values.imag) <= 1e-9 * np.abs(values), values.real + 0j, values)
+    keep = np.flatnonzero(values.imag >= 0)
+    keep = keep[np.lexsort((values[keep].real, np.round(values[keep].imag / max(largest, 1e-300), 12)))][:count]
+    return values[keep], vectors[:, keep]
+
+
+def _lowest(E: Array, A: Array, count: int) -> tuple[Array, Array, float]:
+    """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and a size to compare them with."""
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    size = float(np.linalg.norm(A) / np.linalg.norm(E)) or 1.0
+    shift = 1e-6 * size
+    factors = scipy.linalg.lu_factor(A + shift * E)
+    inverse = LinearOperator(A.shape, matvec=lambda x: scipy.linalg.lu_solve(factors, E @ x))
+    values, vectors = eigs(inverse, k=min(2 * count + 2, len(A) - 2), which="LM")
+    values = shift - 1 / values
+    return values, vectors, float(np.max(np.abs(values)))
+
+
+@single_threaded
+def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | None = None) -> Linearization:
+    """The equations linearised about a steady motion, in a frame: s.ground (default), or a body that turns steadily.
+
+    at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
+    the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
+    modes only. Raises SteadyError, with the equations of that instant as `.frozen`, where they depend on time in that frame.
+    """
+    if count is not None and not count >= 1:
+        raise OptionError(f"count = {count}: give the number of lowest modes, 1 or more, or None for all")
+    prepared = prepare(scene, _start(scene, at))
+    start, m = prepared.start, prepared.mechanics
+    axes = frame_at(prepared.model, frame if frame is not None else prepared.model.scene.ground, start.q, start.u)
+    system = SceneSystem(m.model, m.rows, Index3().spec())
+    p = _pencil(system, m, axes, start.t, start.q, start.u, start.s)
+    N = free_basis(p.constraints, m.velocity_units)
+    found = Linearization(prepared, axes, start.t, reduced(p, N), count)
+    reason = departure(prepared, axes, start.t, start.q, start.u, start.s) or _varies(system, prepared, axes, found.equations)
+    if reason:
+        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet, "
+                          f"where the motion or its equations repeat; otherwise resolve in the frame of a body that turns "
+                          f"steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+    return found
+
+
+def _start(scene: SceneData, at: Any) -> Start | None:
+    if at is None:
+        return None
+    result, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
+    if not isinstance(result, Result):
+        raise OptionError(f"at = {at!r}: give a Result, (Result, t), an equilibrium, or None for the start of the scene")
+    said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
+    if said != meant:
+        raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "
+                          f"'{scene.name}': give a state of this scene")  # fmt: skip
+    when = result.solution.t[-1:] if t is None else np.array([float(t)])
+    q, u, s = result.states(when)
+    return Start(float(when[0]), q[0], u[0], s[0], np.zeros_like(u[0]), np.zeros(0))
+
+
+def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> Pencil:
+    """The pencil at a state, with its accelerations and multipliers."""
+    kinds = np.array(system.kinds)
+    a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
+    y, yp = np.zeros(system.n), np.zeros(system.n)
+    y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
+    y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
+    yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
+    _solve_algebraic(system, t, y, yp, kinds == "z")
+    return pencil(system, m, frame, t, y, yp)
+
+
+def _solve_algebraic(system: SceneSystem, t: float, y: Array, yp: Array, z: Any) -> None:
+    """Set the algebraic unknowns of y (n,) so that their own rows vanish."""
+    F = np.empty(system.n)
+    for _ in range(10 if np.any(z) else 0):
+        system.residual(t, y, yp, F)
+        change = np.linalg.lstsq(derivatives(system, t, y, yp)[0][z][:, z].toarray(), -F[z], rcond=1e-14)[0]
+        y[z] += change
+        if np.max(np.abs(change)) <= 1e-13 * np.max(np.abs(y[z])):
+            break
+
+
+def _varies(system: SceneSystem, prepared: Prepared, frame: RotatingFrame, before: Reduced) -> str | None:
+    """What in the equations has changed a while later on the steady motion; None where they are constant."""
+    m, start = prepared.mechanics, prepared.start
+    rates = state_rates(m, start.t, start.q, start.u, start.s) if len(start.s) else start.s
+    for tau in times_to_compare(m, frame, start.t, start.q, start.u, start.s):
+        q, u = advanced(m, frame, start.q, start.u, tau)
+        later = frame_at(m.model, frame.name, q, u) if frame.node is not None else frame
+        p = _pencil(system, m, later, start.t + tau, q, u, start.s + tau * rates)
+        G = p.constraints * m.velocity_units
+        moved = np.abs(p.constraints @ before.N).max(initial=0.0)
+        if moved > STEADY * np.abs(G).max(initial=1e-300):
+            worst = int(np.argmax(np.max(np.abs(p.constraints @ before.N), axis=1)))
+            return f"row {m.rows[worst].name} acts along another direction after {tau:.3g} s"
+        reason = _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
+        if reason:
+            return f"{reason} after {tau:.3g} s"
+    return None
+
+
+def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:
+    size = np.abs(a.K).max(initial=0.0) + rate * np.abs(a.C).max(initial=0.0) + rate**2 * np.abs(a.M).max(initial=0.0)
+    for name, x, y, unit in (("inertia", a.M, b.M, rate**2), ("damping", a.C, b.C, rate), ("stiffness", a.K, b.K, 1.0)):
+        off = np.abs(x - y)
+        scale = size / unit if unit else np.abs(x).max(initial=0.0)
+        if off.max(initial=0.0) > STEADY * scale and off.max() > 0:
+            column = int(np.argmax(off.max(axis=0)))
+            motion = motion_in_words(m.model, a.N[:, column], m.velocity_units)
+            return f"the {name} against {motion} changes by {off.max() / np.abs(x).max(initial=off.max()):.2g} of the largest"
+    return None

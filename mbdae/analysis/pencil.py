@@ -1,0 +1,249 @@
+"""The equations linearised about a motion, in coordinates that a frame carries along: E x' + A x = 0.
+
+y = y0(t) + T(t) x with x = (p, w, rest): p virtual displacements and w velocity changes (nu each, components of
+translation and rotation in the frame's axes), the rest (multipliers, internal states, algebraic unknowns) as they are.
+With F_y Y + F_y' Y' = 0 and rows resolved by L(t): E = L F_y' T, A = L (F_y T + F_y' T'). In a frame in which the
+motion is steady both are constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from mbdae.analysis.frame import RotatingFrame, angular_velocity, attitude, skew
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics, quaternion_product
+from mbdae.system.model import Node
+
+DEPENDENT = 1e-9  #: relative size below which a direction of the constraints counts as none
+
+
+class _Blocks:
+    """A sparse matrix from dense blocks."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
+        self.rows: list[Any] = []
+        self.columns: list[Any] = []
+        self.values: list[Any] = []
+
+    def add(self, row: int, column: int, block: Array) -> None:
+        """Put a block with its first entry at (row, column)."""
+        i, j = np.indices(block.shape)
+        self.rows.append((row + i).ravel())
+        self.columns.append((column + j).ravel())
+        self.values.append(block.ravel())
+
+    def matrix(self) -> Any:
+        """The matrix, CSR."""
+        if not self.values:
+            return sp.csr_matrix(self.shape)
+        values, rows, columns = (np.concatenate(p) for p in (self.values, self.rows, self.columns))
+        return sp.csr_matrix((values, (rows, columns)), shape=self.shape)
+
+
+@dataclass(frozen=True)
+class Basis:
+    """T (n, nx), its rate T', the row transformation L (nx, n), and C (nu, nu): velocities of frame components."""
+
+    T: Any
+    rate: Any
+    L: Any
+    C: Any
+
+
+def basis(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array) -> Basis:
+    """The tangent basis the frame carries along at positions q (nq,) and velocities u (nu,)."""
+    nq, nu, rest = mechanics.nq, mechanics.nu, system.n - mechanics.nq - mechanics.nu
+    T, rate, L = _Blocks((system.n, 2 * nu + rest)), _Blocks((system.n, 2 * nu + rest)), _Blocks((2 * nu + rest, system.n))
+    C = _Blocks((nu, nu))
+    for node in mechanics.model.nodes:
+        for (B, dB, inverse), (D, dD), kq, ku in _node_blocks(node, frame, q, u):
+            at = node.q + kq, node.u + ku
+            T.add(*at, B)
+            rate.add(*at, dB)
+            L.add(at[1], at[0], inverse)
+            T.add(nq + at[1], nu + at[1], D)
+            rate.add(nq + at[1], nu + at[1], dD)
+            L.add(nu + at[1], nq + at[1], D.T)
+            C.add(at[1], at[1], D)
+    for k in range(rest):
+        T.add(nq + nu + k, 2 * nu + k, np.ones((1, 1)))
+        L.add(2 * nu + k, nq + nu + k, np.ones((1, 1)))
+    return Basis(T.matrix(), rate.matrix(), L.matrix(), C.matrix())
+
+
+def _node_blocks(node: Node, frame: RotatingFrame, q: Array, u: Array) -> list[Any]:
+    """((dq/dp, its rate, its inverse), (du/dw, its rate), offsets in q and u) for translation and rotation of a node."""
+    one, zero = np.ones((1, 1)), np.zeros((1, 1))
+    if node.kind is NodeKind.COORDINATE:
+        return [((one, zero, one), (one, zero), 0, 0)]
+    n, W = node.kind.translations, skew(frame.rate)
+    R, dR = frame.rotation[:n, :n], (W @ frame.rotation)[:n, :n]
+    out: list[Any] = [((R, dR, R.T), (R, dR), 0, 0)]
+    if node.kind is NodeKind.PLANAR:
+        out.append(((one, zero, one), (one, zero), 2, 2))
+    elif node.kind is NodeKind.SPATIAL:
+        out.append((*_rotation_blocks(node, frame, W, q, u), 3, 3))
+    return out
+
+
+def _rotation_blocks(node: Node, frame: RotatingFrame, W: Array, q: Array, u: Array) -> tuple[Any, Any]:
+    """delta P = 1/2 (0, R_F psi) o P, and delta Omega = R^T R_F w."""
+    P, Omega = q[node.q + 3 : node.q + 7], u[node.u + 3 : node.u + 6]
+    B = _times_quaternion(P) @ frame.rotation / 2
+    rate = quaternion_product(P, np.r_[0.0, Omega]) / 2
+    dB = (_times_quaternion(P) @ W @ frame.rotation + _times_quaternion(rate) @ frame.rotation) / 2
+    RT = attitude(node, q).T
+    D, dD = RT @ frame.rotation, RT @ (W - skew(angular_velocity(node, q, u))) @ frame.rotation
+    return (B, dB, 4 * B.T / (P @ P)), (D, dD)
+
+
+def _times_quaternion(P: Array) -> Array:
+    """(4, 3) matrix of a -> (0, a) o P."""
+    return np.vstack([-P[1:], P[0] * np.eye(3) - skew(P[1:])])
+
+
+@dataclass(frozen=True)
+class Pencil:
+    """E x' + A x = 0 with the places of each kind in x and in the rows: p, w, s, z, c (multipliers and constraints)."""
+
+    E: Any
+    A: Any
+    places: dict[str, Array]
+    C: Any
+
+    def part(self, matrix: Any, rows: str, columns: str) -> Any:
+        """The block of E or A between two kinds, sparse."""
+        return matrix[self.places[rows]][:, self.places[columns]]
+
+    @cached_property
+    def kinematics(self) -> Any:
+        """Kp (nu, nu) with w = p' + Kp p."""
+        return self.part(self.A, "p", "p")
+
+    @cached_property
+    def constraints(self) -> Array:
+        """G (m, nu): what the constraint rows change by per displacement."""
+        return np.asarray(self.part(self.A, "c", "p").toarray())
+
+    def static(self, rows: str, columns: str) -> Any:
+        """A block of the equations for displacements that are constant in the frame (p' = 0)."""
+        block = self.part(self.A, rows, columns)
+        return block + self.part(self.A, rows, "w") @ self.kinematics if columns == "p" else block
+
+
+def pencil(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
+           parts: tuple[Any, Any] | None = None) -> Pencil:  # fmt: skip
+    """The linearisation of a system at (t, y, y'); `parts`: dF/dy and dF/dy' where they are known."""
+    nq, nu = mechanics.nq, mechanics.nu
+    b = basis(system, mechanics, frame, y[:nq], y[nq : nq + nu])
+    Fy, Fyp = parts if parts is not None else derivatives(system, t, y, yp)
+    E, A = b.L @ Fyp @ b.T, b.L @ (Fy @ b.T + Fyp @ b.rate)
+    return Pencil(E.tocsr(), A.tocsr(), _places(system, mechanics, A.tocsr()), b.C)
+
+
+def derivatives(system: SceneSystem, t: float, y: Array, yp: Array) -> tuple[Any, Any]:
+    """dF/dy and dF/dy' (n, n), sparse."""
+    pattern = system.sparsity
+    fy, fyp = system.jacobian_parts(t, y, yp)
+    if pattern is None:
+        return sp.csr_matrix(fy), sp.csr_matrix(fyp)
+    fy, fyp = (sp.csc_matrix((d, pattern.indices, pattern.indptr), shape=pattern.shape).tocsr() for d in (fy, fyp))
+    return fy, fyp
+
+
+def _places(system: SceneSystem, mechanics: Mechanics, A: Any) -> dict[str, Array]:
+    """Where each kind stands in x; algebraic unknowns without compliance are multipliers."""
+    nu, shift = mechanics.nu, mechanics.nu - mechanics.nq
+    kinds = np.array(system.kinds)
+    at = {k: np.flatnonzero(kinds == k) + shift for k in ("s", "z", "lambda")}
+    z = at["z"]
+    own = abs(A[z][:, z]) if len(z) else None
+    rigid = np.zeros(len(z), dtype=bool) if own is None else np.asarray(own.sum(axis=1)).ravel() == 0
+    return {"p": np.arange(nu), "w": nu + np.arange(nu), "s": at["s"], "z": z[~rigid], "c": np.r_[at["lambda"], z[rigid]]}
+
+
+def free_basis(G: Array, units: Array) -> Array:
+    """(nu, freedoms) basis of the displacements that rows G (m, nu) leave, orthonormal over `units`."""
+    B = G * units
+    if not len(B):
+        return np.diag(units)
+    norms = np.linalg.norm(B, axis=1, keepdims=True)
+    Q, R, _ = scipy.linalg.qr((B / np.where(norms > 0, norms, 1.0)).T, pivoting=True)
+    d = np.abs(np.diag(R))
+    return np.asarray(units[:, None] * Q[:, int(np.sum(d > DEPENDENT * d[0])) :])
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x.
+
+    Symmetric K: conservative loads. `states`: places of the internal states that act on anything.
+    """
+
+    N: Array
+    M: Array
+    C: Array
+    K: Array
+    B: Array
+    D: Array
+    Es: Array
+    As: Array
+    S2: Array
+    S1: Array
+    S0: Array
+
+    def first_order(self) -> tuple[Array, Array]:
+        """E, A of E X' + A X = 0 with X = (x, x', s)."""
+        n, k = len(self.M), len(self.Es)
+        one, zero, side = np.eye(n), np.zeros((n, n)), np.zeros((n, k))
+        E = np.block([[one, zero, side], [zero, self.M, self.B], [side.T, self.S2, self.Es]])
+        A = np.block([[zero, -one, side], [self.K, self.C, self.D], [self.S0, self.S1, self.As]])
+        return E, A
+
+
+def reduced(p: Pencil, N: Array) -> Reduced:
+    """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are solved for."""
+    z, s = p.places["z"], _acting_states(p)
+    out: dict[str, list[Array]] = {}
+    for rows, at in (("w", p.places["w"]), ("s", s), ("z", z)):
+        left = N.T if rows == "w" else np.eye(len(at))
+        E, A = p.E[at], p.A[at]
+        Ep, Ew, Ap, Aw = (m[:, p.places[k]] for m in (E, A) for k in "pw")
+        second, first = Ew @ N, Ep @ N + Ew @ (p.kinematics @ N) + Aw @ N
+        zeroth = Ap @ N + Aw @ (p.kinematics @ N)
+        others = (m.toarray() for m in (E[:, s], A[:, s], A[:, z]))
+        out[rows] = [np.asarray(left @ m) for m in (second, first, zeroth, *others)]
+    if len(z):
+        _eliminate(out)
+    (M, C, K, B, D, _), (S2, S1, S0, Es, As, _) = out["w"], out["s"]
+    return Reduced(N, M, C, K, B, D, Es, As, S2, S1, S0)
+
+
+def _eliminate(out: dict[str, list[Array]]) -> None:
+    """Solve the z rows for z and insert."""
+    *others, own = out["z"]
+    for rows in ("w", "s"):
+        for i, block in enumerate(others):
+            out[rows][i] = out[rows][i] - out[rows][5] @ np.linalg.solve(own, block)
+
+
+def _acting_states(p: Pencil) -> Array:
+    """Internal states something depends on; one that only follows a motion would add a root at zero."""
+    keep = p.places["s"]
+    while len(keep):
+        rows = np.concatenate([p.places["w"], p.places["z"], keep])
+        acts = np.asarray(abs(p.A[rows][:, keep]).sum(axis=0)).ravel() > 0
+        if acts.all():
+            break
+        keep = keep[acts]
+    return keep

@@ -1,0 +1,232 @@
+"""Steady motions: which velocities belong to rest in a frame, and whether a state goes on as a steady motion."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.analysis.frame import (
+    RotatingFrame,
+    advanced,
+    angular_velocity,
+    attitude,
+    carriers,
+    frame_at,
+    position,
+    set_velocity,
+    steady_acceleration,
+    velocity,
+)
+from mbdae.errors import OptionError, StartError
+from mbdae.scene.components import Body
+from mbdae.symbolic.outputs import loads
+from mbdae.system.base import Array
+from mbdae.system.explicit import state_rates
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.model import Node
+from mbdae.system.prepare import Prepared
+from mbdae.system.start import Starter
+
+STEADY = 1e-4  #: relative: departures below change eigenvalues by as little
+
+
+def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
+              tolerance: float = STEADY) -> str | None:  # fmt: skip
+    """Why a state does not go on as a motion that is steady in the frame; None where it does."""
+    m = prepared.mechanics
+    rates = state_rates(m, t, q, u, s) if len(s) else s
+    for tau in (0.0, *times_to_compare(m, frame, t, q, u, s)):
+        qt, ut = advanced(m, frame, q, u, tau)
+        reason = _constraints_broken(m, t + tau, qt, ut, tolerance)
+        reason = reason or _accelerates(m, frame, t + tau, qt, ut, s + tau * rates, tolerance)
+        if reason:
+            return reason + (f" after {tau:.3g} s" if tau else "")
+    return None
+
+
+def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> tuple[float, ...]:
+    """Times (s) after which a steady motion is looked at again: fractions of a turn no symmetric rotor repeats after."""
+    spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in carriers(m.model)]
+    fastest = max([*spins, float(np.linalg.norm(frame.rate))])
+    timed = any(instance.timed for group in m.model.groups for instance in group.instances)
+    natural = np.sqrt(np.max(acceleration_scale(m, np.array([t]), q, np.zeros_like(u), s), initial=0.0))
+    if fastest <= STEADY * natural:  # at rest but for rounding
+        moving = np.max(np.abs(u) / m.velocity_units, initial=0.0) > STEADY
+        return (0.37, 1.3) if timed or moving else ()
+    return (0.61 / fastest, 1.7 / fastest)
+
+
+def _constraints_broken(m: Mechanics, t: float, q: Array, u: Array, tolerance: float) -> str | None:
+    if not m.m:
+        return None
+    at, speed = np.array([t]), float(np.max(np.abs(u) / m.velocity_units, initial=0.0))
+    size = np.max(np.abs(m.constraint_jacobian(at, q[None])[0]) * m.velocity_units, axis=1)
+    size[size == 0] = 1.0
+    for off, scale in ((m.position_residual(at, q[None])[0], 1.0), (m.velocity_residual(at, q[None], u[None])[0], speed)):
+        worst = int(np.argmax(np.abs(off) / size))
+        if abs(off[worst]) > tolerance * size[worst] * scale:
+            return f"a motion that is steady in it breaks the row {m.rows[worst].name}"
+    return None
+
+
+def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array, tolerance: float) -> str | None:
+    at = np.array([t])
+    a = m.accelerations(at, q[None], u[None], s[None])[0][0]
+    off = (a - steady_acceleration(m.model, frame, q, u)) / m.velocity_units
+    beyond = np.abs(off) / acceleration_scale(m, at, q, u, s)
+    worst = int(np.argmax(beyond)) if len(off) else 0
+    if np.max(beyond, initial=0.0) <= tolerance:
+        return None
+    unit = "rad/s^2" if m.rotational[worst] else "m/s^2"
+    node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
+    return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
+
+
+def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | None) -> Array:
+    """(nu,) what accelerations (in units of the scene's length and 1 rad, 1/s^2) are compared with: forces and spins.
+
+    The sizes of the single forces on a node, as their sum vanishes at rest, at least a thousandth of the largest in the
+    scene (joints pass forces on); the largest where a node has no mass."""
+    units, force = m.velocity_units, np.zeros(m.nu)
+    for g, p, values in m.evaluate(loads, t, q[None], u[None], None if s is None else s[None]):
+        for o, target in enumerate(p.targets):
+            for i in range(values.shape[1]):
+                force[m.numbering.unknown(target, g, i)[0] - m.nq] += abs(values[0, i, o])
+    heavy = np.diag(m.mass) > 0
+    force = np.where(heavy, force / np.diag(m.weight) / units, 0.0)
+    scale = np.full(m.nu, np.max(force, initial=0.0))
+    for node in m.model.nodes:
+        own = slice(node.u, node.u + node.kind.sizes[1])
+        if np.any(heavy[own]):
+            scale[own] = max(float(np.max(force[own])), 1e-3 * float(np.max(force)))
+    return np.asarray(scale + float(np.max(np.abs(u) / units, initial=0.0)) ** 2 + 1e-9)
+
+
+class Rest:
+    """Rest in a frame: the ground, or a body that turns steadily about a fixed axis through `center`."""
+
+    def __init__(self, prepared: Prepared, frame: Any) -> None:
+        self.prepared, self.mechanics, self.start = prepared, prepared.mechanics, prepared.start
+        self.model, self.t = prepared.model, np.array([prepared.start.t])
+        self.frame = frame_at(self.model, frame, self.start.q, self.start.u)
+        self.center = self._center()
+
+    def _center(self) -> Array:
+        node, rate = self.frame.node, self.frame.rate
+        if node is None:
+            return np.zeros(3)
+        r, v = position(node, self.start.q), velocity(node, self.start.u)
+        size = float(np.linalg.norm(rate))
+        along = float(np.linalg.norm(v)) if size == 0 else abs(float(v @ rate)) / size
+        if along > 1e-8 * (float(np.linalg.norm(v)) + size * self.model.length):
+            what = f"along its axis of rotation at {along:.4g} m/s" if size else f"at {along:.4g} m/s"
+            raise OptionError(f"frame = '{node.name}': it translates {what}; a frame may turn steadily about a fixed axis: "
+                              f"take s.ground or another body, or start it without that velocity")  # fmt: skip
+        return r + np.cross(rate, v) / size**2 if size else r
+
+    @cached_property
+    def _starter(self) -> Starter:
+        return Starter(self.mechanics, float(self.t[0]), holding=False, changes=[])
+
+    def axes(self, q: Array) -> RotatingFrame:
+        """The frame at positions q."""
+        return RotatingFrame(self.frame.name, frame_at(self.model, self.frame.name, q, self.start.u).rotation, self.frame.rate,
+                             self.frame.node)  # fmt: skip
+
+    def velocities(self, q: Array) -> Array:
+        """u (nu,): every node turns with the frame, but for the spins found at the start, which are fixed to their bodies."""
+        u = self._coordinate_rates.copy()
+        for node, spin in self._spins:
+            self._turn(node, q, u, self.frame.rate + attitude(node, q) @ spin)
+        return u
+
+    @cached_property
+    def _spins(self) -> list[tuple[Node, Array]]:
+        """Angular velocity (3,) of every node relative to the frame, along the axes of its body."""
+        q, u = self.start.q, self._at_start
+        relative = [(node, angular_velocity(node, q, u) - self.frame.rate) for node in carriers(self.model)]
+        return [(node, attitude(node, q).T @ spin if node.kind.turns else np.zeros(3)) for node, spin in relative]
+
+    @cached_property
+    def _coordinate_rates(self) -> Array:
+        """(nu,) with the rates of the joints' own coordinates, zero elsewhere."""
+        own = np.zeros(self.mechanics.nu)
+        for node in self.model.joint_coordinates:
+            own[node.u] = self._at_start[node.u]
+        return own
+
+    @cached_property
+    def _at_start(self) -> Array:
+        """u (nu,) at the start's positions, with the spins that joints and drives ask for."""
+        q, u = self.start.q, np.zeros(self.mechanics.nu)
+        for node in carriers(self.model):
+            self._turn(node, q, u, self.frame.rate)
+        if self._fits(q, u):
+            return u
+        self._spin(q, u)
+        if self._fits(q, u):
+            return u
+        try:
+            return self._starter.project_velocities(q, u)
+        except StartError as error:
+            raise OptionError(f"no state is at rest in the frame of '{self.frame.name}': {error.problems[0]}") from error
+
+    def _turn(self, node: Node, q: Array, u: Array, omega: Array) -> None:
+        set_velocity(node, q, u, np.cross(self.frame.rate, position(node, q) - self.center), omega)
+
+    def _fits(self, q: Array, u: Array, joint: str | None = None) -> bool:
+        """Whether velocities satisfy all rows, or those of one joint."""
+        off = np.abs(self.mechanics.velocity_residual(self.t, q[None], u[None])[0])
+        if joint is not None:
+            off = off[[row.name.rsplit(".", 1)[0] == joint for row in self.mechanics.rows]]
+        return bool(np.max(off, initial=0.0) <= 1e-9 * (1e-9 + float(np.max(np.abs(u), initial=0.0))))
+
+    def _spin(self, q: Array, u: Array) -> None:
+        """From the roots outwards: a body the frame's rotation does not suit turns with its parent, or as driven."""
+        spin: dict[Body, Array] = {self.model.scene.ground: np.zeros(3)}
+        nodes: dict[Body, list[Node]] = {}
+        for node, body in self.model.bodies:
+            nodes.setdefault(body, []).append(node)
+        for root in self._starter.tree.roots:
+            spin.setdefault(root, self.frame.rate)
+        poses = self._starter._poses(q)
+        for parent, joint, child in self._starter.tree.edges:
+            spin[child] = self.frame.rate
+            if self._fits(q, u, joint.name):
+                continue
+            law: Any = joint.joint
+            rate = 0.0 if joint.prescribed is None or joint.kind != "revolute" else self._starter.held_rate(joint) or 0.0
+            axis = poses[parent][1] @ parent.rotation.T @ law.axis
+            spin[child] = spin[parent] + (rate if joint.l is child else -rate) * axis
+            for node in nodes[child]:
+                self._turn(node, q, u, spin[child])
+
+    def departs(self, q: Array, u: Array) -> str | None:
+        """Why velocities are not rest in the frame; None where they are. Spins on the spot are rest."""
+        size = 1e-7 * (float(np.max(np.abs(u) / self.mechanics.velocity_units, initial=0.0)) + 1e-12)
+        for node in carriers(self.model):
+            off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
+            if np.linalg.norm(off) > size * self.model.length:
+                return f"'{node.name}' moves in it at {np.linalg.norm(off):.4g} m/s"
+        return self._driven(q, u, size)
+
+    def _driven(self, q: Array, u: Array, size: float) -> str | None:
+        if not self.mechanics.m:
+            return None
+        rate = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
+        worst = int(np.argmax(np.abs(rate)))
+        if abs(rate[worst]) > size * max(1.0, self.model.length):
+            return (f"joints and prescribed motions move the scene in it: row {self.mechanics.rows[worst].name} by "
+                    f"{abs(rate[worst]):.4g} m/s or rad/s")  # fmt: skip
+        up = steady_acceleration(self.model, self.frame, q, u)
+        G, gamma = (f(self.t, q[None], *more)[0] for f, more in
+                    ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))  # fmt: skip
+        off, terms = G @ up + gamma, np.abs(G) @ np.abs(up) + np.abs(gamma)
+        spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in carriers(self.model))
+        worst = int(np.argmax(np.abs(off)))
+        if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
+            return None
+        return (f"row {self.mechanics.rows[worst].name} accelerates by {abs(off[worst]):.4g} (m or rad, s^-2): a prescribed "
+                f"motion that is not steady")  # fmt: skip
