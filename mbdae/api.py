@@ -6,7 +6,7 @@ import math
 import time
 import warnings as python_warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.waves import lost_amplitude, with_amplitude
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
@@ -106,12 +107,31 @@ class _Job:
             if solver.fixed or solver.rtol is not None:
                 solution = solver.solve(system, self.t_end, **self.options)
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s)
-            return run_controlled(
-                system, self.prepared, solver, self.accuracy, self.t_end, self.times, begin=self.begin, **self.options
-            )
+            run = self._controlled(system, solver)
+            return self._with_waves(run, solver) if system.numbering.stresses and not self.form.waves else run
         except SolverError as error:
             self._attach(error, solver)
             raise
+
+    def _controlled(self, system: SceneSystem, solver: Solver) -> Controlled:
+        asked = self.accuracy, self.t_end, self.times
+        return run_controlled(system, self.prepared, solver, *asked, begin=self.begin, **self.options)
+
+    def _with_waves(self, run: Controlled, solver: Solver) -> Controlled:
+        """The run if the elastic vibrations it steps over are small enough, else one that resolves them."""
+        if not run.solution.complete:
+            return run
+        resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
+        run = with_amplitude(run, lost_amplitude(self.prepared, resolving, run))
+        if run.estimate <= self.accuracy:
+            return run
+        try:
+            again = self._controlled(resolving, solver)
+        except WallClockError:
+            raise
+        except SolverError:
+            return run
+        return again if again.estimate < run.estimate or not again.solution.complete else run
 
     def run_default(self) -> Controlled:
         """The solver that suits the equations; Radau IIA where it cannot reach the accuracy or stops."""
@@ -124,6 +144,8 @@ class _Job:
             solver, self.choice = chosen_solver(system_for(self.prepared, self.form), self.prepared)
             try:
                 run = self.run(solver)
+                if isinstance(solver, RadauIIA):
+                    return run
                 if run.estimate <= self.accuracy or not run.solution.complete:
                     return run
                 why = f"{solver.label} came to {run.estimate:.1e}"

@@ -20,6 +20,8 @@ QUANTITIES: dict[str, Quantity] = {
     "velocity": Quantity("v", "m/s", "velocity, inertial frame"),
     "angular_velocity": Quantity(r"\omega", "rad/s", "angular velocity, inertial frame"),
     "rotation": Quantity("R", "", "rotation matrix, body to inertial frame"),
+    "strain": Quantity(r"\Gamma, K", "-, 1/m", "strains and curvatures of a beam, section axes"),
+    "stress_resultants": Quantity("N, M", "N, N m", "forces and moments of a section of a beam, section axes"),
     "angle": Quantity(r"\varphi", "rad", "relative angle of a joint, positive about its axis"),
     "rate": Quantity(r"\dot\varphi", "rad/s", "rate of the relative angle of a joint"),
     "displacement": Quantity("s", "m", "relative displacement of a joint along its axis"),

@@ -123,7 +123,7 @@ class Statics:
         for g, p, values in m.evaluate(gyroscopic, self.rest.t, self.q(point)[None], self.u(point)[None]):
             for o, target in enumerate(p.targets):
                 for i in range(values.shape[1]):
-                    out[m.numbering.unknown(target, g, i)[0] - m.nq] += values[0, i, o]
+                    out[m.numbering.velocity(target, g, i)] += values[0, i, o]
         return out
 
     def carried(self, point: Point) -> Point:
@@ -305,7 +305,7 @@ class Statics:
         reason = self.rest.departs(q, u)
         if reason is None and self.held:
             m = self.mechanics
-            scale = float(np.max((acceleration_scale(m, self.rest.t, q, u, self.s(point)) * np.diag(m.weight))[m.rotational]))
+            scale = float(np.max((acceleration_scale(m, self.rest.t, q, u, self.s(point)) * m.weight.diagonal())[m.rotational]))
             if abs(point.hold) > 1e-8 * scale:
                 reason = f"'{name}' turns freely and needs a torque of {abs(point.hold):.4g} N m to keep its rate"
         if reason is not None:

@@ -93,9 +93,11 @@ def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | No
     for g, p, values in m.evaluate(loads, t, q[None], u[None], None if s is None else s[None]):
         for o, target in enumerate(p.targets):
             for i in range(values.shape[1]):
-                force[m.numbering.unknown(target, g, i)[0] - m.nq] += abs(values[0, i, o])
-    heavy = np.diag(m.mass) > 0
-    force = np.where(heavy, force / np.diag(m.weight) / units, 0.0)
+                force[m.numbering.velocity(target, g, i)] += abs(values[0, i, o])
+    for line in m.model.lines:
+        np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
+    heavy = m.mass.diagonal() > 0
+    force = np.where(heavy, force / m.weight.diagonal() / units, 0.0)
     scale = np.full(m.nu, np.max(force, initial=0.0))
     for node in m.model.nodes:
         own = slice(node.u, node.u + node.kind.sizes[1])
@@ -188,7 +190,7 @@ class Rest:
         spin: dict[Body, Array] = {self.model.scene.ground: np.zeros(3)}
         nodes: dict[Body, list[Node]] = {}
         for node, body in self.model.bodies:
-            nodes.setdefault(body, []).append(node)
+            nodes.setdefault(body.owner, []).append(node)
         for root in self._starter.tree.roots:
             spin.setdefault(root, self.frame.rate)
         poses = self._starter._poses(q)

@@ -14,6 +14,7 @@ class Form(ABC):
     """Base of the forms. A form turns laws into equations and says which multipliers are unknowns."""
 
     label: ClassVar[str]
+    waves: bool
 
     @abstractmethod
     def spec(self) -> FormSpec:

@@ -27,10 +27,12 @@ class GGL(Form):
     With `algebraic=False` the multipliers are time derivatives of unknowns (lambda = Lambda', mu = M'): an index-1
     system with every unknown in the error test, the one form in which BDF was reliable. `algebraic=True` keeps them as
     algebraic unknowns (index 2): Radau IIA passes singular positions in this variant, not in the other. By default the
-    solver decides; the equations as such (`Scene.system`) are of index 1.
+    solver decides; the equations as such (`Scene.system`) are of index 1. waves: Radau resolves elastic vibrations instead
+    of stepping over them.
     """
 
     algebraic: bool | None = None
+    waves: bool = False
     label: ClassVar[str] = "GGL"
 
     def for_index(self, highest: int) -> GGL:
@@ -40,4 +42,5 @@ class GGL(Form):
         k = 2 if self.algebraic else 1
         rows = {"q": "q", "u": "u", "s": "s", "gd": "lambda", "g": "mu"}
         index = {"q": 1, "v": 1, "s": 1, "lambda": k, "mu": k}
-        return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index, bool(self.algebraic))
+        return FormSpec(self.label, ggl_outputs, rows, ("lambda", "mu"), not self.algebraic, index, bool(self.algebraic),
+                        self.waves)  # fmt: skip

@@ -22,11 +22,14 @@ def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Index3(Form):
-    """The constrained equations of motion as they stand; for mbdae's own integrators (IDA refuses it)."""
+    """The constrained equations of motion as they stand; for mbdae's own integrators (IDA refuses it).
 
+    waves: elastic vibrations are resolved instead of stepped over."""
+
+    waves: bool = False
     label: ClassVar[str] = "Index3"
 
     def spec(self) -> FormSpec:
         rows = {"q": "q", "u": "u", "s": "s", "g": "lambda"}
         index = {"q": 1, "v": 2, "s": 1, "lambda": 3}
-        return FormSpec(self.label, index3_outputs, rows, ("lambda",), False, index, mixed=True)
+        return FormSpec(self.label, index3_outputs, rows, ("lambda",), False, index, True, self.waves)

@@ -14,9 +14,11 @@ from mbdae.system.numbering import Row
 
 @dataclass(frozen=True)
 class ODE(Form):
-    """q' = H u, M u' = f: where no constraint exists. mixed: beams keep their stresses as unknowns (what Radau IIA wants)."""
+    """q' = H u, M u' = f: where no constraint exists. mixed: beams keep their stresses as unknowns (what Radau IIA wants);
+    waves: it resolves elastic vibrations instead of stepping over them."""
 
     mixed: bool = False
+    waves: bool = False
     label: ClassVar[str] = "ODE"
 
     def for_index(self, highest: int) -> ODE:
@@ -24,7 +26,7 @@ class ODE(Form):
 
     def spec(self) -> FormSpec:
         index = {"q": 1, "v": 1, "s": 1}
-        return FormSpec(self.label, index3_outputs, {"q": "q", "u": "u", "s": "s"}, (), False, index, self.mixed)
+        return FormSpec(self.label, index3_outputs, {"q": "q", "u": "u", "s": "s"}, (), False, index, self.mixed, self.waves)
 
     def refusal(self, model: Model, rows: list[Row]) -> str | None:
         if not rows:

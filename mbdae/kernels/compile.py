@@ -41,7 +41,10 @@ class Kernel:
         return len(se.cse(self.expressions)[0]) + len(self.expressions)
 
     def __call__(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        self.compiled(x, out=out)
+        if self.symbols:
+            self.compiled(x, out=out)
+        else:  # LLVM takes no function without arguments
+            out[...] = self.once(x)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (..., outputs) for inputs (..., inputs)."""

@@ -15,7 +15,10 @@ def chosen_solver(system: SceneSystem, prepared: Prepared) -> tuple[Solver, str]
     """A solver for the equations, with the reason in words."""
     from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
 
+    if prepared.model.lines:
+        return RadauIIA(3), "RadauIIA(3): elastic beams, whose fast modes BDF feeds or follows for ever"
     if system.rhs is None:
         return IDA(), "IDA: a rigid scene with constraints"
     decay = fastest_decay(system)

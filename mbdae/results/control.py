@@ -45,12 +45,12 @@ Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 
 def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
-    """(nt,) difference of two motions: positions over the scene's length, angles in rad, velocities over the largest of
-    length / characteristic time and the speed reached."""
+    """(nt,) difference of two motions: positions over the scene's length, angles in rad; without beams also velocities
+    over the largest of length / characteristic time and the speed reached (those of beams ring)."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
     for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
-        if mask.any():
+        if mask.any() and not m.model.lines:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:

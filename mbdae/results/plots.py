@@ -10,11 +10,16 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.notation import axis_label
+from mbdae.results.sensors import placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
 
 #: Okabe and Ito's colours, ordered by falling contrast; the line style changes with the colour for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
+#: components of what is read of sections of beams, and the panels they are drawn in: first letter, name, unit
+SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
+PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
+          "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -80,11 +85,14 @@ def numbers(result: Any, sensor: str) -> Array:
 
 
 def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
-    """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars; of a planar model those in its plane."""
-    values, quantity = numbers(result, sensor), sensor.rpartition(".")[2]
-    names = {1: [""], 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
+    """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars, "N1" to "M3" of sections of beams; of a
+    planar model those in its plane."""
+    values, quantity = numbers(result, sensor), split(sensor)[1]
+    names = SECTION.get(quantity) or {1: [""], 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
     shown = names
-    if result.prepared.model.planar and len(names) == 3:
+    if result.prepared.model.planar and quantity in SECTION:
+        shown = [name for name, column in zip(names, values.T, strict=True) if np.any(column)] or [names[i] for i in (0, 1, 5)]
+    elif result.prepared.model.planar and len(names) == 3:
         shown = ["z"] if quantity in ("angular_velocity", "torque") else ["x", "y"]
     elif result.prepared.model.planar and len(names) == 9:
         shown = ["xx", "xy", "yx", "yy"]
@@ -93,8 +101,8 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
 
 def quantity_of(result: Any, sensor: str) -> str:
     """Key of the table of symbols: what a sensor measures and in which unit."""
-    name, _, quantity = sensor.rpartition(".")
-    law = getattr(result.prepared.model.scene[name], "joint", None)
+    name, quantity = split(sensor)
+    law = getattr(placed(result.prepared.model.scene, name)[0], "joint", None)
     return "speed" if quantity == "rate" and getattr(law, "coordinate_unit", "") == "m" else quantity
 
 
@@ -110,13 +118,15 @@ def with_unit(name: str, quantity: str) -> str:
 
 
 def track(result: Any, place: Any) -> tuple[str, Array]:
-    """Name and path (nt, 3), m, of a place: a Place, or the name of a body, of a joint, or of a position sensor."""
+    """Name and path (nt, 3), m, of a place: a Place, or the name of a body, of a joint, of a place such as "beam.at(0.5)", or
+    of a position sensor."""
     if isinstance(place, Place):
         at = ", ".join(f"{x:g}" for x in place.point[: 2 if result.prepared.model.planar else 3])
         return f"{place.body.name} at ({at})", np.asarray(result[place].position)
-    name, _, quantity = str(place.name if isinstance(place, Body | Connection) else place).rpartition(".")
-    name, quantity = (name, quantity) if name else (quantity, "position")
-    item = result.prepared.model.scene[name]
+    path = place.name if isinstance(place, Body | Connection) else str(place)
+    name, quantity = split(path) if "." in path else (path, "position")
+    quantity = quantity or "position"
+    item = placed(result.prepared.model.scene, name)[0]
     if isinstance(item, Connection) and quantity == "position":
         law: Any = item.joint
         at_l = getattr(law, "at_l", None)
@@ -155,23 +165,28 @@ def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], pat
         raise OptionError("plot: name at least one sensor, e.g. r.plot('C.angle')")
     if path is not None:
         checked(path)
-    first, by_quantity = results[0][1], dict[str, list[str]]()
+    first, panels = results[0][1], dict[tuple[str, str], list[str]]()
     for sensor in sensors:
         numbers(first, sensor)
-        by_quantity.setdefault(quantity_of(first, sensor), []).append(sensor)
-    figure, axes = new_figure(len(by_quantity))
-    for axis, (quantity, names) in zip(axes, by_quantity.items(), strict=True):
-        _panel(axis, results, names)
-        axis.set_ylabel(with_unit(quantity.replace("_", " "), quantity))
+        quantity = quantity_of(first, sensor)
+        known = [(letter, f"{name} [{unit}]") for letter, name, unit in PANELS.get(quantity, ())]
+        for panel in known or [("", with_unit(quantity.replace("_", " "), quantity))]:
+            panels.setdefault(panel, []).append(sensor)
+    figure, axes = new_figure(len(panels))
+    for axis, ((letter, label), names) in zip(axes, panels.items(), strict=True):
+        _panel(axis, results, names, letter)
+        axis.set_ylabel(label)
         _legend(axis)
     axes[-1].set_xlabel(axis_label("time", "time"))
     return written(figure, path)
 
 
-def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str]) -> None:
+def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str], letter: str) -> None:
     for sensor in sensors:
         for label, result in results:
             for component, values in components(result, sensor):
+                if not component.startswith(letter):
+                    continue
                 name = " ".join(part for part in (sensor, component, f"({label})" if label else "") if part)
                 axis.plot(result.t, values, label=name, **style(len(axis.lines)))
     steady(axis)

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import SceneError
+from mbdae.errors import OptionError, SceneError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.kernels.plan import Outputs
 from mbdae.results.energy import Energy, energy
-from mbdae.results.sensors import BodySensor, ConnectionSensor
+from mbdae.results.sensors import ConnectionSensor, body_sensor, placed, split
+from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Body, Connection, Place
 from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
@@ -142,17 +143,20 @@ class Result:
 
     def __getitem__(self, name: str | Body | Connection | Place) -> Any:
         if isinstance(name, Place):
-            return BodySensor(self, name.body, name.point)
+            return body_sensor(self, name.body, name.point)
         key = name if isinstance(name, str) else name.name
         if key not in self._sensors:
-            item = self.prepared.model.scene[key]
-            self._sensors[key] = BodySensor(self, item) if isinstance(item, Body) else ConnectionSensor(self, item)
+            item, where = placed(self.prepared.model.scene, key)
+            if isinstance(item, BeamLoad):
+                raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
+            sensor = body_sensor(self, item) if isinstance(item, Body) else ConnectionSensor(self, item)
+            self._sensors[key] = sensor if where is None else sensor.at(where)  # type: ignore[union-attr]
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
-        """A sensor by its path, e.g. "C.angle" or "crank.position" (nt, ...)."""
-        name, _, quantity = path.rpartition(".")
-        sensor = self[name] if name else None
+        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
+        name, quantity = split(path)
+        sensor = self[name] if name and quantity else None
         if sensor is None or quantity.startswith("_") or not hasattr(type(sensor), quantity):
             known = sorted(a for a in dir(type(sensor)) if not a.startswith("_")) if sensor is not None else "item.quantity"
             raise SceneError([f"there is no sensor '{path}'; '{name}' has {known}"])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
-from mbdae.scene.components import Body, Connection
+from mbdae.errors import OptionError, SceneError
+from mbdae.scene.components import Beam, Body, Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from mbdae.results.result import Result
 
 
+_PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
+
+
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque on l at the joint."""
     return [] if isinstance(d.law, Element) else reaction(d)
@@ -29,6 +33,29 @@ def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Power a joint or force delivers."""
     return [] if isinstance(d.law, Element) else power(d)
+
+
+def split(path: str) -> tuple[str, str]:
+    """Item and quantity of "item.quantity"; the item may be a place, "item.at(0.5)"; no quantity where it ends in one."""
+    if path.endswith(")"):
+        return path, ""
+    name, _, quantity = path.rpartition(".")
+    return name, quantity
+
+
+def placed(scene: Any, key: str) -> tuple[Any, Any]:
+    """The item of a scene, and where on it: "item", "item.at(s)" with s from 0 to 1, "item.at(x, y)" or "item.at(x, y, z)"."""
+    found = None if any(item.name == key for item in scene._items) else _PLACE.fullmatch(key)
+    if found is None:
+        return scene[key], None
+    item = scene[found["item"]]
+    try:
+        where = [float(x) for x in found["where"].split(",")]
+    except ValueError:
+        where = []
+    if not isinstance(item, Body) or len(where) not in (1, 2, 3):
+        raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
+    return item, where[0] if len(where) == 1 else where
 
 
 class BodySensor:
@@ -40,8 +67,8 @@ class BodySensor:
         self._offset = body.rotation.T @ (drawn - body.position)
 
     def at(self, point: Any) -> BodySensor:
-        """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link."""
-        return BodySensor(self._result, self._body, self._body.at(point).point)
+        """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
+        return body_sensor(self._result, self._body, self._body.at(point).point)
 
     @cached_property
     def _node(self) -> Any:
@@ -89,6 +116,15 @@ class BodySensor:
         elif self._node is not None and self._node.kind is NodeKind.SPATIAL:
             out = np.einsum("tij,tj->ti", self.rotation, self._result.u[:, self._node.u + 3 : self._node.u + 6])
         return out
+
+
+def body_sensor(result: Result, body: Body, point: Array | None = None) -> BodySensor:
+    """The sensor of a body or beam, or of a place on it (3,) as drawn, m."""
+    from mbdae.results.beams import BeamPlace, BeamSensor
+
+    if not isinstance(body, Beam):
+        return BodySensor(result, body, point)
+    return BeamSensor(result, body) if point is None else BeamPlace(result, body, point)
 
 
 class ConnectionSensor:

@@ -1,24 +1,29 @@
 """The shapes of a result.
 
 A body is drawn by its outline; without one by the points where something is attached, joined with its centre of mass,
-and in space by the ellipsoid of its mass and inertia. Everything moves by the bodies' position and rotation alone.
+and in space by the ellipsoid of its mass and inertia. Rigid bodies move by their position and rotation alone, beams by
+the fields of their elements; what is attached to a beam moves with the section there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from mbdae.results import symbols
+from mbdae.results.beams import polylines
 from mbdae.results.geometry import INK, Geometry, Label, Pose, Shape, moved
 from mbdae.results.plots import COLOURS
 from mbdae.results.result import Result
-from mbdae.scene.components import Array, Body, Connection
+from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.system.lines import Line
 
 MARK = 0.03  #: size of symbols over the size of the scene
+SMOOTH = 32  #: least chords a beam is drawn by
 MARKERS = {"revolute": "pin", "spherical": "ball", "weld": "weld", "fixedorientation": "lock", "distance": "dot",
            "bushing": "dot"}  # fmt: skip
 UNMARKED = ("prismatic", "force", "torque", "spring", "pointspring")
@@ -36,6 +41,8 @@ class _Collected:
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
         self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
                       for name in (body.name for body in self.scene.bodies)}  # fmt: skip
+        self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
+                                         for line in result.prepared.model.lines}  # fmt: skip
         self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
         self.size = self._size()
         self.mark = MARK * self.size
@@ -48,7 +55,7 @@ class _Collected:
     def _attached(self, body: Body) -> Array:
         """Points (n, 3) of a body in its own axes to which something is attached, each once."""
         points: list[Array] = []
-        for item in self.scene.connections:
+        for item in self.scene.connections if body not in self.lines else []:
             for side in (item.k, item.l):
                 p = self._local(body, [ends(item)[0 if side is item.k else 1]])[0]
                 if side is body and item.kind not in ("force", "torque") and not any(np.allclose(p, o) for o in points):
@@ -58,7 +65,8 @@ class _Collected:
     def _size(self) -> float:
         """Largest extent (m) of all bodies, their attachments, and what stands on the ground."""
         parts = [moved(self.poses[b.name], np.vstack([self._local(b, b.outline), self.attached[b.name]]))
-                 for b in self.scene.bodies]  # fmt: skip
+                 for b in self.scene.bodies if b not in self.lines]  # fmt: skip
+        parts += list(self.lines.values())
         fixed = [p for c in self.scene.connections for side, p in zip((c.k, c.l), ends(c), strict=True)
                  if side.is_ground and c.kind not in ("force", "torque")]  # fmt: skip
         extent = float(np.max(np.ptp(np.vstack([*(p.reshape(-1, 3) for p in parts), *fixed]), axis=0)))
@@ -74,6 +82,17 @@ class _Collected:
         if body.is_ground:
             return np.broadcast_to(point, (len(self.result.t), 3))
         return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
+
+    def _held(self, item: Connection) -> Connection:
+        """The item between what moves with its ends: on a beam the section nearest to the place as drawn."""
+        sides = {"k": item.k, "l": item.l}
+        for (side, body), at in zip(sides.items(), ends(item), strict=True):
+            if body in self.lines:
+                place = self.result[Place(body, item.places.get(side, at))]
+                sides[side] = Body(f"{body.name} at {side} of {item.name}", 0.0, None, place.drawn_position, place.drawn_rotation,
+                                   np.zeros(3), np.zeros(3))  # fmt: skip
+                self.poses[sides[side].name] = Pose(place.position, place.rotation)
+        return replace(item, **sides)
 
     def _add(self, item: str, kind: str, points: Array, body: Body | None = None, colour: str = INK) -> None:
         """A shape by points (n, 3) as drawn on a body, or (nt, n, 3) in the inertial frame."""
@@ -108,7 +127,7 @@ class _Builder(_Collected):
         for i, body in enumerate(self.scene.bodies):
             self._body(body, COLOURS[i % (len(COLOURS) - 1)])
         for item in self.scene.connections:
-            self._connection(item)
+            self._connection(self._held(item))
         self._gather()
         found = (tuple(self.shapes), tuple(self.labels))
         return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
@@ -119,6 +138,10 @@ class _Builder(_Collected):
         if body.is_point:
             self._add(body.name, "mass", body.position[None], body, colour)
             return self._name(body.name, body, body.position, True)
+        if body in self.lines:
+            points = self.lines[body]
+            self._add(body.name, "bar", points, colour=colour)
+            return self._name(body.name, self.scene.ground, points[:, points.shape[1] // 2], True)
         if len(body.outline) > 1:
             self._add(body.name, "bar", body.outline, body, colour)
             return self._name(body.name, body, body.at(0.5).point, True)
@@ -258,6 +281,11 @@ def ends(item: Connection) -> tuple[Array, Array]:
     law: Any = item.joint
     at_l = getattr(law, "at_l", None)
     return law.at, law.at if at_l is None else at_l
+
+
+def _pieces(line: Line) -> int:
+    """Chords per element a beam is drawn by."""
+    return 1 if line.mesh.order == 1 else max(2, -(-SMOOTH // len(line.mesh.elements)))
 
 
 def half_axes(body: Body, planar: bool) -> list[float]:

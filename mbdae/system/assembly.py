@@ -20,6 +20,7 @@ from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.plan import Outputs
 from mbdae.kernels.tree_plan import TreePlan
+from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.system import lines
 from mbdae.system.base import Array, System
@@ -29,12 +30,13 @@ from mbdae.system.evaluation import Batch, Evaluation, Scatter
 from mbdae.system.lines import batches
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
-from mbdae.system.numbering import Numbering, Row
+from mbdae.system.numbering import Row
 from mbdae.system.trees import Tree
 
 #: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
 #: of nearly rigid strains, and their errors are weighed like those
 ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
+RESOLVED = {"z": 3}
 SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
 
 
@@ -44,7 +46,7 @@ class FormSpec:
 
     outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
     multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
-    keep their stresses as unknowns (kind "z").
+    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test).
     """
 
     label: str
@@ -54,6 +56,7 @@ class FormSpec:
     derivatives: bool
     index: Mapping[str, int]
     mixed: bool = False
+    waves: bool = False
 
 
 class SceneSystem(System):
@@ -63,22 +66,24 @@ class SceneSystem(System):
                  carried: Carried | None = None) -> None:  # fmt: skip
         self.model, self.spec, self.label = model, spec, spec.label
         self.carried = carried = carried if carried is not None else Carried(model, [])
-        rows = [row for row in rows if (row.group, row.instance) not in carried.dropped]
+        rows = [row for row in rows if carried.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
-        self.numbering = Numbering(model, rows, blocks, spec.derivatives, carried.nodes, carried.loaded,
-                                   carried.dropped, carried.constants)  # fmt: skip
+        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives)
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
-        index = dict(spec.index) | (ELASTIC if nb.stresses else {})
+        index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
         self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
+        live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
-            active = [i for i in range(len(group.instances)) if (g, i) not in carried.dropped]
+            idle = group.derived.rows and not getattr(group.derived.law, "penalty", None)  # a joint whose rows are all met
+            active = [i for i in range(len(group.instances))
+                      if (g, i) not in carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
                 self._add(g, active, linearised_plan(group.derived, spec.outputs), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
@@ -113,14 +118,21 @@ class SceneSystem(System):
         """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
-            node = nb.node_of(target, g, i)
-            head = block if node not in self.carried.nodes else "w" + block
-            place = nb.node_place(head, node, target[2])
-            return place if place < self.n else place - self.n + 1
+            own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner
+            if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2]):
+                return self.n
+            return self._row_at(block, nb.node_of(target, g, i), target[2])
         if block == "s":
             return nb.place(target, g, i)
         row = nb.row(g, i, target[1])
         return self.n if row is None else nb.start[block] + row
+
+    def _row_at(self, block: str, node: Node, component: int) -> int:
+        """Row of F of an entry of a node; of a loaded node its own row, n where it has none."""
+        place = self.numbering.node_place(block if node not in self.carried.nodes else "w" + block, node, component)
+        if place < self.n:
+            return place
+        return place - self.n + 1 if place < self.numbering.carried else self.n
 
     def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
         nb, count = self.numbering, len(active)
@@ -150,9 +162,7 @@ class SceneSystem(System):
 
     def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
         """(elements,) row of F of a momentum row; of a loaded node its own row."""
-        heads = ["u" if e[target[1]] not in self.carried.nodes else "wu" for e in nodes]
-        places = np.array([self.numbering.node_place(h, e[target[1]], target[2]) for h, e in zip(heads, nodes, strict=True)])
-        return np.where(places < self.n, places, places - self.n + 1)
+        return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
 
     def _add_elements(self, batch: lines.Batch, entries: Entries) -> None:
         """A kernel over the elements of beams."""
@@ -178,7 +188,7 @@ class SceneSystem(System):
         values = line.blocks.reshape(at.shape)
         entries.constant(at, by, values)
         M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # one term for every pair of unknowns
-        kept = M.data != 0
+        kept = (M.data != 0) & (M.row != self.n)
         self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
         np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
 

@@ -18,7 +18,8 @@ from mbdae.symbolic.law import Joint
 from mbdae.symbolic.tree import OPERATIONS
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
-from mbdae.system.numbering import Numbering
+from mbdae.system.numbering import Numbering, Row
+from mbdae.system.sharing import shared_displacements
 from mbdae.system.trees import Place, Tree
 
 
@@ -42,6 +43,7 @@ class Carried:
         self.dropped = frozenset(inside | idle)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
+        self.sharing = shared_displacements(model, carried | {n for tree in trees for n in tree.nodes[1:] if n}, self.dropped)
         self._constants: dict[Any, int] = {}
         self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
         for tree in self.trees:
@@ -52,6 +54,16 @@ class Carried:
         self._groups: dict[Any, list[Tree]] = {}
         for tree in self.trees:
             self._groups.setdefault(tree.structure, []).append(tree)
+
+    def keeps(self, row: Row) -> bool:
+        """Whether a constraint row is left: not that of a recursive joint, not met by shared displacements."""
+        return (row.group, row.instance) not in self.dropped and (row.group, row.instance, row.row) not in self.sharing.rows
+
+    def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
+                  loaded: bool = True) -> Numbering:  # fmt: skip
+        """The numbering of what is left; without `loaded` carried nodes have no slots."""
+        return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.dropped,
+                         self.constants, self.sharing)  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
         """Plan and trees of equal structure."""

@@ -12,7 +12,7 @@ from mbdae.system.carried import Carried, slot_of
 from mbdae.system.mechanics import Mechanics, solve_constrained
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
-from mbdae.system.numbering import Numbering, Row
+from mbdae.system.numbering import Row
 from mbdae.system.trees import Tree
 from mbdae.threads import one_thread
 
@@ -22,7 +22,7 @@ class Expansion:
 
     def __init__(self, model: Model, carried: Carried) -> None:
         self.model, self.carried = model, carried
-        self.numbering = Numbering(model, [], (), carried=carried.nodes, dropped=carried.dropped, constants=carried.constants)
+        self.numbering = carried.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
     def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
@@ -37,7 +37,7 @@ class Expansion:
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes from unknowns y (nt, n)."""
-        if not self.carried.trees:
+        if not self.carried.trees and not self.carried.sharing.nodes:
             return y[:, : self.nq], y[:, self.nq : self.nq + self.nu]
         W = self.workspace(t, y[:, : self.nq], y[:, self.nq : self.nq + self.nu])
         q, u, _ = self._motion(W, None)
@@ -58,6 +58,7 @@ class Expansion:
         if up is not None:
             a[:, nb.of_velocities] = up
         out = {"q": q, "u": u, "up": a}
+        self._share(out)
         for plan, trees in self.carried.plans():
             piece = plan.motion_of_all
             values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
@@ -66,6 +67,18 @@ class Expansion:
                     out[head][:, _first(tree.node(j), head) + component] = values[:, i, o]
                 self._prescribed(W, tree, out)
         return q, u, a
+
+    def _share(self, out: dict[str, Array]) -> None:
+        """Displacements that nodes share, and those that are fixed."""
+        sharing, by_name = self.carried.sharing, {n.name: n for n in self.model.nodes}
+        for name, position in sharing.fixed.items():
+            node = by_name[name]
+            out["q"][:, node.q : node.q + node.kind.translations] = position[: node.kind.translations]
+        for name, owner in sharing.owner.items():
+            node = by_name[name]
+            for head, values in out.items():
+                a, b, n = _first(node, head), _first(owner, head), node.kind.translations
+                values[:, a : a + n] = values[:, b : b + n]
 
     def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
         for j, link in enumerate(tree.structure.links, start=1):

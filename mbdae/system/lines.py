@@ -148,6 +148,13 @@ class Line:
         found = kernel.at_points(x, [kernel.derived.energy, kernel.derived.dissipated])
         return tuple(found.reshape(len(q), -1, 2).sum(axis=1).T)
 
+    def stress(self, q: Array, u: Array) -> Array:
+        """Stress unknowns of all elements from positions and velocities (nq,), (nu,); 0 where the section is rigid."""
+        kernel = self.mixed
+        x = nodal_inputs(kernel, [self], q[None], u[None], np.zeros((1, 0)))
+        x = np.hstack([x, np.zeros((len(x), len(kernel.names)))])
+        return np.asarray(kernel.at_points(x, [e for _, e in kernel.derived.resultants]).ravel())
+
     def potential(self, q: Array) -> Array:
         """Potential of gravity and dead loads (nt,), J."""
         n = self.kind.translations
@@ -162,7 +169,7 @@ class Line:
 def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, timed: Array) -> Array:
     """(nt * elements, inputs) from q (nt, nq), u (nt, nu) of all nodes and prescribed inputs (nt, timed)."""
     at = {head: np.concatenate([line.places(head) for line in lines]) for head in ("q", "u")}
-    columns = [(q if t[0] == "q" else u)[:, at[t[0]][:, t[1], t[2]]] for t in kernel.inputs if t[0] != "p"]
+    columns = [(q if t[0] == "q" else u)[:, at[t[0]][:, t[1], t[2]]] for t in kernel.inputs if t[0] in "qu"]
     columns += [np.repeat(column[:, None], len(at["q"]), axis=1) for column in timed.T]
     x = np.stack(columns, axis=-1)
     return x.reshape(-1, x.shape[-1])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import symengine as se
@@ -26,6 +26,19 @@ COORDINATES = {
     NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
     NodeKind.COORDINATE: (("angle",), ("rate",)),
 }
+
+class Shared(Protocol):
+    """Who has the displacement unknowns of a node, and where a node is fixed."""
+
+    @property
+    def owner(self) -> Mapping[str, Node]:
+        """Node -> the node whose displacement it takes."""
+
+    @property
+    def fixed(self) -> Mapping[str, Array]:
+        """Node -> its constant position."""
+
+
 _SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
 
 
@@ -56,19 +69,24 @@ class Numbering:
 
     carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
     read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
-    and instances that do not take part. constants: further numbers, behind those of the laws.
+    and instances that do not take part. constants: further numbers, behind those of the laws. sharing: nodes whose
+    displacement is that of another node, or constant.
     """
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
                  carried: Sequence[Node] = (), loaded: Sequence[Node] = (),
-                 dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = ()) -> None:  # fmt: skip
+                 dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
+                 sharing: Shared | None = None) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
         self.free = [node for node in model.nodes if node not in set(carried)]
         self._place: dict[str, tuple[int, int]] = {}
         self.nq = self.nu = 0
+        self._owner: Mapping[str, Node] = sharing.owner if sharing else {}
+        self._fixed: Mapping[str, Array] = sharing.fixed if sharing else {}
         for node in self.free:
             self._place[node.name] = self.nq, self.nu
-            self.nq, self.nu = self.nq + node.kind.sizes[0], self.nu + node.kind.sizes[1]
+            own = self._own(node)
+            self.nq, self.nu = self.nq + node.kind.sizes[0] - own, self.nu + node.kind.sizes[1] - own
         self.states = {
             (g, i, j): f"{instance.item}.{name}"
             for g, group in enumerate(model.groups)
@@ -97,6 +115,10 @@ class Numbering:
         self._collect()
         self.further = self.carried + len(self._clock_values) + len(self._constants)
         self._constants += constants
+        self._at: dict[str, int] = {}
+        for name, position in self._fixed.items():
+            self._at[name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants += list(position)
         self.clock = Kernel([timed.TIME], self._clock_values)
         self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
 
@@ -136,8 +158,20 @@ class Numbering:
         if node.name in self._carried:
             parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
             return self._carried[node.name] + parts[head] + component
-        q, u = self._place[node.name]
-        return (q if head[0] == "q" else self.nq + u) + component + (self.n if head.endswith("p") else 0)
+        if self.shares(node, component):
+            if node.name in self._owner:
+                return self.node_place(head, self._owner[node.name], component)
+            return self._at[node.name] + component if head == "q" else self.width - 1
+        (q, u), first = self._place[node.name], self._own(node)
+        return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
+
+    def shares(self, node: Node, component: int) -> bool:
+        """Whether an entry is a displacement that the node has from another one, or from the ground."""
+        return component < self._own(node)
+
+    def _own(self, node: Node) -> int:
+        """Number of displacements that are not unknowns of the node itself."""
+        return node.kind.translations if node.name in self._owner or node.name in self._fixed else 0
 
     @property
     def loaded_rows(self) -> NDArray[np.intp]:
@@ -211,12 +245,12 @@ class Numbering:
     @property
     def of_positions(self) -> NDArray[np.intp]:
         """(nq,) where the position unknowns are among those of all nodes."""
-        return np.concatenate([np.arange(n.q, n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
+        return np.concatenate([np.arange(n.q + self._own(n), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
     @property
     def of_velocities(self) -> NDArray[np.intp]:
         """(nu,) where the velocity unknowns are among those of all nodes."""
-        return np.concatenate([np.arange(n.u, n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
+        return np.concatenate([np.arange(n.u + self._own(n), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
 
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""
@@ -225,7 +259,8 @@ class Numbering:
             for head, entries in zip("qu", COORDINATES[node.kind], strict=True):
                 slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
                 for i, c in enumerate(("displacement",) if slides else entries):
-                    names[self.node_place(head, node, i)] = f"{node.name}.{c}"
+                    if not self.shares(node, i):
+                        names[self.node_place(head, node, i)] = f"{node.name}.{c}"
         names[self.start["z"] : self.start["z"] + len(self.stresses)] = self.stresses
         for key, position in self._state.items():
             names[self.start["s"] + position] = self.states[key]

@@ -50,9 +50,9 @@ class Prepared:
 
     @property
     def rows(self) -> list[Row]:
-        """The constraint rows a form integrates: those of recursive joints are satisfied by construction."""
-        inside = self.expansion.carried.dropped
-        return [row for row in self.mechanics.rows if (row.group, row.instance) not in inside]
+        """The constraint rows a form integrates: those of recursive joints and of shared displacements
+        are satisfied by construction."""
+        return [row for row in self.mechanics.rows if self.expansion.carried.keeps(row)]
 
     @property
     def length(self) -> float:
@@ -165,11 +165,12 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
     scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
+    z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in prepared.model.lines if nb.stresses)])
     blocks = {
         "q": (start.q[q], mechanics.rates(start.q, start.u)[q], position_scale(mechanics)[q]),
         "v": (start.u[u], start.acceleration[u], mechanics.velocity_units[u] / T),
         "s": (start.s, state_rate, np.ones(len(start.s))),
-        "z": (np.zeros(len(nb.stresses)), np.zeros(len(nb.stresses)), np.full(len(nb.stresses), stress_scale(mechanics, T))),
+        "z": (z, np.zeros_like(z), np.full(len(z), stress_scale(mechanics, T))),
     }
     if "lambda" in spec.blocks:
         zero = np.zeros(nb.m)
