@@ -12,8 +12,9 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from mbdae.analysis.frame import motion_in_words
-from mbdae.analysis.statics import CONVERGED, Point, Statics, Tangent
+from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, departure
+from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.result import Accuracy, Result, RunInfo
@@ -26,9 +27,11 @@ from mbdae.threads import single_threaded
 
 SMALLEST_STEP = 1e-6  #: relative to the load factor reached
 REACH = 0.1  #: largest displacement per step of the loads, in the scene's length and rad: a longer one may skip a limit point
+BENT = 0.7  #: the same for scenes with beams, whose steps are checked from both ends
 NEAR = 0.3  #: how far, over the step, its result may be from its tangent
 TRUST = 0.5  #: largest step of the search for a stable state, in the scene's length and rad
 REMEDY = "stop that motion with a joint, or give it a spring"
+ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked for, in the scene's length and rad
 FAR = 30.0  #: way in the scene's lengths and rad after which a search has run away
 SEARCHES = 200  #: corrections of that search
 Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
@@ -71,10 +74,17 @@ class Equilibrium(Result):
     """
 
     frame: str
+    point: Point  #: all unknowns: stresses and multipliers too
+    kinds: Any  #: their kinds
     load_factor: float
     residual: float
     iterations: int
     unstable: int
+
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, u, s at rest, (nt, ...)."""
+        start = self.prepared.start
+        return tuple(np.repeat(part[None], len(np.atleast_1d(t)), axis=0) for part in (start.q, start.u, start.s))  # type: ignore[return-value]
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
@@ -122,7 +132,8 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
         raise EquilibriumError(f"the state at rest is not determined: {soft[0]} meets no stiffness; {REMEDY}", result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
-    reason = departure(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6)
+    beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
+    reason = departure(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
     if reason:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
                                f"in that frame with time; take another frame", result)  # fmt: skip
@@ -140,6 +151,7 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     solution = Solution(t, y, yp, None, stats, _Newton(), statics.system.names, True, _Instant(y, yp))
     info = RunInfo(_Newton(), "Index3", Accuracy(None, None), stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
+    result.point, result.kinds = point, statics.kinds
     result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations
     result.residual, result.unstable = statics.balance(point), statics.unstable(statics.tangent(point))
     return result
@@ -158,20 +170,28 @@ class _Path:
             self._refuse_free_motions(begin)
             return confirmed(s, self._search(replace(begin, load_factor=1.0)))
         found = confirmed(s, self._step_loads(begin))
-        if found.unstable:
+        if found.unstable and s.stiffness(s.tangent(found.point)).symmetric:
             try:
-                stable = confirmed(s, self._search(replace(begin, load_factor=1.0)))
+                stable = confirmed(s, self._search(self._beside(found.point) if s.elastic else replace(begin, load_factor=1.0)))
                 return found if stable.unstable else stable
             except (EquilibriumError, OptionError):
                 return found  # a rotor above its critical speed: nothing holds it but its spin
         return found
+
+    def _beside(self, point: Point) -> Point:
+        """Off an unstable state along its softest motion: symmetry would lead a search back to it."""
+        s, T = self.statics, self.statics.tangent(point)
+        motion = s.stiffness(T).softest()[1][:, 0]
+        aside = np.r_[ASIDE * motion / s.size(motion), np.zeros(T.K.shape[0] - len(motion))]
+        return s.moved(point, T.p, aside)
 
     def _refuse_free_motions(self, begin: Point) -> None:
         """A motion without stiffness under the full loads too, at the start and beside it, has none anywhere."""
         s, full = self.statics, self.statics.carried(replace(begin, load_factor=1.0))
         T = s.tangent(full)
         aside = np.zeros(T.K.shape[0])
-        aside[: s.mechanics.nu] = T.N @ np.random.default_rng(5).uniform(0.03, 0.1, T.N.shape[1])
+        free = s.free_motions(T) if s.elastic else T.N
+        aside[: s.mechanics.nu] = free @ np.random.default_rng(5).uniform(0.03, 0.1, free.shape[1])
         soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.carried(s.moved(full, T.p, aside))))
         if soft:
             raise EquilibriumError(f"no state at rest can be determined: {soft[0]} meets no stiffness; {REMEDY}")
@@ -185,7 +205,7 @@ class _Path:
             step = min(step, 1 - point.load_factor)
             tried = self._one_step(point, step)
             if tried is None:
-                step /= 2
+                step *= self.shorter
                 if step < SMALLEST_STEP * max(point.load_factor, 1e-4):
                     raise self._stopped(point)
                 continue
@@ -195,27 +215,36 @@ class _Path:
         return point
 
     def _one_step(self, point: Point, step: float) -> tuple[Point, float] | None:
-        s, factor = self.statics, point.load_factor + step
+        s, factor, self.shorter = self.statics, point.load_factor + step, 0.5
         raised = replace(point, load_factor=1.0 if 1 - factor < 1e-12 else factor)
         T = s.tangent(raised)
         predicted = s.solve(T.K, T.right)[: s.mechanics.nu]
-        if not np.all(np.isfinite(predicted)) or s.size(predicted) > REACH:
+        size, reach = s.size(predicted), BENT if s.elastic else REACH
+        if not size <= reach:
+            self.shorter = min(0.5, 0.9 * reach / size) if np.isfinite(size) else 0.5
             return None
-        found = s.newton(raised)
+        found = s.newton(raised, T)
         if found is None:
             return None
-        off, size = s.size(found[1] - predicted), s.size(predicted)
-        quality = off / size if size > 1e-7 else 0.0
+        quality = self._apart(found[1], predicted)
+        if s.elastic and quality <= NEAR:
+            T = s.tangent(replace(found[0], load_factor=point.load_factor))
+            quality = max(quality, self._apart(-found[1], s.solve(T.K, T.right)[: s.mechanics.nu]))
         return (found[0], quality) if quality <= NEAR else None
+
+    def _apart(self, way: Array, predicted: Array) -> float:
+        """How far a step is from what a tangent predicts, relative to it."""
+        off, size = self.statics.size(way - predicted), self.statics.size(predicted)
+        return off / size if size > 1e-7 else 0.0
 
     def _stopped(self, point: Point) -> EquilibriumError:
         s = self.statics
         where = as_result(s, point)
         T = s.tangent(point)
-        _, sizes, right = np.linalg.svd(s.stiffness(T)[0])
-        before = np.linalg.svd(s.stiffness(s.tangent(s.begin))[0], compute_uv=False)
-        motion = motion_in_words(s.mechanics.model, T.N @ right[-1], s.units)
-        why = (f"a limit point, the stiffness against {motion} vanishes there" if sizes[-1] < 0.1 * before[-1] else
+        sizes, motions, _ = s.stiffness(T).softest()
+        before = s.stiffness(s.tangent(s.begin)).softest()[0]
+        motion = motion_in_words(s.mechanics.model, motions[:, 0], s.units)
+        why = (f"a limit point, the stiffness against {motion} vanishes there" if sizes[0] < 0.1 * before[0] else
                f"no state at rest is next to it, the softest motion is {motion}")  # fmt: skip
         return EquilibriumError(f"the loads cannot be raised beyond {point.load_factor:.6g} of their values: {why}; the state "
                                 f"reached is in `.equilibrium`: lower the loads, stiffen the scene, or simulate what follows",
@@ -250,13 +279,17 @@ class _Path:
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
         """A correction that lowers the potential where there is one, no longer than the radius."""
         s, nu = self.statics, self.statics.mechanics.nu
-        K, _ = s.stiffness(T)
         W = T.p.C.T @ (T.p.C.T @ s.mechanics.weight).T
-        metric = T.N.T @ W @ T.N
-        values = _eigenvalues((K + K.T) / 2, metric)
-        shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
+        found = s.stiffness(T)
         pull = float(np.max(acceleration_scale(s.mechanics, s.rest.t, s.q(point), s.u(point), s.s(point))))
-        unit = max(abs(values[0]), abs(values[-1]), pull)
+        if isinstance(found, DenseStiffness):
+            values = _eigenvalues((found.reduced + found.reduced.T) / 2, T.N.T @ W @ T.N)
+            shift = max(0.0, -1.5 * values[0]) if values[0] < -1e-9 * abs(values[-1]) else 0.0
+            unit = max(abs(values[0]), abs(values[-1]), pull)
+        else:
+            shift, unit = 0.0, 1e3 * pull
+            while found.negative(shift * W):
+                shift = max(4 * shift, 1e-4 * pull)
         inertia = sp.block_diag([W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)], format="csr")
         for _ in range(40):
             x = s.solve(T.K + shift * inertia if shift else T.K, T.right)
@@ -268,11 +301,10 @@ class _Path:
     def _unheld(self, point: Point) -> str:
         s = self.statics
         T = s.tangent(point)
-        force = T.N @ (T.N.T @ T.right[: s.mechanics.nu])
+        force = T.right[: s.mechanics.nu] if s.elastic else T.N @ (T.N.T @ T.right[: s.mechanics.nu])
         soft = s.soft_motions(T)
         return f"{soft[0] if soft else motion_in_words(s.mechanics.model, force, s.units)} is held by nothing"
 
 
 def _eigenvalues(K: Array, metric: Array) -> Array:
     return np.asarray(scipy.linalg.eigh(K, metric, eigvals_only=True)) if len(K) else np.zeros(1)
-

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.scene.components import Body
+from mbdae.scene.components import Beam, Body
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics, quaternion_product, turned
-from mbdae.system.model import Model, Node
-from mbdae.system.start import rotation_of
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.model import Model
+from mbdae.system.nodes import Node
+from mbdae.system.rotations import quaternion_product, rotation_of, turned
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -49,6 +50,8 @@ def body_of(model: Model, frame: Any) -> Body:
         raise OptionError(f"frame = {name!r} is no body of scene '{scene.name}'; give s.ground or a body of it")
     if body.is_point:
         raise OptionError(f"frame = '{body.name}': a point mass has no axes; give s.ground or a rigid body")
+    if isinstance(body, Beam):
+        raise OptionError(f"frame = '{body.name}': a beam bends and has no axes as a whole; give s.ground or a rigid body")
     return body  # type: ignore[no-any-return]
 
 

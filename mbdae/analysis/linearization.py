@@ -10,18 +10,24 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from mbdae.analysis.frame import RotatingFrame, advanced, frame_at, motion_in_words
-from mbdae.analysis.pencil import Pencil, Reduced, basis, derivatives, free_basis, pencil, reduced
+from mbdae.analysis.elastic import dynamics, stresses_of
+from mbdae.analysis.equilibrium import Equilibrium
+from mbdae.analysis.frame import RotatingFrame, advanced, attitude, frame_at, motion_in_words
+from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
+from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
 from mbdae.analysis.steady import STEADY, departure, times_to_compare
+from mbdae.elements.line_shape import table
 from mbdae.errors import OptionError, SteadyError
 from mbdae.formulations.index3 import Index3
+from mbdae.results.beams import foot
 from mbdae.results.result import Result
-from mbdae.scene.components import Body
+from mbdae.scene.components import Body, Place
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.explicit import state_rates
 from mbdae.system.mechanics import Mechanics
+from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
@@ -32,10 +38,12 @@ RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a
 
 @dataclass(frozen=True)
 class Shape:
-    """Motion of a node in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes."""
+    """Motion of a node or a place in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes; of
+    a beam (nodes, 3) each, at the lengths `stations` (nodes,) along it, m."""
 
     displacement: Array
     rotation: Array
+    stations: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -43,7 +51,7 @@ class Mode:
     """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
 
     `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
-    that the largest component (m, rad) is 1.
+    that the largest component (m, rad) is 1; of a beam that of all its nodes. `mode[body.at(...)]` is that of a place.
     """
 
     eigenvalue: complex
@@ -71,10 +79,19 @@ class Mode:
         size = abs(self.eigenvalue)
         return 0.0 - self.eigenvalue.real / size if size else 0.0
 
-    def __getitem__(self, body: str | Body) -> Shape:
+    def __getitem__(self, body: str | Body | Place) -> Shape:
+        if isinstance(body, Place):
+            return self._at(body)
         name = body if isinstance(body, str) else body.name
-        scene = self.owner.prepared.model.scene
-        node = self.owner.prepared.model.node(scene[name])
+        model = self.owner.prepared.model
+        line = model.line(model.scene[name])
+        if line is not None:
+            shapes = [self._of(node) for node in line.nodes]
+            move, turn = (np.array([getattr(s, k) for s in shapes]) for k in ("displacement", "rotation"))
+            return Shape(move, turn, line.mesh.stations)
+        return self._of(model.node(model.scene[name]))
+
+    def _of(self, node: Node | None) -> Shape:
         move, turn = np.zeros(3, dtype=complex), np.zeros(3, dtype=complex)
         if node is not None:
             n, part = node.kind.translations, self.vector[node.u : node.u + node.kind.sizes[1]]
@@ -82,6 +99,25 @@ class Mode:
             if len(part) > n:
                 turn[2 if len(part) == 3 else slice(None)] = part[2] if len(part) == 3 else part[3:]
         return Shape(move, turn)
+
+    def _at(self, place: Place) -> Shape:
+        """On a rigid body with its arm, on a beam by its shape functions and with the arm to its axis."""
+        model, start = self.owner.prepared.model, self.owner.prepared.start
+        body = model.scene[place.body.name]
+        line, node = model.line(body), model.node(body)
+        if line is not None:
+            e, xi = foot(line.mesh, place.point)
+            at, whole = table(line.mesh.order, np.array([xi])).values[0], self[body]
+            move, turn = (at @ a[line.mesh.elements[e]] for a in (whole.displacement, whole.rotation))
+            body = min((n.body for n in line.nodes if n.body), key=lambda b: float(np.linalg.norm(b.position - place.point)))
+            node, origin = model.node(body), at @ line.mesh.curve[e]
+        else:
+            shape, origin = self._of(node), body.position
+            move, turn = shape.displacement, shape.rotation
+        if node is None or not node.kind.turns:
+            return Shape(move, turn)
+        arm = attitude(node, start.q) @ body.rotation.T @ (place.point - origin)
+        return Shape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
 
     @property
     def participation(self) -> dict[str, float]:
@@ -97,13 +133,41 @@ class Linearization:
     M x'' + C x' + K x = 0 of the displacements p = `basis` x the constraints leave, p (nu,) along the frame's axes.
     """
 
-    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, equations: Reduced, count: int | None) -> None:
-        self.prepared, self.frame, self.t, self.equations = prepared, frame.name, t, equations
+    def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
+        self.prepared, self.frame, self.t, self.pencil = prepared, frame.name, t, pencil
         self.axes = frame.rotation
-        self.M, self.C, self.K, self.basis = equations.M, equations.C, equations.K, equations.N
-        values, vectors = eigenpairs(equations, count)
-        shapes = [equations.N @ vectors[: len(self.M), i] for i in range(len(values))]
-        self.modes = [Mode(complex(v), _scaled(x), self) for v, x in zip(values, shapes, strict=True)]
+        model = prepared.model
+        if model.lines:
+            values, shapes = lowest(pencil, count or DEFAULT, softest_beam(model))
+        else:
+            values, vectors = eigenpairs(self.equations, count)
+            shapes = self.basis @ vectors[: len(self.M)]
+        self.modes = [Mode(complex(v), _scaled(x), self) for v, x in zip(values, shapes.T, strict=True)]
+
+    @cached_property
+    def equations(self) -> Reduced:
+        """The second-order equations on the displacements the constraints leave, dense."""
+        return reduced(self.pencil, free_basis(self.pencil.constraints, self.prepared.mechanics.velocity_units))
+
+    @property
+    def M(self) -> Array:
+        """Mass matrix."""
+        return self.equations.M
+
+    @property
+    def C(self) -> Array:
+        """Damping and gyroscopic matrix."""
+        return self.equations.C
+
+    @property
+    def K(self) -> Array:
+        """Stiffness matrix."""
+        return self.equations.K
+
+    @property
+    def basis(self) -> Array:
+        """(nu, freedoms)."""
+        return self.equations.N
 
     @property
     def eigenvalues(self) -> Array:
@@ -143,12 +207,9 @@ class Linearization:
         return len(self.modes)
 
     @cached_property
-    def _metric(self) -> Array:
+    def _metric(self) -> Any:
         """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
-        m, start = self.prepared.mechanics, self.prepared.start
-        system = SceneSystem(m.model, m.rows, Index3().spec())
-        C = basis(system, m, RotatingFrame(self.frame, self.axes, np.zeros(3)), start.q, start.u).C
-        return np.asarray(C.T @ (C.T @ m.mass.T).T)
+        return self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T
 
     def _shares(self, vector: Array) -> dict[str, float]:
         m, energy = self.prepared.mechanics, np.abs(np.conj(vector) * (self._metric @ vector))
@@ -158,7 +219,7 @@ class Linearization:
         shares: dict[str, float] = {}
         for node, body in m.model.bodies:
             part = float(np.sum(energy[node.u : node.u + node.kind.sizes[1]])) / total
-            shares[body.name] = shares.get(body.name, 0.0) + part
+            shares[body.owner.name] = shares.get(body.owner.name, 0.0) + part
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     def __str__(self) -> str:
@@ -220,18 +281,20 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
 
     at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene. Departures are resolved along
     the frame's axes: the ground for a shaft in anisotropic bearings, a rotating body for blades on a hub. count: lowest
-    modes only. Raises SteadyError, with the equations of that instant as `.frozen`, where they depend on time in that frame.
+    modes only (default: all; with beams the lowest 20). Raises SteadyError, with the equations of that instant as `.frozen`,
+    where they depend on time in that frame.
     """
     if count is not None and not count >= 1:
         raise OptionError(f"count = {count}: give the number of lowest modes, 1 or more, or None for all")
     prepared = prepare(scene, _start(scene, at))
     start, m = prepared.start, prepared.mechanics
     axes = frame_at(prepared.model, frame if frame is not None else prepared.model.scene.ground, start.q, start.u)
-    system = SceneSystem(m.model, m.rows, Index3().spec())
-    p = _pencil(system, m, axes, start.t, start.q, start.u, start.s)
-    N = free_basis(p.constraints, m.velocity_units)
-    found = Linearization(prepared, axes, start.t, reduced(p, N), count)
-    reason = departure(prepared, axes, start.t, start.q, start.u, start.s) or _varies(system, prepared, axes, found.equations)
+    system = complete_system(m, Index3().spec())
+    z = _stresses(at, m, start)
+    p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
+    found = Linearization(prepared, axes, start.t, p, count)
+    beams = (system, z) if m.model.lines else None
+    reason = departure(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
         raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet, "
                           f"where the motion or its equations repeat; otherwise resolve in the frame of a body that turns "
@@ -254,46 +317,61 @@ def _start(scene: SceneData, at: Any) -> Start | None:
     return Start(float(when[0]), q[0], u[0], s[0], np.zeros_like(u[0]), np.zeros(0))
 
 
-def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> Pencil:
-    """The pencil at a state, with its accelerations and multipliers."""
+def _stresses(at: Any, m: Mechanics, start: Start) -> Array:
+    """Stress unknowns of all beams: those of an equilibrium, else from the positions."""
+    if isinstance(at, Equilibrium):
+        return np.asarray(at.point.y[at.kinds == "z"])
+    return stresses_of(m, start.q, start.u)
+
+
+def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, state: tuple[float, Array, Array, Array, Array]) -> Pencil:
+    """The pencil at a state (t, q, u, s, z), with its accelerations and multipliers."""
+    t, q, u, s, z = state
+    if m.model.lines:
+        found = dynamics(system, m, t, q, u, s, z)
+        return pencil(system, m, frame, t, found.y, found.yp)
     kinds = np.array(system.kinds)
     a, multipliers = m.accelerations(np.array([t]), q[None], u[None], s[None])
     y, yp = np.zeros(system.n), np.zeros(system.n)
     y[kinds == "q"], y[kinds == "v"], y[kinds == "s"] = q, u, s
     y[kinds == "lambda"] = multipliers[0] / system.numbering.scaling()
     yp[kinds == "q"], yp[kinds == "v"], yp[kinds == "s"] = m.rates(q, u), a[0], state_rates(m, t, q, u, s)
-    _solve_algebraic(system, t, y, yp, kinds == "z")
     return pencil(system, m, frame, t, y, yp)
 
 
-def _solve_algebraic(system: SceneSystem, t: float, y: Array, yp: Array, z: Any) -> None:
-    """Set the algebraic unknowns of y (n,) so that their own rows vanish."""
-    F = np.empty(system.n)
-    for _ in range(10 if np.any(z) else 0):
-        system.residual(t, y, yp, F)
-        change = np.linalg.lstsq(derivatives(system, t, y, yp)[0][z][:, z].toarray(), -F[z], rcond=1e-14)[0]
-        y[z] += change
-        if np.max(np.abs(change)) <= 1e-13 * np.max(np.abs(y[z])):
-            break
-
-
-def _varies(system: SceneSystem, prepared: Prepared, frame: RotatingFrame, before: Reduced) -> str | None:
+def _varies(system: SceneSystem, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
     """What in the equations has changed a while later on the steady motion; None where they are constant."""
-    m, start = prepared.mechanics, prepared.start
+    m, start = found.prepared.mechanics, found.prepared.start
     rates = state_rates(m, start.t, start.q, start.u, start.s) if len(start.s) else start.s
     for tau in times_to_compare(m, frame, start.t, start.q, start.u, start.s):
         q, u = advanced(m, frame, start.q, start.u, tau)
         later = frame_at(m.model, frame.name, q, u) if frame.node is not None else frame
-        p = _pencil(system, m, later, start.t + tau, q, u, start.s + tau * rates)
-        G = p.constraints * m.velocity_units
-        moved = np.abs(p.constraints @ before.N).max(initial=0.0)
-        if moved > STEADY * np.abs(G).max(initial=1e-300):
-            worst = int(np.argmax(np.max(np.abs(p.constraints @ before.N), axis=1)))
-            return f"row {m.rows[worst].name} acts along another direction after {tau:.3g} s"
-        reason = _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
-        if reason:
-            return f"{reason} after {tau:.3g} s"
+        p = _pencil(system, m, later, (start.t + tau, q, u, start.s + tau * rates, z))
+        change = _changed(m, found.pencil, p) if m.model.lines else _changed_on_basis(m, found, p, frame)
+        if change:
+            return f"{change} after {tau:.3g} s"
     return None
+
+
+def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
+    """With beams the equations are compared as they stand, sparse."""
+    for name, matrices, column in (("inertia", (a.E, b.E), "w"), ("damping", (a.A, b.A), "w"), ("stiffness", (a.A, b.A), "p")):
+        x, y = (p.part(M, "w", column) for p, M in zip((a, b), matrices, strict=True))
+        off = abs(x - y).tocsc()
+        if off.nnz and off.max() > STEADY * float(abs(x).max()):
+            motion = np.zeros(m.nu)
+            motion[int(np.argmax(off.max(axis=0).toarray()))] = 1.0
+            return f"the {name} against {motion_in_words(m.model, motion, m.velocity_units)} changes"
+    return None
+
+
+def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: RotatingFrame) -> str | None:
+    before = found.equations
+    G = p.constraints * m.velocity_units
+    if np.abs(p.constraints @ before.N).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
+        worst = int(np.argmax(np.max(np.abs(p.constraints @ before.N), axis=1)))
+        return f"row {m.rows[worst].name} acts along another direction"
+    return _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
 
 
 def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:

@@ -16,18 +16,21 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from mbdae.analysis.frame import RotatingFrame, angular_velocity, attitude, skew
+from mbdae.analysis.frame import RotatingFrame, skew
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembly import FormSpec, SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics, quaternion_product
-from mbdae.system.model import Node
+from mbdae.system.carried import Carried
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.nodes import Node
+from mbdae.system.rotations import rotation_matrices
+from mbdae.system.sharing import Sharing
 
 DEPENDENT = 1e-9  #: relative size below which a direction of the constraints counts as none
 
 
 class _Blocks:
-    """A sparse matrix from dense blocks."""
+    """A sparse matrix from stacks of dense blocks."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
@@ -35,12 +38,12 @@ class _Blocks:
         self.columns: list[Any] = []
         self.values: list[Any] = []
 
-    def add(self, row: int, column: int, block: Array) -> None:
-        """Put a block with its first entry at (row, column)."""
-        i, j = np.indices(block.shape)
-        self.rows.append((row + i).ravel())
-        self.columns.append((column + j).ravel())
-        self.values.append(block.ravel())
+    def add(self, row: Any, column: Any, blocks: Array) -> None:
+        """Put blocks (k, a, b) with their first entries at (row[i], column[i])."""
+        _, i, j = np.indices(blocks.shape)
+        self.rows.append((np.reshape(row, (-1, 1, 1)) + i).ravel())
+        self.columns.append((np.reshape(column, (-1, 1, 1)) + j).ravel())
+        self.values.append(blocks.ravel())
 
     def matrix(self) -> Any:
         """The matrix, CSR."""
@@ -48,6 +51,14 @@ class _Blocks:
             return sp.csr_matrix(self.shape)
         values, rows, columns = (np.concatenate(p) for p in (self.values, self.rows, self.columns))
         return sp.csr_matrix((values, (rows, columns)), shape=self.shape)
+
+
+def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
+    """A scene in a form with the absolute coordinates of all nodes and all rows: recursive joints and shared
+    displacements keep theirs, so that every motion and every reaction is seen."""
+    everything = Carried(mechanics.model, [])
+    everything.sharing = Sharing()
+    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, everything)
 
 
 @dataclass(frozen=True)
@@ -65,51 +76,69 @@ def basis(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, q: Ar
     nq, nu, rest = mechanics.nq, mechanics.nu, system.n - mechanics.nq - mechanics.nu
     T, rate, L = _Blocks((system.n, 2 * nu + rest)), _Blocks((system.n, 2 * nu + rest)), _Blocks((2 * nu + rest, system.n))
     C = _Blocks((nu, nu))
-    for node in mechanics.model.nodes:
-        for (B, dB, inverse), (D, dD), kq, ku in _node_blocks(node, frame, q, u):
-            at = node.q + kq, node.u + ku
-            T.add(*at, B)
-            rate.add(*at, dB)
-            L.add(at[1], at[0], inverse)
-            T.add(nq + at[1], nu + at[1], D)
-            rate.add(nq + at[1], nu + at[1], dD)
-            L.add(nu + at[1], nq + at[1], D.T)
-            C.add(at[1], at[1], D)
-    for k in range(rest):
-        T.add(nq + nu + k, 2 * nu + k, np.ones((1, 1)))
-        L.add(2 * nu + k, nq + nu + k, np.ones((1, 1)))
+    for kind, places in _by_kind(mechanics):
+        for (B, dB, inverse), (D, dD), kq, ku in _node_blocks(kind, places, frame, q, u):
+            at, by = places[0] + kq, places[1] + ku
+            T.add(at, by, B)
+            rate.add(at, by, dB)
+            L.add(by, at, inverse)
+            T.add(nq + by, nu + by, D)
+            rate.add(nq + by, nu + by, dD)
+            L.add(nu + by, nq + by, D.transpose(0, 2, 1))
+            C.add(by, by, D)
+    own = np.arange(rest)
+    T.add(nq + nu + own, 2 * nu + own, np.ones((rest, 1, 1)))
+    L.add(2 * nu + own, nq + nu + own, np.ones((rest, 1, 1)))
     return Basis(T.matrix(), rate.matrix(), L.matrix(), C.matrix())
 
 
-def _node_blocks(node: Node, frame: RotatingFrame, q: Array, u: Array) -> list[Any]:
-    """((dq/dp, its rate, its inverse), (du/dw, its rate), offsets in q and u) for translation and rotation of a node."""
-    one, zero = np.ones((1, 1)), np.zeros((1, 1))
-    if node.kind is NodeKind.COORDINATE:
+def _by_kind(mechanics: Mechanics) -> list[tuple[NodeKind, tuple[Array, Array]]]:
+    """Kinds of nodes with the places of their nodes in q and u."""
+    found: dict[NodeKind, list[Node]] = {}
+    for node in mechanics.model.nodes:
+        found.setdefault(node.kind, []).append(node)
+    return [(kind, (np.array([n.q for n in nodes]), np.array([n.u for n in nodes]))) for kind, nodes in found.items()]
+
+
+def _node_blocks(kind: NodeKind, places: tuple[Array, Array], frame: RotatingFrame, q: Array, u: Array) -> list[Any]:
+    """((dq/dp, its rate, its inverse), (du/dw, its rate), offsets in q and u) for translations and rotations of nodes."""
+    count = len(places[0])
+    one, zero = np.ones((count, 1, 1)), np.zeros((count, 1, 1))
+    if kind is NodeKind.COORDINATE:
         return [((one, zero, one), (one, zero), 0, 0)]
-    n, W = node.kind.translations, skew(frame.rate)
-    R, dR = frame.rotation[:n, :n], (W @ frame.rotation)[:n, :n]
-    out: list[Any] = [((R, dR, R.T), (R, dR), 0, 0)]
-    if node.kind is NodeKind.PLANAR:
+    n, W = kind.translations, skew(frame.rate)
+    R, dR = (np.tile(a[:n, :n], (count, 1, 1)) for a in (frame.rotation, W @ frame.rotation))
+    out: list[Any] = [((R, dR, R.transpose(0, 2, 1)), (R, dR), 0, 0)]
+    if kind is NodeKind.PLANAR:
         out.append(((one, zero, one), (one, zero), 2, 2))
-    elif node.kind is NodeKind.SPATIAL:
-        out.append((*_rotation_blocks(node, frame, W, q, u), 3, 3))
+    elif kind is NodeKind.SPATIAL:
+        P, Omega = q[places[0][:, None] + np.arange(3, 7)], u[places[1][:, None] + np.arange(3, 6)]
+        out.append((*_rotation_blocks(P, Omega, frame, W), 3, 3))
     return out
 
 
-def _rotation_blocks(node: Node, frame: RotatingFrame, W: Array, q: Array, u: Array) -> tuple[Any, Any]:
-    """delta P = 1/2 (0, R_F psi) o P, and delta Omega = R^T R_F w."""
-    P, Omega = q[node.q + 3 : node.q + 7], u[node.u + 3 : node.u + 6]
+def _rotation_blocks(P: Array, Omega: Array, frame: RotatingFrame, W: Array) -> tuple[Any, Any]:
+    """delta P = 1/2 (0, R_F psi) o P, and delta Omega = R^T R_F w, of nodes (k, ...)."""
     B = _times_quaternion(P) @ frame.rotation / 2
-    rate = quaternion_product(P, np.r_[0.0, Omega]) / 2
+    scalar = -np.einsum("ki,ki->k", P[:, 1:], Omega)
+    rate = np.column_stack([scalar, P[:, :1] * Omega + np.cross(P[:, 1:], Omega)]) / 2
     dB = (_times_quaternion(P) @ W @ frame.rotation + _times_quaternion(rate) @ frame.rotation) / 2
-    RT = attitude(node, q).T
-    D, dD = RT @ frame.rotation, RT @ (W - skew(angular_velocity(node, q, u))) @ frame.rotation
-    return (B, dB, 4 * B.T / (P @ P)), (D, dD)
+    R = rotation_matrices(P)
+    RT, spin = R.transpose(0, 2, 1), np.einsum("kij,kj->ki", R, Omega)
+    D, dD = RT @ frame.rotation, RT @ (W - _skews(spin)) @ frame.rotation
+    return (B, dB, 4 * B.transpose(0, 2, 1) / np.einsum("ki,ki->k", P, P)[:, None, None]), (D, dD)
+
+
+def _skews(a: Array) -> Array:
+    """a~ (k, 3, 3) of vectors (k, 3)."""
+    zero = np.zeros(len(a))
+    x, y, z = a.T
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
 
 
 def _times_quaternion(P: Array) -> Array:
-    """(4, 3) matrix of a -> (0, a) o P."""
-    return np.vstack([-P[1:], P[0] * np.eye(3) - skew(P[1:])])
+    """(k, 4, 3) matrices of a -> (0, a) o P."""
+    return np.concatenate([-P[:, None, 1:], P[:, :1, None] * np.eye(3) - _skews(P[:, 1:])], axis=1)
 
 
 @dataclass(frozen=True)
@@ -135,10 +164,13 @@ class Pencil:
         """G (m, nu): what the constraint rows change by per displacement."""
         return np.asarray(self.part(self.A, "c", "p").toarray())
 
-    def static(self, rows: str, columns: str) -> Any:
-        """A block of the equations for displacements that are constant in the frame (p' = 0)."""
-        block = self.part(self.A, rows, columns)
-        return block + self.part(self.A, rows, "w") @ self.kinematics if columns == "p" else block
+    @cached_property
+    def static(self) -> Any:
+        """The equations (w, s, z, c) for displacements that are constant in the frame (p' = 0), columns (p, s, z, c), CSR."""
+        A = self.A[np.concatenate([self.places[k] for k in "wszc"])].tocsc()
+        others = np.concatenate([self.places[k] for k in "szc"])
+        displaced = A[:, self.places["p"]] + A[:, self.places["w"]] @ self.kinematics
+        return sp.hstack([displaced, A[:, others]], format="csr")
 
 
 def pencil(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
@@ -213,7 +245,7 @@ class Reduced:
 
 def reduced(p: Pencil, N: Array) -> Reduced:
     """The pencil on the displacements N x: constraint forces drop out, algebraic unknowns are solved for."""
-    z, s = p.places["z"], _acting_states(p)
+    z, s = p.places["z"], acting_states(p)
     out: dict[str, list[Array]] = {}
     for rows, at in (("w", p.places["w"]), ("s", s), ("z", z)):
         left = N.T if rows == "w" else np.eye(len(at))
@@ -237,7 +269,7 @@ def _eliminate(out: dict[str, list[Array]]) -> None:
             out[rows][i] = out[rows][i] - out[rows][5] @ np.linalg.solve(own, block)
 
 
-def _acting_states(p: Pencil) -> Array:
+def acting_states(p: Pencil) -> Array:
     """Internal states something depends on; one that only follows a motion would add a root at zero."""
     keep = p.places["s"]
     while len(keep):

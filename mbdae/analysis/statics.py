@@ -16,8 +16,10 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from mbdae.analysis.frame import motion_in_words, steady_acceleration
-from mbdae.analysis.pencil import Pencil, derivatives, free_basis, pencil
+from mbdae.analysis.modes import softest_beam
+from mbdae.analysis.pencil import Pencil, complete_system, derivatives, free_basis, pencil
 from mbdae.analysis.steady import Rest, acceleration_scale
+from mbdae.analysis.stiffness import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.errors import EquilibriumError
 from mbdae.forces import Gravity, JointForce, JointTorque
 from mbdae.formulations.index3 import Index3
@@ -29,9 +31,10 @@ from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.start import Starter
 
-SOFT = 1e-11  #: relative to the largest stiffness: no stiffness at all
-ROUND_OFF = 1e-14  #: relative to the largest entry of the tangent
 DENSE = 400  #: unknowns up to which dense linear algebra is used
+BANDED = 120  #: the same with beams, whose equations are nearly banded
+FREE = 1e-4  #: of the stiffness of the softest beam, given to motions without any to find stresses
+LONGEST = 1.0  #: correction of Newton's method, in the scene's length and rad
 CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic
 
 
@@ -57,16 +60,6 @@ class Point:
     iterations: int = 0
 
 
-@dataclass(frozen=True)
-class Tangent:
-    """The linearised equations at a point: K x = right, with the displacements the constraints leave."""
-
-    p: Pencil
-    K: Any
-    right: Array
-    N: Array
-
-
 class Statics:
     """Equations of rest of a scene in a frame."""
 
@@ -74,12 +67,14 @@ class Statics:
         self.rest, m = rest, rest.mechanics
         self.mechanics, self.t = m, float(rest.t[0])
         spec = Index3().spec()
-        self.system = SceneSystem(m.model, m.rows, spec)
-        self.loads = SceneSystem(m.model, m.rows, replace(spec, outputs=applied_loads), self.system.sparsity is not None)
+        self.elastic = bool(m.model.lines)
+        self.system = complete_system(m, spec)
+        self.loads = complete_system(m, replace(spec, outputs=applied_loads, loads_only=True), self.system.sparsity is not None)
         self.units = m.velocity_units
         self.kinds = np.array(self.system.kinds)
         y = np.zeros(self.system.n)
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
+        self.unbalanced = np.zeros(self.system.n)
         self.begin = self.carried(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
         self.unbalanced = self._unloaded(self.begin)
 
@@ -133,6 +128,8 @@ class Statics:
         m = self.mechanics
         if not m.m:
             return point
+        if self.elastic:
+            return self._stressed(point)
         G = m.constraint_jacobian(self.rest.t, self.q(point)[None])[0]
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
@@ -142,6 +139,28 @@ class Statics:
         multipliers = -np.linalg.lstsq(G @ mobile[:, :-1], G @ mobile[:, -1], rcond=1e-12)[0]
         y[self.kinds == "lambda"] = multipliers / self.system.numbering.scaling()
         return point
+
+    def _stressed(self, point: Point) -> Point:
+        """The same with the stresses of beams, both by linear theory. Below load factor 1 the strains that belong to them
+        are part of what is left unbalanced: they come about as the loads are raised."""
+        m, nu, n = self.mechanics, self.mechanics.nu, self.system.n
+        still = replace(point, y=np.r_[point.y[: m.nq], np.zeros(n - m.nq)], yp=np.zeros(n))
+        still.y[self.kinds == "s"] = self.s(point)
+        force = self._inertia(point)
+        if point.load_factor == 1:
+            force = force + self._residual(self.system, still)[m.nq : m.nq + nu]
+        if not np.any(force):
+            return point
+        T = self.tangent(still, full=True)
+        W = T.p.C.T @ (T.p.C.T @ m.weight).T  # what no stress can carry accelerates the scene
+        inertia = sp.block_diag([FREE * softest_beam(m.model) ** 2 * W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)])
+        x = self.solve(T.K + inertia, -np.r_[T.p.C.T @ force, np.zeros(T.K.shape[0] - nu)])
+        y, at = point.y.copy(), nu + len(T.p.places["s"])
+        for kind in "zc" if np.all(np.isfinite(x)) else "":
+            places = T.p.places[kind] + m.nq - nu
+            y[places] = x[at : at + len(places)]
+            at += len(places)
+        return replace(point, y=y)
 
     def residual(self, point: Point) -> Array:
         """F (n,) under the loads of the point's load factor."""
@@ -160,41 +179,42 @@ class Statics:
 
     # -- the tangent
 
-    def tangent(self, point: Point) -> Tangent:
-        """The equations linearised at a point, in displacements that are constant in the frame."""
+    def tangent(self, point: Point, full: bool = False) -> Tangent:
+        """The equations linearised at a point, in displacements that are constant in the frame; `full`: under full loads."""
         fy, fyp = derivatives(self.system, self.t, point.y, point.yp)
-        if point.load_factor != 1:
+        if point.load_factor != 1 and not full:
             ly, lyp = derivatives(self.loads, self.t, point.y, point.yp)
             fy, fyp = fy - (1 - point.load_factor) * ly, fyp - (1 - point.load_factor) * lyp
         p = pencil(self.system, self.mechanics, self.rest.axes(self.q(point)), self.t, point.y, point.yp, (fy, fyp))
         hold = self.hold(self.q(point))
-        rows = [[p.static(r, c) for c in ("p", "s", "z", "c")] for r in ("w", "s", "z", "c")]
-        self._follow(p, rows)
-        K = sp.bmat([[*row, side] for row, side in zip(rows, (hold.T, None, None, None), strict=True)]
-                    + [[hold, None, None, None, sp.csr_matrix((len(hold), len(hold)))]], format="csr")  # fmt: skip
-        N = free_basis(np.vstack([p.constraints, hold]), self.units)
-        return Tangent(p, K, self._right(p, point, rows[1][1], len(hold)), N)
+        K = self._followed(p, p.static)
+        if len(hold):
+            side = sp.csr_matrix(np.hstack([hold, np.zeros((len(hold), K.shape[1] - hold.shape[1]))]))
+            K = sp.bmat([[K, side.T], [side, None]], format="csr")
+        return Tangent(p, K, self._right(p, point, len(hold)), hold, self.units)
 
-    def _right(self, p: Pencil, point: Point, own: Any, held: int) -> Array:
+    def _right(self, p: Pencil, point: Point, held: int) -> Array:
         """Minus the residual, row for row of the tangent; states that follow the motion have none."""
         m, F = self.mechanics, self.residual(point)
         shift = m.nq - m.nu
         parts = [p.C.T @ F[m.nq : m.nq + m.nu], *(F[p.places[k] + shift] for k in "szc")]
         parts[0] = parts[0] + self.hold(self.q(point)).sum(axis=0) * point.hold
-        parts[1] = np.where(self._following, 0.0, parts[1]) if own.shape[0] else parts[1]
+        parts[1] = np.where(self._following, 0.0, parts[1]) if len(parts[1]) else parts[1]
         return -np.concatenate([*parts, np.zeros(held)])
 
-    def _follow(self, p: Pencil, rows: list[list[Any]]) -> None:
+    def _followed(self, p: Pencil, K: Any) -> Any:
         """States whose rate vanishes at rest whatever they are follow the displacements: ds = d(rate)/dw dp."""
-        own = np.asarray(abs(rows[1][1]).sum(axis=1)).ravel()
-        moved = np.asarray(abs(rows[1][0]).sum(axis=1)).ravel()
-        rate = p.part(p.A, "s", "w")
-        following = (own == 0) & (moved <= 1e-9 * (1 + np.asarray(abs(rate).sum(axis=1)).ravel()))
-        self._following = following
-        if len(following):
-            choose = sp.diags(following.astype(float))
-            rows[1][0] = rows[1][0] + choose @ rate
-            rows[1][1] = rows[1][1] + choose
+        nu, count = self.mechanics.nu, len(p.places["s"])
+        self._following = np.zeros(count, dtype=bool)
+        if not count:
+            return K
+        own, moved, rate = K[nu : nu + count, nu : nu + count], K[nu : nu + count, :nu], p.part(p.A, "s", "w")
+        own_size, moved_size, rate_size = (np.asarray(abs(part).sum(axis=1)).ravel() for part in (own, moved, rate))
+        self._following = (own_size == 0) & (moved_size <= 1e-9 * (1 + rate_size))
+        choose = sp.diags(self._following.astype(float))
+        rest = K.shape[0] - nu - count
+        added = sp.hstack([choose @ rate, choose, sp.csr_matrix((count, rest))])
+        return (K + sp.vstack([sp.csr_matrix((nu, K.shape[1])), added, sp.csr_matrix((rest, K.shape[1]))])).tocsr()
 
     # -- the angle of a frame that turns freely
 
@@ -224,7 +244,7 @@ class Statics:
     def solve(self, K: Any, right: Array) -> Array:
         """x of K x = right; not finite where K is singular."""
         try:
-            if K.shape[0] <= DENSE:
+            if K.shape[0] <= (BANDED if self.elastic else DENSE):
                 return np.linalg.solve(K.toarray(), right)
             return np.asarray(splu(K.tocsc()).solve(right))
         except (np.linalg.LinAlgError, RuntimeError):
@@ -243,7 +263,10 @@ class Statics:
         return self.at_rest(replace(point, y=y, hold=hold, iterations=point.iterations + 1))
 
     def closed(self, point: Point) -> Point:
-        """The point with its joints closed again; raises StartError where they are too far apart."""
+        """The point with its joints closed again; raises StartError where they are too far apart. Beams are deformed: their
+        joints are closed by the next correction, as no motion of rigid links could."""
+        if self.elastic:
+            return point
         y = point.y.copy()
         y[: self.mechanics.nq] = self._closer.close(self.q(point))
         return self.at_rest(replace(point, y=y))
@@ -256,14 +279,14 @@ class Statics:
         """Largest displacement of a correction, in the scene's length and rad."""
         return float(np.max(np.abs(x[: self.mechanics.nu]) / self.units, initial=0.0))
 
-    def newton(self, point: Point, limit: int = 25) -> tuple[Point, Array] | None:
-        """The point at rest near a given one, and the displacement (nu,) to it; None without convergence."""
+    def newton(self, point: Point, T: Tangent | None = None, limit: int = 25) -> tuple[Point, Array] | None:
+        """The point at rest near a given one, and the displacement (nu,) to it; None without convergence. T: its tangent."""
         way, last = np.zeros(self.mechanics.nu), np.inf
         for i in range(limit):
-            T = self.tangent(point)
+            T = T if T is not None and i == 0 else self.tangent(point)
             x = self.solve(T.K, T.right)
             size = self.size(x)
-            if not np.isfinite(size) or size > 1.0 or (i > 2 and size > 2 * last):
+            if not np.isfinite(size) or size > LONGEST or (i > 2 and size > 2 * last):
                 return None
             point, way = self.moved(point, T.p, x), way + x[: self.mechanics.nu]
             if size <= CONVERGED or (i > 3 and size <= 1e-8 and size > 0.9 * last):
@@ -273,31 +296,22 @@ class Statics:
 
     # -- stiffness
 
-    def stiffness(self, T: Tangent) -> tuple[Array, Array]:
-        """The tangent on the displacements left by the constraints (f, f), unknowns other than displacements solved for."""
-        nu = self.mechanics.nu
-        others = np.r_[nu + np.arange(len(T.p.places["s"]) + len(T.p.places["z"]))].astype(int)
-        K = T.K[:nu][:, :nu].toarray()
-        if len(others):
-            own, below, beside = (m.toarray() for m in (T.K[others][:, others], T.K[others][:, :nu], T.K[:nu][:, others]))
-            K = K - beside @ np.linalg.solve(own, below)
-        return T.N.T @ K @ T.N, K
+    def stiffness(self, T: Tangent) -> DenseStiffness | SparseStiffness:
+        """What the constraints leave of a tangent."""
+        return stiffness(T, self.elastic)
 
     def soft_motions(self, T: Tangent) -> list[str]:
         """Motions left by the constraints that meet no stiffness, in words."""
-        reduced, full = self.stiffness(T)
-        if not len(reduced):
-            return []
-        _, sizes, right = np.linalg.svd(reduced)
-        floor = SOFT * sizes[0] + ROUND_OFF * float(np.max(np.abs(full * self.units * self.units[:, None])))
-        soft = np.flatnonzero(sizes <= max(floor, 1e-300))
-        return [motion_in_words(self.mechanics.model, T.N @ right[i], self.units) for i in soft[::-1]]
+        return [motion_in_words(self.mechanics.model, motion, self.units) for motion in self.free_motions(T).T]
+
+    def free_motions(self, T: Tangent) -> Array:
+        """(nu, k) motions left by the constraints that meet no stiffness."""
+        sizes, motions, floor = self.stiffness(T).softest()
+        return motions[:, : int(np.sum(sizes <= floor))]
 
     def unstable(self, T: Tangent) -> int:
         """Number of directions in which the symmetric part of the stiffness is negative."""
-        K, _ = self.stiffness(T)
-        values = np.linalg.eigvalsh((K + K.T) / 2) if len(K) else np.zeros(0)
-        return int(np.sum(values < -SOFT * np.max(np.abs(values), initial=0.0)))
+        return self.stiffness(T).negative()
 
     def check_steady(self, point: Point) -> None:
         """Refuse a state that is not at rest in the frame by its velocities, or needs a torque to keep the frame turning."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.analysis.elastic import dynamics, forces_off
 from mbdae.analysis.frame import (
     RotatingFrame,
     advanced,
@@ -22,10 +23,11 @@ from mbdae.analysis.frame import (
 from mbdae.errors import OptionError, StartError
 from mbdae.scene.components import Body
 from mbdae.symbolic.outputs import loads
+from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.explicit import state_rates
 from mbdae.system.mechanics import Mechanics
-from mbdae.system.model import Node
+from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.start import Starter
 
@@ -33,14 +35,18 @@ STEADY = 1e-4  #: relative: departures below change eigenvalues by as little
 
 
 def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
-              tolerance: float = STEADY) -> str | None:  # fmt: skip
-    """Why a state does not go on as a motion that is steady in the frame; None where it does."""
+              tolerance: float = STEADY, beams: tuple[SceneSystem, Array] | None = None) -> str | None:  # fmt: skip
+    """Why a state does not go on as a motion that is steady in the frame; None where it does. beams: for a scene with
+    beams its complete system with stresses, and their values, which a steady motion keeps."""
     m = prepared.mechanics
     rates = state_rates(m, t, q, u, s) if len(s) else s
     for tau in (0.0, *times_to_compare(m, frame, t, q, u, s)):
         qt, ut = advanced(m, frame, q, u, tau)
         reason = _constraints_broken(m, t + tau, qt, ut, tolerance)
-        reason = reason or _accelerates(m, frame, t + tau, qt, ut, s + tau * rates, tolerance)
+        if reason is None and beams is not None:
+            reason = _pulled(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
+        elif reason is None:
+            reason = _accelerates(m, frame, t + tau, qt, ut, s + tau * rates, tolerance)
         if reason:
             return reason + (f" after {tau:.3g} s" if tau else "")
     return None
@@ -82,6 +88,18 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
     unit = "rad/s^2" if m.rotational[worst] else "m/s^2"
     node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
     return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
+
+
+def _pulled(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array], state: tuple[float, Array, Array, Array],
+            tolerance: float) -> str | None:  # fmt: skip
+    t, q, u, s = state
+    found = dynamics(beams[0], m, t, q, u, s, beams[1])
+    off = forces_off(m, steady_acceleration(m.model, frame, q, u), found)
+    worst = int(np.argmax(off))
+    if off[worst] <= tolerance:
+        return None
+    node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
+    return f"'{node.name}' is accelerated in it by {off[worst]:.2g} of the largest force"
 
 
 def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | None) -> Array:
@@ -140,6 +158,8 @@ class Rest:
     def velocities(self, q: Array) -> Array:
         """u (nu,): every node turns with the frame, but for the spins found at the start, which are fixed to their bodies."""
         u = self._coordinate_rates.copy()
+        if not self.frame.turns and not any(np.any(spin) for _, spin in self._spins):
+            return u
         for node, spin in self._spins:
             self._turn(node, q, u, self.frame.rate + attitude(node, q) @ spin)
         return u

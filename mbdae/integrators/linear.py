@@ -15,6 +15,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.linalg import splu
 
+from mbdae.integrators.ordering import THRESHOLD, elimination_order
 from mbdae.system.base import Array, System
 
 
@@ -134,13 +135,28 @@ class DenseMatrix(IterationMatrix):
         return np.asarray(np.abs(self._fy) @ y + np.abs(self._fyp) @ yp)
 
 
+class _Ordered:
+    """A factorisation of rows and columns in an order that keeps it sparse."""
+
+    def __init__(self, factors: Any, order: NDArray[np.intp]) -> None:
+        self.factors, self.order = factors, order
+
+    def solve(self, b: Array) -> Array:
+        """Solution in the order of the unknowns."""
+        x = np.empty_like(b)
+        x[self.order] = self.factors.solve(b[self.order])
+        return x
+
+
 class SparseMatrix(IterationMatrix):
-    """SuperLU factorisations of CSC data in the system's pattern."""
+    """SuperLU factorisations of CSC data in the system's pattern; the order of elimination is found once."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         super().__init__(system, real, pairs)
         self._indices, self._indptr = system.sparsity.indices, system.sparsity.indptr
         self._columns = np.repeat(np.arange(system.n), np.diff(self._indptr))
+        self._sought = False
+        self._ordered: tuple[Any, ...] | None = None  #: data, indices and indptr in the order of elimination, and that order
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
         """Evaluate both Jacobian parts."""
@@ -162,10 +178,28 @@ class SparseMatrix(IterationMatrix):
     def _factor_real(self, matrix: Array) -> Any:
         if not np.isfinite(matrix).all():
             raise SingularMatrixError
+        if not self._sought:
+            self._seek(self._matrix(matrix))
         try:
+            if self._ordered is not None:
+                data, indices, indptr, order = self._ordered
+                ordered = csc_matrix((matrix[data], indices, indptr), shape=(self.system.n, self.system.n))
+                options = {"SymmetricMode": True}
+                factors = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options=options)
+                return _Ordered(factors, order)
             return splu(self._matrix(matrix), permc_spec="COLAMD")
         except RuntimeError as error:  # SuperLU reports exactly singular factors this way
             raise SingularMatrixError from error
+
+    def _seek(self, matrix: csc_matrix) -> None:
+        """Find the order once: it is most of the time of a factorisation by COLAMD, and a worse one."""
+        self._sought = True
+        order = elimination_order(matrix, self.system.kinds)
+        if order is None:
+            return
+        numbered = self._matrix(np.arange(1.0, len(matrix.data) + 1))[order][:, order].tocsc()
+        numbered.sort_indices()
+        self._ordered = numbered.data.astype(np.intp) - 1, numbered.indices, numbered.indptr, order
 
     def _factor_pair(self, matrix: Array) -> Any:
         return self._factor_real(matrix)

@@ -193,7 +193,7 @@ def _evaluated(kernel: Kernel, X: Array) -> Array:
 
 def _with_identity(table: Array, points: int, fields: int, extra: int, copies: int = 1) -> Array:
     """Operator from values at the points (fields `copies` times, then `extra` of its own) to nodal and own values."""
-    nodal = table.reshape(-1, points, fields)
+    nodal = table.reshape(len(table), points, fields)
     width = copies * fields + extra
     rows = len(table)
     out = np.zeros((copies * rows + points * extra, points, width))

@@ -13,7 +13,7 @@ from mbdae.errors import OptionError
 from mbdae.notation import axis_label
 from mbdae.results.drawing import Picture, axes_for, figure_size, show_gravity
 from mbdae.results.geometry import Geometry
-from mbdae.results.plots import COLOURS, checked, components, dress, label_of, numbers, steady, style, track
+from mbdae.results.plots import COLOURS, checked, dress, numbers, steady, strips, style, track
 from mbdae.results.shapes import geometry
 from mbdae.scene.components import Array, Body, Connection, Place
 
@@ -99,10 +99,8 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
     dense = result(times)
     tracks = [track(dense, place) for place in places]
     trails = tuple(Trail(name, COLOURS[(i + 1) % len(COLOURS)], points) for i, (name, points) in enumerate(tracks))
-    curves = []
-    for sensor in sensors:
-        parts = components(dense, sensor)
-        curves.append(Curve(label_of(dense, sensor), tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1)))
+    curves = [Curve(label, tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1))
+              for sensor in sensors for label, parts in strips(dense, sensor)]  # fmt: skip
     return Film(geometry(result(t)), fine, times, trails, tuple(curves), speed)
 
 

@@ -158,6 +158,7 @@ class BeamPlace(BodySensor):
         line = result.prepared.model.line(beam)
         assert line is not None
         self._line = line
+        self.arm: Array  #: (3,) from the axis to the place in section axes, m
         self.drawn_position: Array  #: (3,), m
         self.drawn_rotation: Array  #: (3, 3), section axes to inertial frame
         self._element, self._xi = foot(line.mesh, point)
@@ -166,7 +167,7 @@ class BeamPlace(BodySensor):
         q[0, line.places("q")] = reference_positions(line.mesh, line.kind)[line.mesh.elements]
         drawn = self._fields.positions(q)
         self.drawn_position, self.drawn_rotation = point, self._fields.rotations(drawn)[0, 0, 0]
-        self._offset = self.drawn_rotation.T @ (point - in_space(line, drawn)[0, 0, 0])
+        self.arm = self.drawn_rotation.T @ (point - in_space(line, drawn)[0, 0, 0])
 
     @cached_property
     def _positions(self) -> Array:
@@ -184,12 +185,17 @@ class BeamPlace(BodySensor):
     @cached_property
     def position(self) -> Array:
         """(nt, 3), m."""
-        return in_space(self._line, self._positions)[:, 0, 0] + self.rotation @ self._offset
+        return self.on_axis + self.rotation @ self.arm
+
+    @cached_property
+    def on_axis(self) -> Array:
+        """(nt, 3), m: the point of the axis the place is joined to."""
+        return in_space(self._line, self._positions)[:, 0, 0]
 
     @cached_property
     def velocity(self) -> Array:
         """(nt, 3), m/s."""
-        return in_space(self._line, self._rates)[:, 0, 0] + np.cross(self.angular_velocity, self.rotation @ self._offset)
+        return in_space(self._line, self._rates)[:, 0, 0] + np.cross(self.angular_velocity, self.rotation @ self.arm)
 
     @cached_property
     def angular_velocity(self) -> Array:

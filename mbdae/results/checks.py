@@ -42,9 +42,22 @@ class Check:
 
     @property
     def unknowns(self) -> dict[str, int]:
-        """Number of positions, velocities, internal states and multipliers."""
+        """Number of positions, velocities, internal states, multipliers, and stresses of beams (unknowns with Radau IIA only)."""
         e, states = self.prepared.expansion, len(self.prepared.mechanics.numbering.states)
-        return {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows)}
+        stresses = sum(len(line.stresses) for line in self.prepared.model.lines)
+        return {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows),
+                "stresses": stresses}  # fmt: skip
+
+    @property
+    def beams(self) -> dict[str, int]:
+        """Number of elements of every flexible beam; attachments between nodes add to those asked for."""
+        return {line.beam.name: len(line.mesh.elements) for line in self.prepared.model.lines}
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Translation rows of joints on nodes of beams, "joint.row", that need no equation: the bodies share unknowns there."""
+        rows = self.prepared.expansion.carried.sharing.rows
+        return tuple(row.name for row in self.prepared.mechanics.rows if (row.group, row.instance, row.row) in rows)
 
     @property
     def recursive(self) -> tuple[str, ...]:
@@ -58,11 +71,14 @@ class Check:
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
-        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies, {len(scene.joints)} joints, "
-                 f"{len(scene.connections) - len(scene.joints)} force elements",
+        beams = f", {len(self.beams)} of them flexible beams" if self.beams else ""
+        loads = f", {len(scene.line_loads)} distributed loads" if scene.line_loads else ""
+        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies{beams}, {len(scene.joints)} joints, "
+                 f"{len(scene.connections) - len(scene.joints)} force elements{loads}",
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
+        lines += self._of_beams()
         lines += self._of_recursive_joints()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
@@ -75,6 +91,17 @@ class Check:
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
         return "\n".join(lines)
+
+    def _of_beams(self) -> list[str]:
+        """Meshes, and which unknowns are eliminated."""
+        lines = self.prepared.model.lines
+        if not lines:
+            return []
+        meshes = (f"{line.beam.name} ({len(line.mesh.elements)} elements of order {line.mesh.order}, {len(line.nodes)} nodes)"
+                  for line in lines)  # fmt: skip
+        return [f"  beams: {'; '.join(meshes)}",
+                "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
+                *_by_joint("  without equations, displacements shared with a node of a beam", self.shared)]  # fmt: skip
 
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""

@@ -16,7 +16,8 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-_CHUNK = 3000  #: states evaluated at once
+_CHUNK = 3000  #: states evaluated at once, where there are no beams
+_ELEMENTS = 20_000  #: elements of beams evaluated at once
 
 
 def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -64,9 +65,17 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
         for o, target in enumerate(p.targets):
             totals[target[0]] += values[:, :, o].sum(axis=1)
     for line in mechanics.model.lines:
-        totals["kinetic"] += line.kinetic(u)
-        totals["potential"] += line.energy(q, u)[0] + line.potential(q)
+        for part in _parts(mechanics, len(t)):
+            totals["kinetic"][part] += line.kinetic(u[part])
+            totals["potential"][part] += line.energy(q[part], u[part])[0] + line.potential(q[part])
     return totals["kinetic"], totals["potential"]
+
+
+def _parts(mechanics: Mechanics, count: int) -> list[slice]:
+    """States in portions of bounded memory."""
+    elements = sum(len(line.mesh.elements) for line in mechanics.model.lines)
+    size = min(_CHUNK, max(1, _ELEMENTS // elements)) if elements else _CHUNK
+    return [slice(i, i + size) for i in range(0, count, size)]
 
 
 def has_power(mechanics: Mechanics) -> bool:
@@ -98,7 +107,7 @@ def integrated(mechanics: Mechanics, steps: Array, at: Array, states: States) ->
     grid = np.union1d(steps, at)
     width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
     points = (middle[:, None] + width[:, None] * _NODES).ravel()
-    values = np.concatenate([powers(mechanics, points[i : i + _CHUNK], states) for i in range(0, len(points), _CHUNK)]
+    values = np.concatenate([powers(mechanics, points[part], states) for part in _parts(mechanics, len(points))]
                             or [np.zeros((0, 2))])  # fmt: skip
     per_step = np.einsum("ijk,j->ik", values.reshape(-1, 3, 2), _WEIGHTS) * width[:, None]
     sums = np.vstack([np.zeros((1, 2)), np.cumsum(per_step, axis=0)])

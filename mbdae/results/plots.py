@@ -20,6 +20,7 @@ STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
+WIDTH = 100  #: letters a legend has room for beside each other
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -91,12 +92,19 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
     names = SECTION.get(quantity) or {1: [""], 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
     shown = names
     if result.prepared.model.planar and quantity in SECTION:
-        shown = [name for name, column in zip(names, values.T, strict=True) if np.any(column)] or [names[i] for i in (0, 1, 5)]
+        shown = [names[i] for i in ((0, 2, 4) if np.any(values[:, [2, 4]]) else (0, 1, 5))]
     elif result.prepared.model.planar and len(names) == 3:
         shown = ["z"] if quantity in ("angular_velocity", "torque") else ["x", "y"]
     elif result.prepared.model.planar and len(names) == 9:
         shown = ["xx", "xy", "yx", "yy"]
     return [(name, values[:, names.index(name)]) for name in shown]
+
+
+def strips(result: Any, sensor: str) -> list[tuple[str, list[tuple[str, Array]]]]:
+    """Label with unit and components of every panel a sensor is drawn in."""
+    parts, known = components(result, sensor), PANELS.get(split(sensor)[1], ())
+    split_up = [(f"{sensor} [{unit}]", [p for p in parts if p[0].startswith(letter)]) for letter, _, unit in known]
+    return split_up or [(label_of(result, sensor), parts)]
 
 
 def quantity_of(result: Any, sensor: str) -> str:
@@ -194,7 +202,8 @@ def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str]
 
 def _legend(axis: Any) -> None:
     if len(axis.lines) > 1:
-        columns = 3 if len(axis.lines) % 3 == 0 else 2
+        longest = max(len(str(line.get_label())) for line in axis.lines)
+        columns = max(1, min(3 if len(axis.lines) % 3 == 0 else 2, WIDTH // (longest + 6)))
         axis.legend(frameon=False, fontsize="small", ncols=columns, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
     else:
         axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")

@@ -62,7 +62,8 @@ class RunInfo:
 
 
 class Result:
-    """A simulated scene. `r["name"]` gives the sensors of a body, joint or force; `r(t)` the result at other times."""
+    """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
+    body or beam; `r(t)` the result at other times."""
 
     def __init__(self, prepared: Prepared, solution: Solution, info: RunInfo, t: Array) -> None:
         self.prepared, self.solution, self.info = prepared, solution, info
@@ -241,7 +242,7 @@ class Result:
               path: Any = None) -> Any:  # fmt: skip
         """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
 
-        place: a body, a joint or their name, "hub.position", or body.at(point); other options as for `plot`."""
+        place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
         from mbdae.results.plots import compared, plot_orbit
 
         return plot_orbit(compared(self, against, labels), place, axes, path)

@@ -19,10 +19,13 @@ from mbdae.results.beams import polylines
 from mbdae.results.geometry import INK, Geometry, Label, Pose, Shape, moved
 from mbdae.results.plots import COLOURS
 from mbdae.results.result import Result
+from mbdae.scene import timed
+from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.system.lines import Line
 
 MARK = 0.03  #: size of symbols over the size of the scene
+ARROWS = 9  #: a distributed load is drawn by
 SMOOTH = 32  #: least chords a beam is drawn by
 MARKERS = {"revolute": "pin", "spherical": "ball", "weld": "weld", "fixedorientation": "lock", "distance": "dot",
            "bushing": "dot"}  # fmt: skip
@@ -92,6 +95,9 @@ class _Collected:
                 sides[side] = Body(f"{body.name} at {side} of {item.name}", 0.0, None, place.drawn_position, place.drawn_rotation,
                                    np.zeros(3), np.zeros(3))  # fmt: skip
                 self.poses[sides[side].name] = Pose(place.position, place.rotation)
+                arm = np.stack([place.on_axis, self._over_time(sides[side], at)], axis=1)
+                if np.linalg.norm(arm[0, 1] - arm[0, 0]) > 0.3 * self.mark:
+                    self._add(item.name, "line", arm)
         return replace(item, **sides)
 
     def _add(self, item: str, kind: str, points: Array, body: Body | None = None, colour: str = INK) -> None:
@@ -128,6 +134,8 @@ class _Builder(_Collected):
             self._body(body, COLOURS[i % (len(COLOURS) - 1)])
         for item in self.scene.connections:
             self._connection(self._held(item))
+        for load in self.scene.line_loads:
+            self._distributed(load)
         self._gather()
         found = (tuple(self.shapes), tuple(self.labels))
         return Geometry(self.scene.name, self.result.t, self.planar, self.size, self.scene.gravity, self.poses, *found)
@@ -274,6 +282,27 @@ class _Builder(_Collected):
             else:
                 lines.append(symbols.turning_arrow(p, reach if np.any(reach) else symbols.Z, 2.6 * self.mark * s**0.5))
         self._add(item.name, "arrow", np.array(lines))
+
+
+    def _distributed(self, load: BeamLoad) -> None:
+        """A row of arrows along the beam, as long as the load is large, joined at their tails."""
+        t = self.result.t
+        parts = [getattr(load.law, f"f{i}") or 0.0 for i in (1, 2, 3)]
+        values = np.stack([timed.values(timed.expression(part), t) for part in parts], axis=1)
+        largest = np.max(np.linalg.norm(values, axis=1)) or 1.0
+        places = [self.result[load.beam.at(s)] for s in np.linspace(0.0, 1.0, ARROWS)]
+        lines = []
+        for k in range(len(t)):
+            row = []
+            for place in places:
+                f = place.rotation[k] @ values[k] if load.law.follows else values[k]
+                tip = place.position[k]
+                row.append(symbols.arrow(tip - 4 * self.mark * f / largest, tip, 0.8 * self.mark))
+            back = [arrow[[0, 1, 2, 1, 4, 1, 0]] for arrow in row]
+            lines.append(np.concatenate(back))
+        self._add(load.name, "thin", np.array(lines))
+        middle = np.array(lines)[:, 7 * (ARROWS // 2)]
+        self._name(load.name, self.scene.ground, middle)
 
 
 def ends(item: Connection) -> tuple[Array, Array]:

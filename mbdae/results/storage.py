@@ -73,6 +73,11 @@ def _scene(prepared: Prepared) -> dict[str, Any]:
         if "<locals>" in type(law).__qualname__:
             raise OptionError(f"'{law.name}': the law class {type(law).__name__} is defined inside a function and could not be "
                               f"found again; define it at the top of a module to save this result")  # fmt: skip
+    for method, args, kwargs in scene.statements:
+        curve = kwargs.get("curve") if method == "beam" else None
+        if curve not in (None, "arc") and not ("class" in curve and "<" not in curve["class"]):
+            raise OptionError(f"beam '{[*args, kwargs.get('name')][0]}': its curve is not a function at the top of a module and "
+                              f"could not be found again; define it there with def to save this result")  # fmt: skip
     return {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
 
 

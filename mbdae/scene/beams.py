@@ -11,11 +11,12 @@ from mbdae.elements.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.elements.line_shape import ORDERS
 from mbdae.errors import MbdaeError
 from mbdae.forces.line_load import LineLoad
-from mbdae.scene.components import Array, Beam
+from mbdae.scene.components import Array, Beam, Connection
 from mbdae.scene.reading import Reading
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 
+HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
 
@@ -32,6 +33,7 @@ class BeamStatements(Reading):
     """`beam` and its distributed loads."""
 
     line_loads: list[BeamLoad]
+    attachments: dict[Beam, tuple[float, ...]]  #: places on beams where something is attached, as `nearest_place` has them
 
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
@@ -49,7 +51,10 @@ class BeamStatements(Reading):
         rates = (("velocity", velocity, "m/s"), ("angular_velocity", angular_velocity, "rad/s"))
         v, w = (np.zeros(3) if given is None else self._vector(name, what, given, unit) for what, given, unit in rates)
         direction = None if axis2 is None else self._vector(name, "axis2", axis2, "")
-        if order not in ORDERS:
+        if direction is not None and not np.any(direction):
+            self.problems.append(f"beam '{name}': axis2 = {direction.tolist()} has length zero; give a direction across the beam")
+            direction = None
+        if not isinstance(order, int | np.integer) or order not in ORDERS:
             self.problems.append(f"beam '{name}': order = {order!r}: give 1, 2, 3 or 4")
             order = 2
         lengths = np.linalg.norm(np.diff(outline, axis=0), axis=1)
@@ -57,12 +62,26 @@ class BeamStatements(Reading):
         body = Beam(name, section.mass_per_length * float(lengths.sum()), None, center, np.eye(3), v, w,
                     given_velocity=bool(np.any(v) or np.any(w)), outline=outline, section=section, elements=elements,
                     order=order, curve=function, axis2=direction, scene=self)  # fmt: skip
-        try:
-            mesh_of(body)
-        except MbdaeError as error:
-            self.problems.append(f"beam '{name}': {error}")
-            body.elements, body.axis2, body.curve = len(outline) - 1, None, None
+        self._check_mesh(body)
+        if body.curve is not None:
+            mesh = mesh_of(body)
+            body.mass = section.mass_per_length * mesh.length
+            body.position = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
         return self._add_body(body)  # type: ignore[attr-defined, no-any-return]
+
+    def _check_mesh(self, beam: Beam) -> None:
+        """Every reason why a beam has no mesh; what is wrong is replaced, so that what follows can be checked too."""
+        for _ in range(3):
+            try:
+                mesh_of(beam)
+                return
+            except MbdaeError as error:
+                self.problems.append(f"beam '{beam.name}': {error}")
+                option = str(error).split(" ", 1)[0]
+                if option == "elements":
+                    beam.elements = len(beam.outline) - 1 if beam.curve is None else 1
+                else:
+                    beam.axis2, beam.curve = None, beam.curve if option == "axis2" else None
 
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3) and the curve, if it is one."""
@@ -70,8 +89,11 @@ class BeamStatements(Reading):
         function = None
         try:
             if callable(curve):
-                function = curve
-            elif curve == "arc" and len(outline) == 3:
+                if len(points):
+                    self.problems.append(f"beam '{name}': curve={curve!r} with {len(points)} points: leave them out, the curve "
+                                         f"gives all points")  # fmt: skip
+                return self._sampled(name, curve)
+            if curve == "arc" and len(outline) == 3:
                 function = arc(*outline)
             elif curve is not None:
                 self.problems.append(f"beam '{name}': curve={curve!r} with {len(outline)} points: give 'arc' and three points, "
@@ -79,18 +101,66 @@ class BeamStatements(Reading):
         except MbdaeError as error:
             self.problems.append(f"beam '{name}': {error}")
         if function is not None:
-            return np.array([self._vector(name, "curve", function(s), "m") for s in np.linspace(0, 1, SAMPLES + 1)]), function
+            return self._sampled(name, function)
         if len(outline) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"beam '{name}': needs at least two points, each different from the one before")
-            outline = np.array([np.zeros(3), np.eye(3)[0]])
+            outline = HARMLESS
         return outline, None
+
+    def _sampled(self, name: str, curve: Any) -> tuple[Array, Any]:
+        """Points (k, 3) of a curve and the curve itself; a straight line without curve where it cannot be evaluated."""
+        points = []
+        for s in np.linspace(0, 1, SAMPLES + 1):
+            before = len(self.problems)
+            try:
+                points.append(self._vector(name, f"curve({s:g})", curve(s), "m"))
+            except Exception as error:
+                self.problems.append(f"'{name}': curve({s:g}) fails ({type(error).__name__}: {error}); give a function of a "
+                                     f"parameter from 0 to 1 that returns 2 or 3 coordinates, m")  # fmt: skip
+            if len(self.problems) > before:
+                return HARMLESS, None
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        if not np.all(lengths > 0):
+            s = float(np.argmin(lengths)) / SAMPLES
+            self.problems.append(f"beam '{name}': its curve stands still at the parameter {s:g}; give one that moves on there")
+            return HARMLESS, None
+        return np.array(points), curve
+
+    def _check_attachments(self, item: Connection) -> None:
+        """Attachments to beams must be at their nodes or not too near to them."""
+        law: Any = item.joint
+        for side, beam in (("k", item.k), ("l", item.l)):
+            if isinstance(beam, Beam):
+                at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
+                point = item.places.get(side, at)
+                known = self.attachments.setdefault(beam, ())
+                place = nearest_place(beam, point)
+                try:
+                    mesh_of(beam, (*known, place))
+                    self.attachments[beam] = (*known, place)
+                except MbdaeError:
+                    nodes = mesh_of(beam, known).positions
+                    apart = np.linalg.norm(nodes - place_of(beam, place), axis=1)
+                    nearest = np.round(nodes[np.argmin(apart)], 12).tolist()
+                    self.problems.append(f"{item.kind} '{item.name}': its place {point.tolist()} m on beam '{beam.name}' is "
+                                         f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
+                                         f"at the node, {nearest} m, or move it away from there")  # fmt: skip
 
     @statement
     def line_load(self, name: str, beam: Beam, per_length: Any, frame: str = "inertial") -> BeamLoad:
         """A force per reference length on the axis of a beam, N/m: dead (frame="inertial"), or following (frame="section")."""
+        if isinstance(beam, str):
+            beam = next((b for b in self.bodies if b.name == beam), beam)  # type: ignore[attr-defined]
+        if not isinstance(beam, Beam):
+            self.problems.append(f"load '{name}': {getattr(beam, 'name', beam)!r} is not a beam of this scene; give one, or use "
+                                 f"s.force for a rigid body")  # fmt: skip
         if frame not in ("inertial", "section"):
             self.problems.append(f"load '{name}': frame={frame!r} is unknown; use 'inertial' or 'section'")
-        entries = list(per_length) + [0.0] * (3 - len(per_length))
+        entries = list(per_length) if np.ndim(np.asarray(per_length, dtype=object)) == 1 else []
+        if len(entries) not in (2, 3):
+            self.problems.append(f"load '{name}': per_length = {per_length!r}: give 2 or 3 components (N/m)")
+            entries = []
+        entries += [0.0] * (3 - len(entries))
         values = {f"f{i + 1}": self._timed(name, f"per_length[{i}]", v, "N/m") for i, v in enumerate(entries)}
         law = LineLoad(name, follows=frame == "section", **{key: v for key, v in values.items() if v != 0})
         self._claim(name)  # type: ignore[attr-defined]
@@ -104,6 +174,15 @@ def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:
     if beam.curve is not None:
         return curved(beam.curve, beam.elements, beam.order, beam.axis2, at)
     return polyline(beam.outline, beam.elements, beam.order, beam.axis2, at)
+
+
+def place_of(beam: Beam, place: float) -> Array:
+    """Position (3,), m, of a place on the axis of a beam: length along the outline, or parameter of its curve."""
+    if beam.curve is not None:
+        value = np.asarray(beam.curve(place), dtype=float)
+        return np.pad(value, (0, 3 - len(value)))
+    lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))]
+    return np.array([np.interp(place, lengths, beam.outline[:, i]) for i in range(3)])
 
 
 def nearest_place(beam: Beam, point: Array) -> float:

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import OptionError
 from mbdae.symbolic.law import Law
 
 Array = NDArray[np.float64]
+FINE = 2048  #: chords the length along a curve is measured by
 
 
 @dataclass(eq=False)
@@ -54,6 +56,8 @@ class Body:
         points = self.outline
         if len(points) < 2:
             raise ValueError(f"'{self.name}' has no length to measure along; give a point")
+        if not 0 <= s <= 1:
+            raise OptionError(f"'{self.name}'.at({s:g}): give a number from 0 to 1 along it, or a point")
         lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
 
@@ -69,6 +73,15 @@ class Beam(Body):
     axis2: Any = None
     scene: Any = field(default=None, repr=False)
 
+    def _along(self, s: float) -> Array:
+        if self.curve is None or not 0 < s < 1:
+            return super()._along(s)
+        parameters = np.linspace(0, 1, FINE + 1)
+        points = np.array([self.curve(x) for x in parameters], dtype=float)
+        lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        found = np.asarray(self.curve(float(np.interp(s * lengths[-1], lengths, parameters))), dtype=float)
+        return np.pad(found, (0, 3 - len(found)))
+
     def load(self, per_length: Any, frame: str = "inertial", name: str | None = None) -> Any:
         """A force per reference length on the axis, N/m, three numbers or expressions of mb.t: dead (in the inertial
         frame), or following the section (frame="section": its axes 1, 2, 3)."""
@@ -81,6 +94,7 @@ class Station(Body):
 
     beam: Body | None = None
     turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
+    quaternion: Array = field(default_factory=lambda: np.eye(4)[0])  #: of its axes as drawn, its sign that of the neighbours
 
     @property
     def owner(self) -> Body:

@@ -25,7 +25,7 @@ from mbdae.forces import (
 from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene.beams import BeamLoad, BeamStatements
-from mbdae.scene.components import Array, Body, Classical, Connection, JointModel, Kinematic, Place, Recursive
+from mbdae.scene.components import Array, Beam, Body, Classical, Connection, JointModel, Kinematic, Place, Recursive
 from mbdae.scene.record import Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
@@ -48,6 +48,7 @@ class SceneData(BeamStatements):
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
+        self.attachments: dict[Beam, tuple[float, ...]] = {}
 
     # -- bodies
 
@@ -298,6 +299,7 @@ class SceneData(BeamStatements):
         if item.k is item.l:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
+        self._check_attachments(item)
         self._claim(item.name)
         self.connections.append(item)
         return item

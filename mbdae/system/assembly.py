@@ -46,7 +46,8 @@ class FormSpec:
 
     outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
     multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
-    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test).
+    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
+    loads_only: of beams only gravity and loads along them.
     """
 
     label: str
@@ -57,6 +58,7 @@ class FormSpec:
     index: Mapping[str, int]
     mixed: bool = False
     waves: bool = False
+    loads_only: bool = False
 
 
 class SceneSystem(System):
@@ -87,7 +89,8 @@ class SceneSystem(System):
             if active:
                 self._add(g, active, linearised_plan(group.derived, spec.outputs), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
-            self._add_elements(batch, entries)
+            if batch.is_load or not spec.loads_only:
+                self._add_elements(batch, entries)
         for line in model.lines:
             self._add_inertia(line, entries)
         for plan, equal in carried.plans():
@@ -183,6 +186,9 @@ class SceneSystem(System):
         nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
         entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
         rows = np.stack([self._row_on(nodes, ("u", *e)) for e in entries_of], axis=1)
+        np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
+        if self.spec.loads_only:
+            return
         columns = np.stack([self._nodal(nodes, ("up", *e)) for e in entries_of], axis=1)
         at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
         values = line.blocks.reshape(at.shape)
@@ -190,7 +196,6 @@ class SceneSystem(System):
         M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # one term for every pair of unknowns
         kept = (M.data != 0) & (M.row != self.n)
         self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
-        np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
@@ -305,8 +310,7 @@ class SceneSystem(System):
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         weighted = self._values(t, y, yp) * np.where(self._pattern.dotted, cj, 1.0)
-        data: Any = np.bincount(self._place, weighted, self._size + 1)
-        data += self._c[0]
+        data: Any = np.bincount(self._place, weighted, self._size + 1) + self._c[0]
         data += cj * self._c[1]
         out.reshape(-1)[:] = data[:-1]
 

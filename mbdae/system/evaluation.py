@@ -75,18 +75,19 @@ class Scatter:
 class TreeStage:
     """Kernels of trees that other laws act on: the motion of their bodies before, their rows after those laws."""
 
-    def __init__(self, W: Array, pieces: list[tuple[Piece, Index, Index]]) -> None:
+    def __init__(self, W: Array, pieces: list[tuple[Piece, Index, Index]], width: int) -> None:
+        """pieces: kernel, slots it reads, places of its outputs in rows of an array of `width`."""
         self.evaluation = Evaluation(W, [g for _, g, _ in pieces], [p.kernel for p, _, _ in pieces])
-        count = len(W)
-        shift = np.arange(count)[:, None, None]
-        self.at = [(shift, places[None]) for _, _, places in pieces]
+        shift = np.arange(len(W))[:, None, None] * width
+        self.at = np.concatenate([(shift + places[None]).ravel() for _, _, places in pieces])
 
-    def into(self, out: Array, add: bool) -> None:
-        """Write the outputs to their places in every row of `out`, or add them there."""
-        self.evaluation.values()
-        for (_, _, v), (row, column) in zip(self.evaluation.calls, self.at, strict=True):
-            values = v.reshape(len(out), *column.shape[1:])
-            out[row, column] = out[row, column] + values if add else values
+    def write(self, out: Array) -> None:
+        """Write the outputs to their places in the rows of `out`."""
+        out.reshape(-1)[self.at] = self.evaluation.values()
+
+    def add(self, out: Array) -> None:
+        """Add the outputs there; no place occurs twice in a row."""
+        out.reshape(-1)[self.at] += self.evaluation.values()
 
 
 class Batch:
@@ -105,7 +106,8 @@ class Batch:
         self._has_clock = numbering.clock.expressions != []
         self.staged = bool(stages[0])
         if self.staged:
-            self.forward, self.backward = (TreeStage(self.W, pieces) for pieces in stages)
+            widths = self.W.shape[1], self.rows
+            self.forward, self.backward = (TreeStage(self.W, p, width) for p, width in zip(stages, widths, strict=True))
 
     def fill(self, t: Array, y: Array, yp: Array) -> None:
         """Unknowns, prescribed values and the motion of loaded nodes into the workspace."""
@@ -114,15 +116,14 @@ class Batch:
         if self._has_clock:
             self.numbering.fill_clock(self.W, t)
         if self.staged:
-            self.forward.into(self.W, add=False)
+            self.forward.write(self.W)
 
     def residual(self, t: Array, y: Array, yp: Array) -> Array:
         """(count, n)."""
         self.fill(t, y, yp)
         values = self.laws.values()
         np.multiply(self.laws.tail[0], self.weights, out=self.laws.tail[1])
-        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows)
-        total += self.offset
+        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows) + self.offset
         if self.staged:
             self._pull(total)
         return np.asarray(total[:, : self.n])
@@ -131,4 +132,4 @@ class Batch:
         """Rows of loaded nodes into the rows of the coordinates that move them."""
         rows = self.numbering.loaded_rows
         self.W[:, rows] = total[:, rows - self.n + 1]
-        self.backward.into(total, add=True)
+        self.backward.add(total)

@@ -19,7 +19,7 @@ from mbdae.scene.beams import BeamLoad, mesh_of, nearest_place
 from mbdae.scene.components import Array, Beam, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.nodes import Node
-from mbdae.system.rotations import rotation_matrices
+from mbdae.system.rotations import quaternion, rotation_matrices
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
@@ -65,8 +65,17 @@ def _foot(mesh: LineMesh, point: Array) -> Array:
 def _stations(beam: Beam, mesh: LineMesh) -> list[Station]:
     zero, R = np.zeros((3, 3)), rotation_matrices(mesh.quaternions)
     rest = beam.velocity, beam.angular_velocity
-    return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]))
+    return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
+                    quaternion=mesh.quaternions[i])
             for i, r in enumerate(mesh.positions)]  # fmt: skip
+
+
+def drawn_quaternion(body: Body | None) -> Array:
+    """Quaternion (4,) of a body's axes as drawn (None: the ground); of a node of a beam with the sign its mesh gives it:
+    what is interpolated along an element must not change its sign."""
+    if isinstance(body, Station):
+        return body.quaternion
+    return quaternion(body.rotation) if body is not None else np.eye(4)[0]
 
 
 class Line:

@@ -18,6 +18,7 @@ from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, po
 from mbdae.system.base import Array
 from mbdae.system.lines import Batch, batches, nodal_inputs, sparse_mass
 from mbdae.system.model import Model
+from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
 from mbdae.system.rotations import quaternion_product, turned
 from mbdae.threads import one_thread
@@ -211,30 +212,37 @@ class Mechanics:
                 out[i] = splu(K).solve(np.r_[f[i], -gamma])
         return out[:, : self.nu], out[:, self.nu :]
 
+    @cached_property
+    def _kinds(self) -> list[tuple[NodeKind, Any, Any]]:
+        """Kinds of nodes with the places in q and u of all their nodes, (k, nq) and (k, nu)."""
+        found: dict[NodeKind, list[Node]] = {}
+        for node in self.model.nodes:
+            found.setdefault(node.kind, []).append(node)
+        first = {kind: np.array([(n.q, n.u) for n in nodes]) for kind, nodes in found.items()}
+        return [(kind, *(at[:, i : i + 1] + np.arange(kind.sizes[i]) for i in (0, 1))) for kind, at in first.items()]
+
     def integrate_positions(self, q: Array, displacement: Array) -> Array:
         """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""
         q = q.copy()
-        for node in self.model.nodes:
-            d = displacement[node.u : node.u + node.kind.sizes[1]]
-            n = node.kind.translations
-            q[node.q : node.q + n] += d[:n]
-            if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] += d[2]
-            elif node.kind is NodeKind.SPATIAL:
-                q[node.q + 3 : node.q + 7] = turned(q[node.q + 3 : node.q + 7], d[3:])
+        for kind, at, by in self._kinds:
+            d = displacement[by]
+            if kind is NodeKind.SPATIAL:
+                q[at[:, :3]] += d[:, :3]
+                q[at[:, 3:]] = turned(q[at[:, 3:]], d[:, 3:])
+            else:
+                q[at] += d
         return q
 
     def rates(self, q: Array, u: Array) -> Array:
         """q' (nq,) of velocities u (nu,)."""
         qp = np.zeros(self.nq)
-        for node in self.model.nodes:
-            d = u[node.u : node.u + node.kind.sizes[1]]
-            n = node.kind.translations
-            qp[node.q : node.q + n] = d[:n]
-            if node.kind is NodeKind.PLANAR:
-                qp[node.q + 2] = d[2]
-            elif node.kind is NodeKind.SPATIAL:
-                qp[node.q + 3 : node.q + 7] = quaternion_product(q[node.q + 3 : node.q + 7], np.r_[0.0, d[3:]]) / 2
+        for kind, at, by in self._kinds:
+            d = u[by]
+            if kind is NodeKind.SPATIAL:
+                qp[at[:, :3]] = d[:, :3]
+                qp[at[:, 3:]] = quaternion_product(q[at[:, 3:]], np.hstack([np.zeros((len(d), 1)), d[:, 3:]])) / 2
+            else:
+                qp[at] = d
         return qp
 
 

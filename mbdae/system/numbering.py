@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -173,7 +174,7 @@ class Numbering:
         """Number of displacements that are not unknowns of the node itself."""
         return node.kind.translations if node.name in self._owner or node.name in self._fixed else 0
 
-    @property
+    @cached_property
     def loaded_rows(self) -> NDArray[np.intp]:
         """Slots of the rows of loaded nodes."""
         slots = []

@@ -9,16 +9,17 @@ from mbdae.system.base import Array
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """a o b for arrays (4,)."""
-    product: Array = np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
-    return product
+    """a o b for arrays (..., 4)."""
+    scalar = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
 
 
 def turned(P: Array, rotation: Array) -> Array:
-    """P turned by a rotation vector in body axes, rad."""
-    angle = float(np.linalg.norm(rotation))
+    """P (..., 4) turned by rotation vectors (..., 3) in body axes, rad."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
     half = np.sinc(angle / (2 * np.pi)) / 2
-    return quaternion_product(P, np.r_[np.cos(angle / 2), half * rotation])
+    return quaternion_product(P, np.concatenate([np.cos(angle / 2), half * rotation], axis=-1))
 
 
 def rotation_matrices(P: Array) -> Array:

@@ -22,10 +22,11 @@ from mbdae.symbolic.law import Element, Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.lines import drawn_quaternion
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.rigid import RigidMotions
-from mbdae.system.rotations import quaternion, rotation_of, turned
+from mbdae.system.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
 
@@ -88,26 +89,26 @@ class Starter:
 
     def placed(self) -> Array:
         """Positions of the tree with every held coordinate at its value."""
-        motion = {b: (np.eye(3), np.zeros(3)) for b in self.tree.roots}
+        motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
         for parent, joint, child in self.tree.edges:
-            R, r = motion[parent]
+            P, r = motion[parent]
             value = self.held_value(joint) or 0.0
-            dR, dr = _motion(joint, value if joint.l is child else -value)
-            motion[child] = (R @ dR, R @ dr + r)
+            dP, dr = _motion(joint, value if joint.l is child else -value)
+            motion[child] = (quaternion_product(P, dP), rotation_matrices(P) @ dr + r)
         q = np.zeros(self.model.nq)
         for node, body in self.model.bodies:
-            R, r = motion[body.owner]
+            P, r = motion[body.owner]
             n = node.kind.translations
-            q[node.q : node.q + n] = (R @ body.position + r)[:n]
+            q[node.q : node.q + n] = (rotation_matrices(P) @ body.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = self._unwrapped_heading(body, R)
+                q[node.q + 2] = self._unwrapped_heading(body)
             elif node.kind is NodeKind.SPATIAL:
-                q[node.q + 3 : node.q + 7] = quaternion(R @ body.rotation)
+                q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
         for node in self.model.joint_coordinates:
             q[node.q] = self.held_value(self.scene[node.name]) or 0.0
         return q
 
-    def _unwrapped_heading(self, body: Body, R: Array) -> float:
+    def _unwrapped_heading(self, body: Body) -> float:
         """Heading as drawn plus the turn along the tree, whole turns included."""
         turn, at = 0.0, body.owner
         while at not in self.tree.roots:
@@ -364,12 +365,11 @@ def _largest(g: Array, units: Array) -> float:
 
 
 def _motion(joint: Connection, value: float) -> tuple[Array, Array]:
-    """Rigid motion (R, r) that a joint's coordinate makes of its drawn place."""
+    """Rigid motion (quaternion, displacement) that a joint's coordinate makes of its drawn place."""
     law: Any = joint.joint
     if value == 0 or joint.kind not in ("revolute", "prismatic"):
-        return np.eye(3), np.zeros(3)
+        return np.eye(4)[0], np.zeros(3)
     if joint.kind == "prismatic":
-        return np.eye(3), value * law.axis
-    P = turned(np.array([1.0, 0, 0, 0]), value * law.axis)
-    R = rotation_of(NodeKind.SPATIAL, np.r_[np.zeros(3), P])
-    return R, law.at - R @ law.at
+        return np.eye(4)[0], value * law.axis
+    P = turned(np.eye(4)[0], value * law.axis)
+    return P, law.at - rotation_matrices(P) @ law.at

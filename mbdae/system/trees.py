@@ -12,9 +12,10 @@ from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
+from mbdae.system.lines import drawn_quaternion
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
-from mbdae.system.rotations import quaternion
+from mbdae.system.rotations import quaternion, quaternion_product
 
 ROUND_OFF = 1e-15  #: of unit vectors, and of offsets over the scene's length: what counts as 0 or 1
 Place = tuple[int, int]  #: numbers of a group and of an instance
@@ -154,6 +155,11 @@ def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
         if kind in (NodeKind.SPATIAL, NodeKind.GROUND):
             Q = np.array([[own[f"{side}_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)])
             own |= {f"{side}_P{i}": float(p) for i, p in enumerate(quaternion(Q))}
+    if "k_P0" in own and "l_P0" in own:
+        k, l = (drawn_quaternion(None if n is None else n.body) for n in instance.nodes[:2])
+        to_joint, of_l = (np.array([own[f"{side}_P{i}"] for i in range(4)]) for side in "kl")
+        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:  # the node carried keeps its neighbours' sign
+            own |= {f"l_P{i}": -float(p) for i, p in enumerate(of_l)}
     return own
 
 

@@ -295,9 +295,9 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     """Two nonlinear runs from rest plus and minus a small mode on the turntable differ by exp(lambda t)."""
     from mbdae.analysis.frame import frame_at
     from mbdae.analysis.linearization import _pencil
+    from mbdae.analysis.pencil import complete_system
     from mbdae.formulations import GGL, Index3
     from mbdae.formulations.build import system_for
-    from mbdae.system.assembly import SceneSystem
     from mbdae.system.prepare import prepare
     from mbdae.system.start import Start, Starter
 
@@ -305,7 +305,7 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     modes = s.linearize(at=s.equilibrium(frame="table"), frame="table")
     m, start = modes.prepared.mechanics, modes.prepared.start
     axes = frame_at(m.model, "table", start.q, start.u)
-    pencil = _pencil(SceneSystem(m.model, m.rows, Index3().spec()), m, axes, 0.0, start.q, start.u, start.s)
+    pencil = _pencil(complete_system(m, Index3().spec()), m, axes, (0.0, start.q, start.u, start.s, np.zeros(0)))
     mode, size, t = modes.modes[2], 1e-4, np.linspace(0, 0.3, 7)
     dq = pencil.C @ mode.vector
     du = pencil.C @ (mode.eigenvalue * mode.vector + pencil.kinematics @ mode.vector)

@@ -54,3 +54,30 @@ def bar() -> Any:
 @pytest.fixture(scope="session", params=[True, False], ids=["planar", "spatial"])
 def zoo_run(request: Any) -> Any:
     return zoo(request.param).simulate(0.4, accuracy=1e-3, outputs=np.linspace(0, 0.4, 11))
+
+
+def flexible(planar: bool) -> mb.Scene:
+    """A crank that drives a flexible rod; on it a beam with a corner, springs, a load; in space one more beam."""
+    section = mb.Section.rectangular(0.02, 0.01, 1e8, 0.3, 1000, damping=1e-2)
+    s = mb.Scene("flexible crank", gravity=(0, -9.81, 0), space="planar" if planar else "spatial")
+    crank = s.link("crank", (0, 0), (0.3, 0), mass=1.0)
+    rod = s.beam("rod", (0.3, 0), (1.5, 0), section=section, elements=4)
+    hook = s.beam("hook", (0.9, 0), (0.9, -0.4), (1.1, -0.6), section=section, elements=3, order=3)
+    block = s.rigid_body("block", 0.5, 0.01 if planar else (0.01, 0.01, 0.01), at=(1.5, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=10 * mb.t)
+    s.revolute("B", crank, rod, at=(0.3, 0))
+    s.revolute("C", rod, block, at=(1.5, 0))
+    s.prismatic("D", s.ground, block, at=(1.5, 0), axis=(1, 0, 0))
+    s.weld("E", rod, hook, at=(0.9, 0))
+    s.spring("F", s.ground, hook, at_k=(1.1, -1), at_l=(1.1, -0.6), stiffness=20.0)
+    s.force("G", rod.at(0.75), (0, 2 * mb.t, 0))
+    s.spring("H", s.ground, rod, at_k=(0.6, 0.5), at_l=rod.at((0.6, 0.1)), stiffness=5.0)
+    hook.load((1.0, 0.5 * mb.t), frame="section", name="wind")
+    if not planar:
+        s.weld("I", block, s.beam("whip", (1.5, 0, 0), (1.5, 0, 0.5), section=section), at=(1.5, 0, 0))
+    return s
+
+
+@pytest.fixture(scope="session", params=[True, False], ids=["planar", "spatial"])
+def flexible_run(request: Any) -> Any:
+    return flexible(request.param).simulate(0.4, solver=mb.RadauIIA(3, rtol=1e-6), outputs=np.linspace(0, 0.4, 11))

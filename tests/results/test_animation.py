@@ -180,3 +180,21 @@ def test_the_player_plays(zoo_run: Any, browser: Browser, tmp_path: Path, width:
     controls = "[...document.querySelectorAll('button,input,select')]"
     assert browser.run(f"return {controls}.every(e => e.ariaLabel || e.labels?.length || e.textContent)")
     assert not browser.messages()
+
+
+@pytest.mark.slow
+def test_the_player_bends_beams(flexible_run: Any, browser: Browser, tmp_path: Path) -> None:
+    flexible_run.animate(tmp_path / "a.html", sensors=["rod.at(0.5).stress_resultants"], trail="hook.at(1.0)", speed=0.2)
+    browser.open(tmp_path / "a.html", 900)
+    rod = "film.shapes.find(s => s.kind === 'bar' && !s.body && s.points.length > 1)"
+    bend = f"""const at = k => {{ now = T0 + k * span; show();
+      const p = pointsOf({rod}, {{}}, frame()), a = p[0], b = p[p.length - 1];
+      return Math.hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]); }}; return [at(0), at(1)]"""
+    straight, bent = browser.run(bend)
+    ends = [flexible_run(t)["rod"].at(s).position[0] for t in (0.0, 0.4) for s in (0.0, 1.0)]
+    assert [straight, bent] == pytest.approx([np.linalg.norm(ends[1] - ends[0]), np.linalg.norm(ends[3] - ends[2])], abs=1e-3)
+    assert bent < 0.95 * straight
+    last = browser.picture()
+    browser.run("now = T0; show()")
+    assert browser.picture() != last
+    assert not browser.messages()

@@ -1,0 +1,70 @@
+"""Accelerations of scenes with beams from their stresses: strains of stiff beams are lost in the rounding of positions,
+the stresses of a state at rest are known to all digits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.explicit import state_rates
+from mbdae.system.mechanics import Mechanics
+
+UNRESOLVED = 1e-10  #: strains below (over the tolerance) are rounding of positions
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """y and y' of a system in motion, its accelerations (nu,), and the size of its forces (N m, over unit displacements)."""
+
+    y: Array
+    yp: Array
+    acceleration: Array
+    force: float
+
+
+def stresses_of(m: Mechanics, q: Array, u: Array) -> Array:
+    """Stress unknowns of all beams from positions and velocities."""
+    return np.concatenate([np.zeros(0), *(line.stress(q, u) for line in m.model.lines)])
+
+
+def dynamics(system: SceneSystem, m: Mechanics, t: float, q: Array, u: Array, s: Array, z: Array) -> Dynamics:
+    """Accelerations and multipliers of a complete index-3 system at given stresses z."""
+    kinds, momentum, at = np.array(system.kinds), slice(m.nq, m.nq + m.nu), np.array([t])
+    y, yp, F = np.zeros(system.n), np.zeros(system.n), np.empty(system.n)
+    y[kinds == "q"], y[kinds == "v"], y[kinds == "s"], y[kinds == "z"] = q, u, s, z
+    yp[kinds == "q"], yp[kinds == "s"] = m.rates(q, u), state_rates(m, t, q, u, s)
+    system.residual(t, y, yp, F)
+    G = sp.csc_matrix(m.constraint_jacobian(at, q[None])[0])
+    K = sp.bmat([[m.mass, G.T], [G, None]], format="csc") if m.m else m.mass
+    x = splu(K).solve(np.r_[-F[momentum], -m.acceleration_bias(at, q[None], u[None])[0]])
+    a, multipliers = x[: m.nu], x[m.nu :]
+    yp[momentum] = a
+    y[kinds == "lambda"] = multipliers / system.numbering.scaling()
+    parts = (np.abs(F[momentum]), np.abs(m.mass @ a), abs(G.T) @ np.abs(multipliers), _dead(m))
+    return Dynamics(y, yp, a, max(float(np.max(part * m.velocity_units, initial=0.0)) for part in parts))
+
+
+def _dead(m: Mechanics) -> Array:
+    force = np.zeros(m.nu)
+    for line in m.model.lines:
+        np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
+    return force
+
+
+def unresolved(m: Mechanics) -> float:
+    """Forces (N m, over unit displacements) that rounding of the positions can cause."""
+    stiffest = [1 / min((v for n, v in line.numbers.items() if n.startswith("compliance_N") and v > 0), default=np.inf)
+                for line in m.model.lines]  # fmt: skip
+    return UNRESOLVED * max(stiffest, default=0.0) * m.model.length
+
+
+def forces_off(m: Mechanics, acceleration: Array, found: Dynamics) -> Array:
+    """(nu,) forces that take accelerations to others, over the largest force."""
+    off: Any = np.abs(m.mass @ (found.acceleration - acceleration)) * m.velocity_units
+    return np.asarray(off / max(found.force, unresolved(m), 1e-300))

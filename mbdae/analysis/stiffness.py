@@ -1,0 +1,158 @@
+"""Stiffness of the motions that constraints leave: what meets none, and in how many directions it is negative.
+
+Scenes of rigid bodies are small: their stiffness is reduced to the free motions and decomposed. Beams have many nodes:
+there the tangent stays sparse, free of stiffness is what inverse iteration finds, and signs come from a factorisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu, spsolve
+
+from mbdae.analysis.pencil import Pencil, free_basis
+from mbdae.system.base import Array
+
+SOFT = 1e-11  #: relative to the largest stiffness: no stiffness at all
+ROUND_OFF = 1e-14  #: relative to the largest entry of the tangent
+CLAMP = 3.0  #: stiffness put on constraint rows, relative to the largest of the scene
+SYMMETRIC = 1e-6  #: relative to the largest entry
+PROBES = 6  #: motions searched for at once
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The linearised equations at a point: K x = right, x = (p, s, z, c, hold); `hold`: rows (k, nu) beside the constraints."""
+
+    p: Pencil
+    K: Any
+    right: Array
+    hold: Array
+    units: Array
+
+    @property
+    def nu(self) -> int:
+        """Number of displacements."""
+        return len(self.units)
+
+    @property
+    def inner(self) -> int:
+        """Number of internal states and algebraic unknowns."""
+        return len(self.p.places["s"]) + len(self.p.places["z"])
+
+    @cached_property
+    def N(self) -> Array:
+        """(nu, freedoms) displacements that constraints leave."""
+        return free_basis(np.vstack([self.p.constraints, self.hold]), self.units)
+
+    @cached_property
+    def condensed(self) -> Any:
+        """(nu, nu) sparse: the tangent on displacements, internal states and algebraic unknowns solved for."""
+        nu, inner = self.nu, slice(self.nu, self.nu + self.inner)
+        K = self.K[:nu, :nu]
+        if not self.inner:
+            return K.tocsc()
+        own, below, beside = self.K[inner, inner].tocsc(), self.K[inner, :nu].tocsc(), self.K[:nu, inner]
+        diagonal = own.diagonal()
+        if own.nnz == np.count_nonzero(diagonal) == len(diagonal):
+            return (K - beside @ sp.diags(1 / diagonal) @ below).tocsc()
+        return (K - beside @ sp.csc_matrix(spsolve(own, below)).reshape(below.shape)).tocsc()
+
+
+class DenseStiffness:
+    """Of small scenes, by singular values and eigenvalues on the free motions."""
+
+    def __init__(self, T: Tangent) -> None:
+        self.T, self.full = T, T.condensed.toarray()
+        self.reduced = T.N.T @ self.full @ T.N
+
+    def softest(self) -> tuple[Array, Array, float]:
+        """Stiffnesses in rising order, their motions (nu, k), and what counts as none."""
+        if not len(self.reduced):
+            return np.zeros(0), np.zeros((self.T.nu, 0)), 0.0
+        units = self.T.units
+        _, sizes, right = np.linalg.svd(self.reduced)
+        floor = SOFT * sizes[0] + ROUND_OFF * float(np.max(np.abs(self.full * units * units[:, None])))
+        return sizes[::-1], self.T.N @ right[::-1].T, max(floor, 1e-300)
+
+    @property
+    def symmetric(self) -> bool:
+        """Taken for granted: a search costs little."""
+        return True
+
+    def negative(self) -> int:
+        """Number of directions in which the symmetric part is negative."""
+        values = np.linalg.eigvalsh((self.reduced + self.reduced.T) / 2) if len(self.reduced) else np.zeros(0)
+        return int(np.sum(values < -SOFT * np.max(np.abs(values), initial=0.0)))
+
+
+class SparseStiffness:
+    """Of scenes with beams."""
+
+    def __init__(self, T: Tangent) -> None:
+        D = sp.diags(T.units)
+        self.T, self.scaled = T, (D @ T.condensed @ D).tocsc()
+        self.largest = float(np.max(np.abs(self.scaled.data), initial=0.0))
+
+    def softest(self) -> tuple[Array, Array, float]:
+        """A few of the lowest stiffnesses (roughly, those below the floor exactly told), motions (nu, k), and the floor."""
+        T, nu = self.T, self.T.nu
+        floor = max(ROUND_OFF * self.largest, 1e-300)
+        metric = 1 / T.units**2
+        try:
+            factors = splu((T.K + sp.diags(np.r_[0.1 * floor * metric, np.zeros(T.K.shape[0] - nu)])).tocsc())
+        except RuntimeError:
+            return np.zeros(1), T.units[:, None], floor
+        X = np.random.default_rng(5).normal(size=(nu, min(PROBES, nu))) * T.units[:, None]
+        sizes = np.zeros(X.shape[1])
+        for _ in range(4):
+            right = np.vstack([metric[:, None] * X, np.zeros((T.K.shape[0] - nu, X.shape[1]))])
+            Y = np.asarray(factors.solve(right))[:nu]
+            if not np.all(np.isfinite(Y)):
+                return np.zeros(1), X[:, :1], floor
+            left, grown, _ = np.linalg.svd(Y / T.units[:, None], full_matrices=False)
+            X, sizes = left * T.units[:, None], 1 / np.maximum(grown, 1e-300)
+        return sizes, X, floor
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the loads are conservative: only then a negative direction is one the scene would leave by."""
+        K = self.T.K[: self.T.nu, : self.T.nu].tocsr()
+        scaled = sp.diags(self.T.units) @ K @ sp.diags(self.T.units)
+        return bool(abs(scaled - scaled.T).max() <= SYMMETRIC * abs(scaled).max())
+
+    def negative(self, inertia: Any = None) -> int:
+        """Number of directions in which the symmetric part, or that of K + inertia, is negative."""
+        S = self.scaled if inertia is None else self.scaled + sp.diags(self.T.units) @ inertia @ sp.diags(self.T.units)
+        S = (S + S.T) / 2
+        if len(self.rows.indptr) > 1:
+            S = S + CLAMP * float(np.max(np.abs(S.data))) * self.rows.T @ self.rows
+        return _negatives((S + sp.identity(len(self.T.units)) * 1e-15 * self.largest).tocsc())
+
+    @cached_property
+    def rows(self) -> Any:
+        """Constraint rows over unit displacements, of unit length, sparse."""
+        T = self.T
+        G = (T.K[T.nu + T.inner :, : T.nu] @ sp.diags(T.units)).tocsr()
+        norms = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())
+        return (sp.diags(1 / np.where(norms > 0, norms, 1.0)) @ G).tocsr()
+
+
+def _negatives(S: Any) -> int:
+    """Negative eigenvalues of a symmetric matrix (Sylvester): negative pivots of a factorisation without exchanges."""
+    try:
+        factors = splu(S, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        if np.array_equal(factors.perm_r, factors.perm_c):
+            return int(np.sum(factors.U.diagonal() < 0))
+    except RuntimeError:
+        pass
+    return int(np.sum(np.linalg.eigvalsh(S.toarray()) < 0))
+
+
+def stiffness(T: Tangent, sparse: bool) -> DenseStiffness | SparseStiffness:
+    """What is asked of a tangent."""
+    return SparseStiffness(T) if sparse else DenseStiffness(T)

@@ -1,0 +1,110 @@
+"""Scenes of the reference problems of flexible beams, for the claims here and for the tests."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from scenes import data
+
+import mbdae as mb
+
+INERTIA = {"mass_per_length": 1.0, "rotary_inertia": 1e-6}  #: where only statics matter
+
+
+def bend45(load: float, elements: int, order: int) -> mb.Scene:
+    """Bathe and Bolourchi: an eighth of a circle of radius 100, clamped, unit square section, under a load along z."""
+    E, end = 1e7, (100 * math.sin(math.pi / 4), 100 * (1 - math.cos(math.pi / 4)), 0.0)
+    section = mb.Section(E, E / 2 * 5 / 6, E / 2 * 5 / 6, E / 2 / 6, E / 12, E / 12, **INERTIA)
+    s = mb.Scene("45 degree bend")
+    beam = s.beam("bend", section=section, elements=elements, order=order,
+                  curve=lambda a: (100 * math.sin(a * math.pi / 4), 100 * (1 - math.cos(a * math.pi / 4)), 0.0))  # fmt: skip
+    s.weld("clamp", s.ground, beam.at((0, 0, 0)))
+    s.force("load", beam.at(end), (0, 0, load))
+    return s
+
+
+def cantilever(section: mb.Section, elements: int, order: int, length: float = 1.0, force: Any = None, moment: Any = None,
+               space: str = "auto", axis2: Any = None) -> mb.Scene:  # fmt: skip
+    """A straight beam along x, clamped at the origin, with a dead force (N) and a moment (N m) on its tip."""
+    s = mb.Scene("cantilever", space=space)
+    beam = s.beam("beam", (0, 0), (length, 0), section=section, elements=elements, order=order, axis2=axis2)
+    s.weld("clamp", s.ground, beam.at(0.0))
+    if force is not None:
+        s.force("force", beam.at(1.0), force)
+    if moment is not None:
+        s.torque("moment", beam.at(1.0), moment)
+    return s
+
+
+def slender(ratio: float) -> mb.Section:
+    """Section with EI = 1 N m^2 of a beam of 1 m that is `ratio` times longer than high."""
+    EA = 12 * ratio**2
+    return mb.Section(EA, EA / 2.6, EA / 2.6, 1.0, 1.0, 1.0, **INERTIA)
+
+
+def princeton(load: float, degrees: float, elements: int, order: int) -> mb.Scene:
+    """The strip of Dowell and Traybar with a weight on its tip, turned by an angle about its axis; no gravity else."""
+    section, L = strip()
+    a = math.radians(degrees)
+    return cantilever(section, elements, order, L, force=(0, load * math.sin(a), load * math.cos(a)), space="spatial",
+                      axis2=(0, 1, 0))  # fmt: skip
+
+
+def strip() -> tuple[mb.Section, float]:
+    """Section (soft about axis 3) and length of the strip."""
+    p = data("princeton_beam")["parameters"]
+    return mb.Section(p["EA"], p["GA_k"], p["GA_k"], p["GJ"], p["EI_stiff"], p["EI_soft"], 0.1, 1e-7), p["L"]
+
+
+def thin(rotary_inertia: float = 1e-10) -> mb.Section:
+    """EI = 1 N m^2, 1 kg/m; shear and extension 1e8 times stiffer over a metre: next to Euler and Bernoulli."""
+    return mb.Section(1e8, 1e8, 1e8, 1.0, 1.0, 1.0, 1.0, rotary_inertia)
+
+
+def supported(ends: str, elements: int, order: int) -> mb.Scene:
+    """A thin beam of 1 m in the plane; `ends` two letters of c (clamped), h (hinged), f (free)."""
+    s = mb.Scene("supported beam")
+    beam = s.beam("beam", (0, 0), (1, 0), section=thin(), elements=elements, order=order)
+    for x, end in zip((0.0, 1.0), ends, strict=True):
+        if end == "c":
+            s.weld(f"clamp at {x:g}", s.ground, beam.at(x))
+        elif end == "h":
+            s.revolute(f"hinge at {x:g}", s.ground, beam, at=(x, 0))
+    return s
+
+
+def on_hub(section: mb.Section, rate: float, length: float, elements: int, order: int, space: str = "auto") -> mb.Scene:
+    """A beam along x from the axis of a hub that turns about z at a rate (rad/s), clamped to it."""
+    s = mb.Scene("beam on a hub", space=space)
+    hub = s.rigid_body("hub", 1.0, 1.0 if space == "auto" else (1, 1, 1), at=(0, 0))
+    s.revolute("shaft", s.ground, hub, at=(0, 0), angle=rate * mb.t)
+    beam = s.beam("beam", (0, 0), (length, 0), section=section, elements=elements, order=order)
+    s.weld("root", hub, beam.at(0.0))
+    return s
+
+
+def spin_up_section() -> mb.Section:
+    p = data("spin_up_beam")["parameters"]
+    return mb.Section(p["EA"], p["GA"], p["GA"], p["EI"], p["EI"], p["EI"], p["rhoA"], p["rhoI"])
+
+
+def spin_up(elements: int, order: int) -> mb.Scene:
+    """Simo and Vu-Quoc: a beam in the plane whose root is turned from rest to 6 rad/s in 15 s."""
+    p, t = data("spin_up_beam")["parameters"], mb.t
+    T, w = p["T_s"], p["omega_s"]
+    rising = w / T * (t**2 / 2 + (T / (2 * sp.pi)) ** 2 * (sp.cos(2 * sp.pi * t / T) - 1))
+    s = mb.Scene("spin-up")
+    beam = s.beam("beam", (0, 0), (p["L"], 0), section=spin_up_section(), elements=elements, order=order)
+    s.revolute("root", s.ground, beam, at=(0, 0), angle=sp.Piecewise((rising, t < T), (w * (t - T / 2), True)))
+    return s
+
+
+def spin_up_angle(t: Any) -> Any:
+    """Angle (rad) of the root at times t (s)."""
+    p = data("spin_up_beam")["parameters"]
+    T, w = p["T_s"], p["omega_s"]
+    rising = w / T * (t**2 / 2 + (T / (2 * np.pi)) ** 2 * (np.cos(2 * np.pi * t / T) - 1))
+    return np.where(t < T, rising, w * (t - T / 2))
