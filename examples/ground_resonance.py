@@ -11,7 +11,9 @@ as pendulums in the centrifugal field, at w = Omega sqrt(S e / I) = 5.94 rad/s w
 the ground, the regressive lag mode Omega - w comes close to the mode of the support, and the two feed on the rotation:
 small motions grow as exp(2.10 t) with support along x and exp(2.64 t) with support along x and y.
 
-Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with inertia free instead of prescribing it.
+Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with inertia free instead of prescribing it;
+`model` is the model of all joints, such as mb.Recursive(): the slides of the support carry the block, the block the hub and
+the hub its blades, so that 6 (driven) or 7 coordinates of joints are all there is to solve for, without a constraint.
 
 Run it:  mbdae compare examples/ground_resonance.py --out out
 """
@@ -30,20 +32,23 @@ t_end = 2.0  # s
 measure = "lag 1.angle"
 
 
-def scene(axes=2, free=False):
-    """Block, hub and blades, drawn with blade 1 along x; the block never turns, so it needs no inertia."""
+def scene(axes=2, free=False, model=None):
+    """Block, hub and blades, drawn with blade 1 along x; the block never turns, so it needs no inertia, and the carriage
+    between its two slides neither mass nor inertia."""
     s = mb.Scene(f"ground resonance, {axes} ax{'is' if axes == 1 else 'es'}, rotor speed {'free' if free else 'prescribed'}")
     block = s.rigid_body("block", BLOCK, 0.0, at=(0, 0))
+    support = {"spring": STIFFNESS, "damper": DAMPING, "model": model}
     if axes == 1:
-        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=STIFFNESS, damper=DAMPING)
+        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), **support)
     else:
-        s.fixed_orientation("guide", s.ground, block)
-        s.bushing("support", s.ground, block, at=(0, 0), stiffness=(STIFFNESS, STIFFNESS, 0), damping=(DAMPING, DAMPING, 0))
+        carriage = s.rigid_body("carriage", 0.0, 0.0, at=(0, 0))
+        s.prismatic("support x", s.ground, carriage, at=(0, 0), axis=(1, 0, 0), **support)
+        s.prismatic("support y", carriage, block, at=(0, 0), axis=(0, 1, 0), **support)
     hub = s.rigid_body("hub", 0.0, HUB_INERTIA if free else 0.0, at=(0, 0))
-    s.revolute("shaft", block, hub, at=(0, 0), **({"rate0": OMEGA} if free else {"angle": OMEGA * mb.t}))
+    s.revolute("shaft", block, hub, at=(0, 0), model=model, **({"rate0": OMEGA} if free else {"angle": OMEGA * mb.t}))
     for i in range(BLADES):
         direction = np.array([math.cos(i * math.pi / 2), math.sin(i * math.pi / 2)])
         hinge, tip = HINGE * direction, (HINGE + L) * direction
         blade = s.link(f"blade {i + 1}", hinge, tip, mass=M)
-        s.revolute(f"lag {i + 1}", hub, blade, at=hinge, angle0=LAG0 if i == 0 else 0.0)
+        s.revolute(f"lag {i + 1}", hub, blade, at=hinge, angle0=LAG0 if i == 0 else 0.0, model=model)
     return s

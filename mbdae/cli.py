@@ -74,6 +74,8 @@ def run(a: argparse.Namespace) -> int:
         _json(a, _summary(r, measure, final, written))
     else:
         print(repr(r))
+        if r.info.choice:
+            print(f"solver chosen: {r.info.choice}")
         if measure:
             print(f"{measure} at t = {r.t[-1]:g} s: {final}")
         print(f"largest constraint violation {np.max(r.drift.position, initial=0.0):.1e}, "
@@ -141,7 +143,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
     s = r.stats
     return {
         "scene": r.prepared.model.scene.name, "t_end": float(r.t[-1]), "complete": r.complete, "solver": r.info.solver.label,
-        "form": r.info.form, "rtol": r.info.solver.rtol,
+        "form": r.info.form, "rtol": r.info.solver.rtol, "choice": r.info.choice,
         "accuracy": {"asked": r.accuracy.asked, "estimated": r.accuracy.estimated}, "measure": measure,
         "final": final, "cpu_s": r.info.cpu_s, "steps": s.steps, "rejected": s.rejected,
         "residuals": s.residuals, "jacobians": s.jacobians, "factorisations": s.factorisations,

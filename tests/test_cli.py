@@ -175,5 +175,6 @@ def test_the_main_job_stays_affordable(capsys, tmp_path):
     assert main(["compare", str(EXAMPLES / "ground_resonance.py"), "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(said(capsys)[0])
     assert data["cpu_s"] < 60
-    assert {entry["solver"] for entry in data["runs"]} == {"IDA", "RadauIIA(2)", "RadauIIA(3)"}
+    assert {entry["solver"] for entry in data["runs"]} == {"IDA", "RadauIIA(2)", "RadauIIA(3)", "CVODE (Adams)"}
+    assert {entry["model"] for entry in data["runs"]} == {None, "Classical", "Recursive"}
     assert not any(entry["failure"] for entry in data["runs"])

@@ -30,12 +30,12 @@ def physical_pendulum(degrees: float, space: str = "auto") -> mb.Scene:
     return s
 
 
-def n_rods(n: int, space: str = "auto") -> mb.Scene:
+def n_rods(n: int, space: str = "auto", model: Any = None) -> mb.Scene:
     s = mb.Scene(f"{n} rods", gravity=(0, -9.81, 0), space=space)
     before = s.ground
     for i in range(n):
         rod = s.link(f"rod{i + 1}", (i, 0), (i + 1, 0), mass=1.0)
-        s.revolute(f"J{i + 1}", before, rod, at=(i, 0))
+        s.revolute(f"J{i + 1}", before, rod, at=(i, 0), model=model)
         before = rod
     return s
 
@@ -76,21 +76,28 @@ def n_four_bar(n: int, space: str = "auto") -> mb.Scene:
     return s
 
 
-def ground_resonance(axes: int = 2, free: bool = False, space: str = "auto") -> mb.Scene:
+def ground_resonance(axes: int = 2, free: bool = False, space: str = "auto", model: Any = None) -> mb.Scene:
+    """Four blades on a hub on an elastic block. With a joint model the block hangs on slides, one on the other, instead of
+    a guide and a bushing: then a tree of joints carries everything."""
     s = mb.Scene("ground resonance", space=space)
-    if axes == 2:
-        block = s.rigid_body("block", 30.0, 1.0, at=(0, 0))
+    given = {"model": model} if model is not None else {}
+    block = s.rigid_body("block", 30.0, 1.0, at=(0, 0))
+    spring = {"spring": 12000.0, "damper": 150.0}
+    if axes == 1:
+        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), **spring, **given)
+    elif model is None:
         s.fixed_orientation("level", s.ground, block)
         s.bushing("support", s.ground, block, (0, 0), (12000.0, 12000.0, 0.0), (150.0, 150.0, 0.0))
     else:
-        block = s.rigid_body("block", 30.0, 1.0, at=(0, 0))
-        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=12000.0, damper=150.0)
+        carriage = s.rigid_body("carriage", 0.0, 0.0, at=(0, 0))
+        s.prismatic("support x", s.ground, carriage, at=(0, 0), axis=(1, 0, 0), **spring, **given)
+        s.prismatic("support y", carriage, block, at=(0, 0), axis=(0, 1, 0), **spring, **given)
     hub = s.rigid_body("hub", 0.0, 1.0 if free else 0.0, at=(0, 0))
-    s.revolute("rotor", block, hub, at=(0, 0), **({"rate0": 20.01} if free else {"angle": 20.01 * mb.t}))
+    s.revolute("rotor", block, hub, at=(0, 0), **({"rate0": 20.01} if free else {"angle": 20.01 * mb.t}), **given)
     for i in range(4):
         d = np.round([np.cos(i * np.pi / 2), np.sin(i * np.pi / 2)])
         blade = s.link(f"blade{i + 1}", tuple(0.25 * d), tuple(4.5 * d), mass=12.75)
-        s.revolute(f"lag{i + 1}", hub, blade, at=tuple(0.25 * d), angle0=0.01 if i == 0 else None)
+        s.revolute(f"lag{i + 1}", hub, blade, at=tuple(0.25 * d), angle0=0.01 if i == 0 else None, **given)
     return s
 
 

@@ -32,4 +32,4 @@ class ODE(Form):
         if not rows:
             return None
         found = f"this one has {len(rows)} rows, the first is {rows[0].name}"
-        return f"form ODE needs a scene without constraints; {found}; use mb.GGL()"
+        return f"form ODE needs a scene without constraints; {found}; use mb.GGL(), or s.recursive() if its joints form a tree"

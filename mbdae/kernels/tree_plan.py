@@ -11,7 +11,7 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree import OPERATIONS, TreeStructure, tree_program
 from mbdae.symbolic.vectors import Expr
 
-CHUNK = 1500  #: steps of one kernel: LLVM compiles 1500 in 0.05 s, 10000 in 5 s
+CHUNK = 3000  #: steps of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
 OPTIMISED = 1000  #: steps up to which LLVM optimises in a few hundredths of a second
 
 

@@ -109,13 +109,13 @@ class Check:
         for tree in self.prepared.expansion.carried.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             plan = tree_plan(tree.structure)
-            lines.append(f"  recursive, from '{root}': {', '.join(c.name for c in tree.coordinates)}; "
-                         f"no unknowns for {', '.join(n.name for n in tree.nodes[1:] if n)} "
+            lines.append(f"  recursive, from '{root}': {_listed([c.name for c in tree.coordinates])}; "
+                         f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({plan.operations} operations in one program)")  # fmt: skip
         reasons: dict[str, list[str]] = {}
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
-        return lines + [f"  kept kinematic: {', '.join(names)}: {why}" for why, names in reasons.items()]
+        return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
 
 
 def doubts(p: Prepared) -> list[str]:
@@ -126,6 +126,11 @@ def doubts(p: Prepared) -> list[str]:
     kept = "is nearly redundant at the start (novelty {:.1e}) and was kept; its reaction is uncertain"
     told = [(row.name, left_out if row.name in dropped else kept, size) for row, size in p.rank.doubtful]
     return [f"constraint row {name} {text.format(size)}" for name, text, size in told]
+
+
+def _listed(names: list[str]) -> str:
+    """Names, at most twelve of them."""
+    return ", ".join(names[:12]) + (f", ... ({len(names)} in all)" if len(names) > 12 else "")
 
 
 def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:

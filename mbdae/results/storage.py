@@ -60,7 +60,7 @@ def load(path: Any) -> Result:
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = Accuracy(**info["accuracy"]), tuple(info["warnings"])
-    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings)
+    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings, info.get("choice", ""))
     return Result(prepared, solution, known, arrays["t"])
 
 
@@ -105,7 +105,7 @@ def _info(info: RunInfo) -> dict[str, Any]:
     cls = type(info.solver)
     solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
     parts = {"accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "warnings": list(info.warnings)}
-    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, **parts}
+    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice, **parts}
 
 
 def _solver(stored: dict[str, Any]) -> Any:

@@ -17,6 +17,8 @@ MODELLED = {"revolute": 5, "prismatic": 11}
 
 def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
     """The scene with another model of some joints; see `SceneData.replace`."""
+    if not isinstance(model, JointModel):
+        raise SceneError([f"model={model!r} is not a joint model; use mb.Kinematic(), mb.Classical() or mb.Recursive()"])
     known = [c.name for c in scene.connections if c.kind in MODELLED]
     wrong = [n for n in names if n not in known]
     if wrong:

@@ -26,12 +26,23 @@ class Program:
     def let(self, e: Any) -> Expr:
         """The name of an expression; numbers and plain symbols stand for themselves."""
         e = se.sympify(e)
-        if e.is_Number or isinstance(e, se.Symbol):
-            return e
+        return e if e.is_Number or isinstance(e, se.Symbol) else self._named(self._flat(e))
+
+    def _named(self, e: Expr) -> Expr:
         if e not in self._names:
             self._names[e] = se.Symbol(f"step{len(self.steps)}")
             self.steps[self._names[e]] = e
         return self._names[e]
+
+    def _flat(self, e: Expr) -> Expr:
+        """With names for the sums inside products: the search for common subexpressions compares nested ones in depth, which
+        took seconds for a few hundred steps."""
+        if e.is_Number or isinstance(e, se.Symbol) or not e.args:
+            return e
+        args = [self._flat(a) for a in e.args]
+        if isinstance(e, se.Mul):
+            args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
+        return e.func(*args)
 
     def vec(self, v: Vec) -> Vec:
         """A vector of named components."""

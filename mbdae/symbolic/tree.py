@@ -23,7 +23,7 @@ from mbdae.symbolic.quaternions import rate_from_spatial_spin, rotation_columns,
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
-OPERATIONS = 6000  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
+OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
 
 
 @dataclass(frozen=True)

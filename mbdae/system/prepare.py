@@ -73,7 +73,13 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if not scene.bodies:
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
     model, carried = modelled(scene)
+    if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
+        raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
+                          f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     expansion = Expansion(model, carried)
+    if not expansion.numbering.free:
+        raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
+                          f"model=mb.Kinematic() for one of them"])  # fmt: skip
     everything = Mechanics(model, constraint_rows(model))
     starter = Starter(everything, start.t if start is not None else t0)
     q = start.q if start is not None else starter.close(starter.placed())
