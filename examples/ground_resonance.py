@@ -15,10 +15,17 @@ Options: `axes` 1 or 2 of the support; `free` leaves the speed of a hub with ine
 `model` is the model of all joints, such as mb.Recursive(): the slides of the support carry the block, the block the hub and
 the hub its blades, so that 6 (driven) or 7 coordinates of joints are all there is to solve for, without a constraint.
 
+With `flexible=True` every blade is a beam of three cubic elements, as in the paper. The paper calls its bending stiffness
+soft and gives no number; here it is 1e4 N m^2, a third more than the centrifugal force itself would give
+(m Omega^2 L^2/12 = 7.7e3 N m^2). Bending hardly changes the instability: it grows as exp(2.095 t) and exp(2.633 t).
+
 Run it:  mbdae compare examples/ground_resonance.py --out out
+         python examples/ground_resonance.py out       (the rotor and its lag angles, blades flexible: Figs. 8 and 9)
 """
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -27,15 +34,19 @@ import mbdae as mb
 BLADES, L, M, HINGE = 4, 4.25, 12.75, 0.25  # -, m, kg, m
 BLOCK, STIFFNESS, DAMPING = 30.0, 12000.0, 150.0  # kg, N/m, N s/m
 OMEGA, HUB_INERTIA, LAG0 = 20.01, 1.0, 0.01  # rad/s, kg m^2 (free rotor), rad (blade 1)
+EI = 1e4  # N m^2, not given by the paper
+SECTION = mb.Section(EA=1e7, GA2=4e6, GA3=4e6, GJ=EI, EI2=EI, EI3=EI, mass_per_length=M / L, rotary_inertia=1e-4 * M / L)
+ELEMENTS, ORDER = 3, 3  # of every flexible blade
 
 t_end = 2.0  # s
 measure = "lag 1.angle"
 
 
-def scene(axes=2, free=False, model=None):
+def scene(axes=2, free=False, model=None, flexible=False, space="auto", lag0=LAG0):
     """Block, hub and blades, drawn with blade 1 along x; the block never turns, so it needs no inertia, and the carriage
-    between its two slides neither mass nor inertia."""
-    s = mb.Scene(f"ground resonance, {axes} ax{'is' if axes == 1 else 'es'}, rotor speed {'free' if free else 'prescribed'}")
+    between its two slides neither mass nor inertia. lag0: rad, how far blade 1 lags at the start."""
+    name = f"ground resonance, {axes} ax{'is' if axes == 1 else 'es'}, rotor speed {'free' if free else 'prescribed'}"
+    s = mb.Scene(name + (", flexible blades" if flexible else ""), space=space)
     block = s.rigid_body("block", BLOCK, 0.0, at=(0, 0))
     support = {"spring": STIFFNESS, "damper": DAMPING, "model": model}
     if axes == 1:
@@ -49,6 +60,9 @@ def scene(axes=2, free=False, model=None):
     for i in range(BLADES):
         direction = np.array([math.cos(i * math.pi / 2), math.sin(i * math.pi / 2)])
         hinge, tip = HINGE * direction, (HINGE + L) * direction
-        blade = s.link(f"blade {i + 1}", hinge, tip, mass=M)
-        s.revolute(f"lag {i + 1}", hub, blade, at=hinge, angle0=LAG0 if i == 0 else 0.0, model=model)
+        if flexible:
+            blade = s.beam(f"blade {i + 1}", hinge, tip, section=SECTION, elements=ELEMENTS, order=ORDER)
+        else:
+            blade = s.link(f"blade {i + 1}", hinge, tip, mass=M)
+        s.revolute(f"lag {i + 1}", hub, blade, at=hinge, angle0=lag0 if i == 0 else 0.0, model=model)
     return s

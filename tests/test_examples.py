@@ -81,6 +81,25 @@ def test_screw_falls_with_its_closed_form_over_many_turns():
     assert screw.travel(screw.t_end) / screw.PITCH / (2 * np.pi) > 100  # turns
 
 
+def test_flapping_wing_closes_its_turn_and_bends_by_a_hundredth():
+    import flapping_wing
+
+    turn = 2 * np.pi / flapping_wing.OMEGA
+    rigid = flapping_wing.scene().simulate(turn, accuracy=1e-8, solver=mb.RadauIIA(3))
+    for name in ("4", "8", "9"):
+        assert rigid["L" + name].angle[-1] == pytest.approx(0, abs=1e-8)
+        np.testing.assert_allclose(rigid["L" + name].angle, -rigid["R" + name].angle, atol=1e-8)
+    elastic = flapping_wing.scene(flexible=True).simulate(0.1, solver=mb.RadauIIA(3, step=1e-3))
+    assert np.max(np.abs(elastic["L9"].angle - rigid(elastic.t)["L9"].angle)) == pytest.approx(0.0118, rel=0.01)  # rad
+
+
+def test_flapping_wing_draws_its_pictures(tmp_path):
+    import flapping_wing
+
+    flapping_wing.pictures(tmp_path / "out", flexible=False)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"wing.png", "tip.png", "angles.png", "torque.png"}
+
+
 CASES = {(1, False): "A1_prescribed_1axis", (2, False): "A2_prescribed_2axis_iso",
          (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}  # fmt: skip
 

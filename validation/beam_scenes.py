@@ -108,3 +108,32 @@ def spin_up_angle(t: Any) -> Any:
     T, w = p["T_s"], p["omega_s"]
     rising = w / T * (t**2 / 2 + (T / (2 * np.pi)) ** 2 * (np.cos(2 * np.pi * t / T) - 1))
     return np.where(t < T, rising, w * (t - T / 2))
+
+
+CRANK, ROD, SLIDER, RATE = 0.1, 0.4, 0.5, 100.0  # m, m, kg, rad/s
+
+
+def steel_rod() -> mb.Section:
+    """A steel rod of 10 mm."""
+    return mb.Section.circular(0.005, 2.1e11, 0.3, 7850.0)
+
+
+def slider_crank(elements: int, order: int) -> mb.Scene:
+    """A driven crank, a steel rod, unstrained at the start, and a block on a slide."""
+    s, reach = mb.Scene("slider-crank"), CRANK + ROD
+    crank = s.link("crank", (0, 0), (CRANK, 0), mass=1.0)
+    rod = s.beam("rod", (CRANK, 0), (reach, 0), section=steel_rod(), elements=elements, order=order)
+    block = s.rigid_body("block", SLIDER, 0.01, at=(reach, 0))
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=RATE * mb.t)
+    s.revolute("B", crank, rod, at=(CRANK, 0))
+    s.revolute("C", rod, block, at=(reach, 0))
+    s.prismatic("D", s.ground, block, at=(reach, 0), axis=(1, 0, 0))
+    return s
+
+
+def steel_pendulum(slenderness: float, elements: int = 4, order: int = 2) -> mb.Scene:
+    """A square steel rod of 1 m, hinged at one end and released from the horizontal, unstrained."""
+    s = mb.Scene("steel pendulum", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(1 / slenderness, 1 / slenderness, 2.1e11, 0.3, 7850.0)
+    s.revolute("A", s.ground, s.beam("rod", (0, 0), (1, 0), section=section, elements=elements, order=order), at=(0, 0))
+    return s

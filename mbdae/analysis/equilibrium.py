@@ -81,6 +81,10 @@ class Equilibrium(Result):
     iterations: int
     unstable: int
 
+    def __call__(self, t: Any) -> Equilibrium:
+        """Itself: a state at rest has one instant."""
+        return self
+
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """q, u, s at rest, (nt, ...)."""
         start = self.prepared.start

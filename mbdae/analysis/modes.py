@@ -19,7 +19,8 @@ from mbdae.system.model import Model
 
 SYMMETRIC = 1e-9  #: relative to the largest entry
 ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam are rounding of zero
-ROUND_OFF = 1e-9  #: real part of an eigenvalue, or its imaginary one, relative to the other
+ROUND_OFF = 1e-9  #: imaginary part of an eigenvalue, relative to its size
+GROWTH = 1e-8  #: the same for its real part
 FEW = 60  #: freedoms up to which all eigenvalues are found
 FINITE = 1e-12  #: relative to the largest inverse eigenvalue
 DEFAULT = 20  #: modes found where the user asks for no number
@@ -77,6 +78,7 @@ def lowest(p: Pencil, count: int, scale: float) -> tuple[Array, Array]:
     values, vectors = (_conservative if equations.conservative else _general)(equations, count, scale)
     values = np.where(np.abs(values) <= ZERO * scale, 0.0, values)
     values = np.where(np.abs(values.imag) <= ROUND_OFF * np.abs(values), values.real + 0j, values)
+    values = np.where(np.abs(values.real) <= GROWTH * np.abs(values), 1j * values.imag, values)
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(np.abs(values[keep]), kind="stable")][:count]
     keep = keep[np.lexsort((values[keep].real, values[keep].imag))]

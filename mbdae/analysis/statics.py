@@ -224,7 +224,11 @@ class Statics:
         if self.rest.frame.node is None or not self.rest.frame.turns:
             return False
         G = self.mechanics.constraint_jacobian(self.rest.t, self.rest.start.q[None])[0]
-        return bool(np.max(np.abs(self._angle(self.rest.start.q) @ free_basis(G, self.units)), initial=0.0) > 1e-9)
+        angle = self._angle(self.rest.start.q)
+        if self.elastic:  # many displacements, few rows: whether the rows say all about the angle
+            rows, wanted = (G * self.units).T, angle * self.units
+            return bool(np.linalg.norm(wanted - rows @ np.linalg.lstsq(rows, wanted, rcond=1e-12)[0]) > 1e-9)
+        return bool(np.max(np.abs(angle @ free_basis(G, self.units)), initial=0.0) > 1e-9)
 
     def hold(self, q: Array) -> Array:
         """(1, nu) row of the frame's angle where it is held, else (0, nu)."""

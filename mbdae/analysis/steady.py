@@ -41,7 +41,7 @@ def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: A
     m = prepared.mechanics
     rates = state_rates(m, t, q, u, s) if len(s) else s
     for tau in (0.0, *times_to_compare(m, frame, t, q, u, s)):
-        qt, ut = advanced(m, frame, q, u, tau)
+        qt, ut = advanced(m, frame, q, u, tau) if tau else (q, u)
         reason = _constraints_broken(m, t + tau, qt, ut, tolerance)
         if reason is None and beams is not None:
             reason = _pulled(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
@@ -158,11 +158,15 @@ class Rest:
     def velocities(self, q: Array) -> Array:
         """u (nu,): every node turns with the frame, but for the spins found at the start, which are fixed to their bodies."""
         u = self._coordinate_rates.copy()
-        if not self.frame.turns and not any(np.any(spin) for _, spin in self._spins):
+        if not self._turning:
             return u
         for node, spin in self._spins:
             self._turn(node, q, u, self.frame.rate + attitude(node, q) @ spin)
         return u
+
+    @cached_property
+    def _turning(self) -> bool:
+        return self.frame.turns or any(np.any(spin) for _, spin in self._spins)
 
     @cached_property
     def _spins(self) -> list[tuple[Node, Array]]:

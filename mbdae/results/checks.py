@@ -42,11 +42,13 @@ class Check:
 
     @property
     def unknowns(self) -> dict[str, int]:
-        """Number of positions, velocities, internal states, multipliers, and stresses of beams (unknowns with Radau IIA only)."""
+        """Number of positions, velocities, internal states and multipliers; with beams, of their stresses, which are unknowns
+        with Radau IIA only."""
         e, states = self.prepared.expansion, len(self.prepared.mechanics.numbering.states)
-        stresses = sum(len(line.stresses) for line in self.prepared.model.lines)
-        return {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows),
-                "stresses": stresses}  # fmt: skip
+        found = {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows)}
+        if self.prepared.model.lines:
+            found["stresses"] = sum(len(line.stresses) for line in self.prepared.model.lines)
+        return found
 
     @property
     def beams(self) -> dict[str, int]:
@@ -55,7 +57,7 @@ class Check:
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Translation rows of joints on nodes of beams, "joint.row", that need no equation: the bodies share unknowns there."""
+        """Rows of joints on nodes of beams, "joint.row", that need no equation: the bodies share unknowns there."""
         rows = self.prepared.expansion.carried.sharing.rows
         return tuple(row.name for row in self.prepared.mechanics.rows if (row.group, row.instance, row.row) in rows)
 
@@ -101,7 +103,7 @@ class Check:
                   for line in lines)  # fmt: skip
         return [f"  beams: {'; '.join(meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
-                *_by_joint("  without equations, displacements shared with a node of a beam", self.shared)]  # fmt: skip
+                *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]  # fmt: skip
 
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""

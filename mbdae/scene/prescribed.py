@@ -8,6 +8,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.scene import timed
+from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Connection
 from mbdae.symbolic.law import Joint, Law
 
@@ -15,16 +16,16 @@ _SAID = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 
 
-def problems(connections: list[Connection], t0: float, t_end: float) -> list[str]:
+def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float) -> list[str]:
     """What is wrong with prescribed values in [t0, t_end], one sentence each."""
     found = []
-    for item in connections:
-        for law in item.laws:
-            for key, parameter in law.params.items():
-                value = getattr(law, key)
-                if value is not None and getattr(se.sympify(value), "free_symbols", None):
-                    what = f"{item.kind} '{item.name}': {_SAID.get((item.kind, key), key)} = {value}"
-                    found += _of_one(what, se.sympify(value), parameter.unit, law, t0, t_end)
+    stated: list[tuple[str, str, Any]] = [(item.kind, item.name, law) for item in connections for law in item.laws]
+    for kind, name, law in stated + [("load", load.name, load.law) for load in loads]:
+        for key, parameter in law.params.items():
+            value = getattr(law, key)
+            if value is not None and getattr(se.sympify(value), "free_symbols", None):
+                what = f"{kind} '{name}': {_SAID.get((kind, key), key)} = {value}"
+                found += _of_one(what, se.sympify(value), parameter.unit, law, t0, t_end)
     return found
 
 

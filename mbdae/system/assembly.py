@@ -122,7 +122,7 @@ class SceneSystem(System):
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
             own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner
-            if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2]):
+            if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
                 return self.n
             return self._row_at(block, nb.node_of(target, g, i), target[2])
         if block == "s":

@@ -69,7 +69,7 @@ class Expansion:
         return q, u, a
 
     def _share(self, out: dict[str, Array]) -> None:
-        """Displacements that nodes share, and those that are fixed."""
+        """Displacements and rotations that nodes share, and those that are fixed."""
         sharing, by_name = self.carried.sharing, {n.name: n for n in self.model.nodes}
         for name, position in sharing.fixed.items():
             node = by_name[name]
@@ -79,6 +79,14 @@ class Expansion:
             for head, values in out.items():
                 a, b, n = _first(node, head), _first(owner, head), node.kind.translations
                 values[:, a : a + n] = values[:, b : b + n]
+        for name, rotation in sharing.upright.items():
+            node = by_name[name]
+            out["q"][:, node.q + node.kind.translations : node.q + node.kind.sizes[0]] = rotation
+        for name, turner in sharing.turner.items():
+            node, n = by_name[name], by_name[name].kind.translations
+            for head, values in out.items():
+                a, b, size = _first(node, head), _first(turner, head), node.kind.sizes[0 if head == "q" else 1]
+                values[:, a + n : a + size] = values[:, b + n : b + size]
 
     def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
         for j, link in enumerate(tree.structure.links, start=1):

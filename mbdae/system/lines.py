@@ -32,7 +32,7 @@ class Meshed(NamedTuple):
     stations: list[Station]
 
 
-def meshed(scene: SceneData) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
+def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
     """Every beam with nodes where something attaches, and the station of every (item, side) on a beam."""
     wanted: dict[Beam, list[tuple[str, str, float, Array]]] = {b: [] for b in scene.bodies if isinstance(b, Beam)}
     for c in scene.connections:
@@ -49,7 +49,7 @@ def meshed(scene: SceneData) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], 
             mesh = mesh_of(beam, tuple(place for _, _, place, _ in places))
         except OptionError as error:
             raise SceneError([f"beam '{beam.name}': {error}"]) from error
-        found[beam] = Meshed(mesh, _stations(beam, mesh))
+        found[beam] = Meshed(mesh, _stations(beam, mesh, planar))
         for item, side, _, point in places:
             nearest = int(np.argmin(np.linalg.norm(mesh.positions - _foot(mesh, point), axis=1)))
             attached[item, side] = found[beam].stations[nearest]
@@ -62,11 +62,14 @@ def _foot(mesh: LineMesh, point: Array) -> Array:
     return nearest
 
 
-def _stations(beam: Beam, mesh: LineMesh) -> list[Station]:
-    zero, R = np.zeros((3, 3)), rotation_matrices(mesh.quaternions)
+def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
+    """In the plane nodes have axes x along the beam and z, whatever the section's axes are."""
+    half, none = mesh.headings / 2, np.zeros(len(mesh.headings))
+    P = np.column_stack([np.cos(half), none, none, np.sin(half)]) if planar else mesh.quaternions
+    zero, R = np.zeros((3, 3)), rotation_matrices(P)
     rest = beam.velocity, beam.angular_velocity
     return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
-                    quaternion=mesh.quaternions[i])
+                    quaternion=P[i])
             for i, r in enumerate(mesh.positions)]  # fmt: skip
 
 

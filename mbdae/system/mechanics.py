@@ -219,7 +219,7 @@ class Mechanics:
         for node in self.model.nodes:
             found.setdefault(node.kind, []).append(node)
         first = {kind: np.array([(n.q, n.u) for n in nodes]) for kind, nodes in found.items()}
-        return [(kind, *(at[:, i : i + 1] + np.arange(kind.sizes[i]) for i in (0, 1))) for kind, at in first.items()]
+        return [(kind, at[:, :1] + np.arange(kind.sizes[0]), at[:, 1:] + np.arange(kind.sizes[1])) for kind, at in first.items()]
 
     def integrate_positions(self, q: Array, displacement: Array) -> Array:
         """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""

@@ -19,6 +19,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.lines import Line, meshed
 from mbdae.system.nodes import Node
+from mbdae.system.rotations import rotation_matrices
 
 _COORDINATE: Side = (NodeKind.COORDINATE, Axes.GENERAL)
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
@@ -155,6 +156,8 @@ def out_of_plane(scene: SceneData) -> str | None:
     for load in scene.line_loads:
         if load.law.f3 is not None:
             return f"load '{load.name}' has a component 3, out of the plane"
+        if load.law.follows and not _upright(load.beam):
+            return f"load '{load.name}' follows a section whose axis 3 is not z"
     for c in scene.connections:
         for law in c.laws:
             for point in (law.at, getattr(law, "at_l", None)):
@@ -163,10 +166,17 @@ def out_of_plane(scene: SceneData) -> str | None:
     return None
 
 
+def _upright(beam: Beam) -> bool:
+    """Whether section axis 3 is z all along a beam."""
+    mesh = mesh_of(beam)
+    sections = rotation_matrices(mesh.quaternions[mesh.elements]) @ rotation_matrices(mesh.turns)
+    return bool(np.all(sections[..., 2, 2] > 0.5))
+
+
 def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
     nodes, q, u = [], 0, 0
     point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
-    meshes, attached = meshed(scene)
+    meshes, attached = meshed(scene, planar)
     for b in [body for given in scene.bodies for body in (meshes[given].stations if isinstance(given, Beam) else [given])]:
         kind = point if b.is_point else turning
         nodes.append(Node(b.name, b, kind, q, u))

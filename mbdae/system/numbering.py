@@ -39,6 +39,14 @@ class Shared(Protocol):
     def fixed(self) -> Mapping[str, Array]:
         """Node -> its constant position."""
 
+    @property
+    def turner(self) -> Mapping[str, Node]:
+        """Node -> the node whose rotation it takes; its displacement is shared too."""
+
+    @property
+    def upright(self) -> Mapping[str, Array]:
+        """Node -> its constant rotation; its displacement is constant too."""
+
 
 _SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
 
@@ -84,10 +92,12 @@ class Numbering:
         self.nq = self.nu = 0
         self._owner: Mapping[str, Node] = sharing.owner if sharing else {}
         self._fixed: Mapping[str, Array] = sharing.fixed if sharing else {}
+        self._turner: Mapping[str, Node] = sharing.turner if sharing else {}
+        self._upright: Mapping[str, Array] = sharing.upright if sharing else {}
         for node in self.free:
             self._place[node.name] = self.nq, self.nu
-            own = self._own(node)
-            self.nq, self.nu = self.nq + node.kind.sizes[0] - own, self.nu + node.kind.sizes[1] - own
+            self.nq += node.kind.sizes[0] - self._own(node, "q")
+            self.nu += node.kind.sizes[1] - self._own(node, "u")
         self.states = {
             (g, i, j): f"{instance.item}.{name}"
             for g, group in enumerate(model.groups)
@@ -120,6 +130,10 @@ class Numbering:
         for name, position in self._fixed.items():
             self._at[name] = self.carried + len(self._clock_values) + len(self._constants)
             self._constants += list(position)
+        self._turned: dict[str, int] = {}
+        for name, rotation in self._upright.items():
+            self._turned[name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants += list(rotation)
         self.clock = Kernel([timed.TIME], self._clock_values)
         self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
 
@@ -159,19 +173,23 @@ class Numbering:
         if node.name in self._carried:
             parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
             return self._carried[node.name] + parts[head] + component
-        if self.shares(node, component):
-            if node.name in self._owner:
-                return self.node_place(head, self._owner[node.name], component)
-            return self._at[node.name] + component if head == "q" else self.width - 1
-        (q, u), first = self._place[node.name], self._own(node)
+        if self.shares(node, component, head):
+            n = node.kind.translations
+            owner, at = (self._owner, self._at) if component < n else (self._turner, self._turned)
+            if node.name in owner:
+                return self.node_place(head, owner[node.name], component)
+            return at[node.name] + (component if component < n else component - n) if head == "q" else self.width - 1
+        (q, u), first = self._place[node.name], self._own(node, head)
         return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
 
-    def shares(self, node: Node, component: int) -> bool:
-        """Whether an entry is a displacement that the node has from another one, or from the ground."""
-        return component < self._own(node)
+    def shares(self, node: Node, component: int, head: str) -> bool:
+        """Whether an entry of "q" or "u" is one that the node has from another one, or from the ground."""
+        return component < self._own(node, head)
 
-    def _own(self, node: Node) -> int:
-        """Number of displacements that are not unknowns of the node itself."""
+    def _own(self, node: Node, head: str) -> int:
+        """Number of entries of "q" or "u" that are not unknowns of the node itself: displacements, or all."""
+        if node.name in self._turner or node.name in self._upright:
+            return node.kind.sizes[0 if head[0] == "q" else 1]
         return node.kind.translations if node.name in self._owner or node.name in self._fixed else 0
 
     @cached_property
@@ -246,12 +264,12 @@ class Numbering:
     @property
     def of_positions(self) -> NDArray[np.intp]:
         """(nq,) where the position unknowns are among those of all nodes."""
-        return np.concatenate([np.arange(n.q + self._own(n), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
+        return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
 
     @property
     def of_velocities(self) -> NDArray[np.intp]:
         """(nu,) where the velocity unknowns are among those of all nodes."""
-        return np.concatenate([np.arange(n.u + self._own(n), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
+        return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
 
     def names(self) -> tuple[str, ...]:
         """Name of every unknown."""
@@ -260,7 +278,7 @@ class Numbering:
             for head, entries in zip("qu", COORDINATES[node.kind], strict=True):
                 slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
                 for i, c in enumerate(("displacement",) if slides else entries):
-                    if not self.shares(node, i):
+                    if not self.shares(node, i, head):
                         names[self.node_place(head, node, i)] = f"{node.name}.{c}"
         names[self.start["z"] : self.start["z"] + len(self.stresses)] = self.stresses
         for key, position in self._state.items():

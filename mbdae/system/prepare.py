@@ -67,7 +67,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
-    problems = scene.problems + prescribed.problems(scene.connections, begin_time, end)
+    problems = scene.problems + prescribed.problems(scene.connections, scene.line_loads, begin_time, end)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:

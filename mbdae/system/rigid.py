@@ -8,7 +8,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
-from mbdae.system.rotations import quaternion_product, rotation_matrices, rotation_of, turned
+from mbdae.system.rotations import quaternion_product, rotation_matrices, turned
 
 
 class RigidMotions:
@@ -31,12 +31,15 @@ class RigidMotions:
         for nodes in self.beams:
             n, nu = nodes[0].kind.translations, nodes[0].kind.sizes[1]
             spins = np.eye(3)[[2]] if n == 2 else np.eye(3)
-            for node in nodes:
-                arm = self._place(q, node) - self._place(q, nodes[0])
-                B[node.u : node.u + n, column : column + n] = np.eye(n)
-                B[node.u : node.u + n, column + n : column + nu] = np.cross(spins, arm).T[:n]
-                turning = spins[:, 2:] if n == 2 else rotation_of(node.kind, q[node.q :][: node.kind.sizes[0]]).T @ spins.T
-                B[node.u + n : node.u + nu, column + n : column + nu] = turning
+            at, by = (np.array([[place] for place in of]) for of in ([x.q for x in nodes], [x.u for x in nodes]))
+            r = np.zeros((len(nodes), 3))
+            r[:, :n] = q[at + np.arange(n)]
+            B[by + np.arange(n), column + np.arange(n)] = 1.0
+            for j, spin in enumerate(spins, start=column + n):
+                B[by + np.arange(n), j] = np.cross(spin, r - r[0])[:, :n]
+            turning = rotation_matrices(q[at + np.arange(3, 7)]).transpose(0, 2, 1) if n == 3 else np.ones((len(nodes), 1, 1))
+            rows, columns = by[:, :, None] + np.arange(n, nu)[:, None], column + np.arange(n, nu)
+            B[rows, columns] = turning
             column += nu
         return B
 

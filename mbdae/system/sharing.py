@@ -1,31 +1,39 @@
-"""Nodes of beams that share their displacement: a joint through both of them needs no translation rows.
+"""Nodes of beams that share unknowns: a joint through both of them needs no translation rows, a weld no rows at all.
 
 The paper's models count no multipliers for translations: end nodes of links that meet in a joint are one point. Where a
 joint lies exactly on two nodes, the second takes the displacement unknowns of the first; where it lies on the ground,
-the node's displacement is a constant.
+the node's displacement is a constant. A weld between nodes with equal axes shares their rotation too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from mbdae.joints import Weld
 from mbdae.scene.components import Array
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.lines import drawn_quaternion
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
 
 ON = 1e-13  #: of the scene's length: a joint that lies on a node
+EQUAL = 1e-13  #: axes of two nodes, rad
 ROWS = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Sharing:
-    """owner: node -> the node whose displacement it takes; fixed: node -> its constant position; rows not needed."""
+    """owner: node -> the node whose displacement it takes; fixed: node -> its constant position; turner, upright: the same
+    for rotations (quaternion, or angle in the plane) of nodes that share both; rows not needed."""
 
     owner: dict[str, Node] = field(default_factory=dict)
     fixed: dict[str, Array] = field(default_factory=dict)
     rows: frozenset[tuple[int, int, int]] = frozenset()
+    turner: dict[str, Node] = field(default_factory=dict)
+    upright: dict[str, Array] = field(default_factory=dict)
 
     @property
     def nodes(self) -> set[str]:
@@ -34,7 +42,7 @@ class Sharing:
 
 
 def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[tuple[int, int]]) -> Sharing:
-    """The joints of a model with beams whose translation rows are met by sharing; excluded: nodes that are carried."""
+    """The joints of a model with beams whose rows are met by sharing; excluded: nodes that are carried."""
     leader: dict[Node, Node] = {n: n for n in model.nodes}
     pinned: dict[Node, Array] = {}
     order = {n: i for i, n in enumerate(model.nodes)}
@@ -45,6 +53,7 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
         return n
 
     rows: set[tuple[int, int, int]] = set()
+    welded: list[tuple[int, int, list[Node]]] = []
     for g, i, instance in model.instances() if model.lines else ():
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
         if (g, i) in dropped or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
@@ -59,9 +68,50 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
         elif others or len(ends) == 1:
             continue  # held at two points of the ground: the rows say more than sharing could
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
+        if isinstance(instance.law, Weld):
+            welded.append((g, i, ends))
     fixed = {n.name: pinned[find(n)] for n in model.nodes if find(n) in pinned}
     owner = {n.name: find(n) for n in model.nodes if find(n) is not n and n.name not in fixed}
-    return Sharing(owner, fixed, frozenset(rows))
+    turner, upright, more = _shared_rotations(model, welded)
+    return Sharing(owner, fixed, frozenset(rows | more), turner, upright)
+
+
+def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
+                      ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
+    """Nodes that take the rotation of another one, or keep that they are drawn with, and the rows of welds this meets."""
+    leader: dict[Node, Node] = {}
+    upright: dict[Node, Array] = {}
+    rows: set[Any] = set()
+
+    def find(n: Node) -> Node:
+        while n in leader:
+            n = leader[n]
+        return n
+
+    order = {n: i for i, n in enumerate(model.nodes)}
+    for g, i, ends in welded:
+        first, *others = sorted({find(n) for n in ends}, key=lambda n: order[n])
+        if len(ends) == 1 and first not in upright:
+            upright[first] = _drawn(first)
+        elif len(ends) == 2 and others and others[0] not in upright and _alike(*ends):
+            leader[others[0]] = first
+        else:
+            continue
+        names = model.groups[g].derived.rows
+        rows |= {(g, i, r) for r, name in enumerate(names) if name not in ROWS}
+    kept = {n.name: upright[find(n)] for n in model.nodes if find(n) in upright}
+    return {n.name: find(n) for n in leader if n.name not in kept}, kept, rows
+
+
+def _drawn(node: Node) -> Array:
+    """Angle (1,) or quaternion (4,) a node is drawn with."""
+    assert node.body is not None
+    return np.array([node.body.heading]) if node.kind is NodeKind.PLANAR else drawn_quaternion(node.body)
+
+
+def _alike(a: Node, b: Node) -> bool:
+    """Whether two nodes have axes, and are drawn with the same."""
+    return a.kind is b.kind and a.kind.turns and bool(np.max(np.abs(_drawn(a) - _drawn(b))) <= EQUAL)
 
 
 def _on_both(model: Model, instance: Instance) -> bool:

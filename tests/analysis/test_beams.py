@@ -92,7 +92,7 @@ def arch(force: float) -> mb.Scene:
 def test_arch_stops_at_its_limit_load_and_keeps_that_state() -> None:
     reached = []
     for force in (40.0, 800.0):
-        with pytest.raises(mb.EquilibriumError, match="a limit point, the stiffness against 'arch.* vanishes there") as caught:
+        with pytest.raises(mb.EquilibriumError, match=r"a limit point, the stiffness against 'arch.* vanishes there") as caught:
             arch(force).equilibrium()
         kept = caught.value.equilibrium
         assert kept.load_factor == caught.value.load_factor
@@ -211,3 +211,31 @@ def test_progress_tells_load_factor_and_corrections() -> None:
     e = s.equilibrium(progress=lambda factor, iterations: seen.append((factor, iterations)))
     assert seen == sorted(seen)
     assert seen[-1] == (1.0, e.iterations)
+
+
+def test_hinged_blade_on_a_driven_hub_stands_out() -> None:
+    """Lag frequency of a stiff uniform blade from e to R: Omega sqrt(3 e / 2 (R - e)); it starts off its radius."""
+    s = mb.Scene("blade")
+    hub = s.rigid_body("hub", 1.0, 1.0, at=(0, 0))
+    s.revolute("shaft", s.ground, hub, at=(0, 0), angle=10 * mb.t)
+    blade = s.beam("blade", (0.25, 0), (4.5, 0), section=mb.Section(1e8, 1e8, 1e8, 1e6, 1e6, 1e6, 3.0, 1e-4), elements=3)
+    s.revolute("lag", hub, blade, at=(0.25, 0), angle0=0.05)
+    e = s.equilibrium(frame=hub)
+    assert e["lag"].angle == pytest.approx([0.0], abs=1e-9)
+    assert e["blade"].at(1.0).position[0, 0] > 4.5
+    lowest = s.linearize(at=e, frame=hub, count=2).angular_frequencies[0]
+    assert lowest == pytest.approx(10 * np.sqrt(1.5 * 0.25 / 4.25), rel=1e-3)
+
+
+def test_rotor_that_turns_freely_is_its_own_frame() -> None:
+    s = mb.Scene("free rotor", space="spatial")
+    hub = s.rigid_body("hub", 1.0, (1, 1, 1), at=(0, 0), angular_velocity=(0, 0, 5.0))
+    s.revolute("shaft", s.ground, hub, at=(0, 0), rate0=5.0)
+    for i, x in enumerate((1, -1)):
+        blade = s.beam(f"blade{i}", (0.1 * x, 0), (x, 0), section=mb.Section(1e5, 4e4, 4e4, 1.0, 1.0, 2.0, 1.0, 1e-3), elements=4)
+        s.weld(f"root{i}", hub, blade.at((0.1 * x, 0)))
+    e = s.equilibrium(frame=hub)
+    assert e["blade0"].at(1.0).position[0, 0] - 1 == pytest.approx(-1 - e["blade1"].at(1.0).position[0, 0], rel=1e-6)
+    modes = s.linearize(at=e, frame=hub, count=8)
+    assert np.sum(modes.eigenvalues == 0) == 2
+    assert modes.stable
