@@ -158,7 +158,7 @@ def test_the_choice_of_a_solver_is_told(damper: float, label: str, why: str, tmp
     assert r.accuracy.met
     r.save(tmp_path / "run.npz")
     assert mb.load(tmp_path / "run.npz").info.choice == why
-    file = tmp_path / "pendulum.py"
+    file = tmp_path / "chosen_by_default.py"
     file.write_text(f"import mbdae as mb\nt_end = 0.5\n\n\ndef scene():\n    s = mb.Scene('p', gravity=(0, -9.81, 0))\n"
                     f"    rod = s.link('rod', (0, 0), (1, 0), mass=1.0)\n    s.revolute('hinge', s.ground, rod, at=(0, 0), "
                     f"damper={damper}, model=mb.Recursive())\n    return s\n")  # fmt: skip
