@@ -24,8 +24,6 @@ Run it:  mbdae compare examples/ground_resonance.py --out out
 """
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 

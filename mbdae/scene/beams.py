@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.elements.line_mesh import LineMesh, arc, curved, polyline
-from mbdae.elements.line_shape import ORDERS
-from mbdae.errors import MbdaeError
+from mbdae.elements.line_shape import ORDERS, node_positions
+from mbdae.errors import MbdaeError, OptionError
 from mbdae.forces.line_load import LineLoad
 from mbdae.scene.components import Array, Beam, Connection
 from mbdae.scene.reading import Reading
@@ -17,6 +17,8 @@ from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
+FOLDED = 1e-6  #: rad, how near to half a turn a corner may come
+TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
 
@@ -79,7 +81,7 @@ class BeamStatements(Reading):
                 self.problems.append(f"beam '{beam.name}': {error}")
                 option = str(error).split(" ", 1)[0]
                 if option == "elements":
-                    beam.elements = len(beam.outline) - 1 if beam.curve is None else 1
+                    beam.elements = len(beam.outline) - 1 if beam.curve is None else SAMPLES
                 else:
                     beam.axis2, beam.curve = None, beam.curve if option == "axis2" else None
 
@@ -172,7 +174,16 @@ class BeamStatements(Reading):
 def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:
     """The mesh of a beam with nodes at some places: lengths along the outline, or parameters of its curve."""
     if beam.curve is not None:
-        return curved(beam.curve, beam.elements, beam.order, beam.axis2, at)
+        mesh = curved(beam.curve, beam.elements, beam.order, beam.axis2, at)
+        _check_turning(beam)
+        return mesh
+    steps = np.diff(beam.outline, axis=0)
+    first = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    back = np.flatnonzero(np.linalg.norm(first[1:] + first[:-1], axis=1) < FOLDED)
+    if len(back):
+        corner = beam.outline[back[0] + 1]
+        raise OptionError(f"points: the line folds back on itself at ({corner[0]:g}, {corner[1]:g}, {corner[2]:g}) m, where its "
+                          f"rotation has no direction; make two beams of it, joined by s.weld")  # fmt: skip
     return polyline(beam.outline, beam.elements, beam.order, beam.axis2, at)
 
 
@@ -183,6 +194,19 @@ def place_of(beam: Beam, place: float) -> Array:
         return np.pad(value, (0, 3 - len(value)))
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))]
     return np.array([np.interp(place, lengths, beam.outline[:, i]) for i in range(3)])
+
+
+def _check_turning(beam: Beam) -> None:
+    """Neighbouring nodes must be turned by less than half a turn: rotations are interpolated the short way."""
+    steps = np.diff(beam.outline, axis=0)
+    first = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    bends = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(first, axis=0), axis=1) / 2, 0, 1))
+    places, so_far = np.linspace(0, 1, len(bends) + 1), np.r_[0.0, np.cumsum(bends)]
+    turned = np.interp(np.linspace(0, 1, int(beam.elements) + 1), places, so_far)
+    largest = float(np.max(np.diff(turned)) * np.max(np.diff(node_positions(beam.order))))
+    if largest > TURNED:
+        raise OptionError(f"elements = {beam.elements}: neighbouring nodes of the curve are turned by {np.degrees(largest):.0f} "
+                          f"deg, at most {np.degrees(TURNED):.0f} deg are unambiguous; give more elements")  # fmt: skip
 
 
 def nearest_place(beam: Beam, point: Array) -> float:

@@ -101,7 +101,7 @@ def test_all_problems_at_once() -> None:
     c.load((0, 1 / mb.t), frame="body")
     found = problems(s)
     expected = ("section=None", "elements = -1", "order = 5", "axis2 = [2.0, 0.0, 0.0]", "velocity has shape (4,)", "axis = [0, 0, 0]",
-                "0.0001 m from a node", "frame='body'")  # fmt: skip
+                "0.0001 m from a node", "frame='body'", "1/t")  # fmt: skip
     for words in expected:
         assert [p for p in found if words in p], words
     assert len(found) == len(expected)
@@ -114,3 +114,17 @@ def test_attachments_at_nodes_and_apart_from_them_are_accepted() -> None:
     s.spring("arm", s.ground, "b", at_k=(0.3, 1), at_l=(0.3, 0.2), stiffness=1.0)
     assert s.check().degrees_of_freedom == 3 * len(s.check().prepared.model.nodes)
     assert np.any(np.isclose(s.check().prepared.model.lines[0].mesh.positions[:, 0], 0.3))
+
+
+def test_neighbouring_nodes_must_not_be_turned_by_half_a_turn() -> None:
+    """A full circle in one element is ambiguous; in four it is not. A line that folds back has no rotation there."""
+    def circle(s: float) -> tuple[float, float]:
+        return math.cos(2 * math.pi * s), math.sin(2 * math.pi * s)
+
+    for elements, order, found in ((1, 1, True), (1, 2, True), (4, 2, False)):
+        s = mb.Scene("ring")
+        s.beam("ring", section=ROUND, elements=elements, order=order, curve=circle)
+        assert any("elements = 1: neighbouring nodes" in p and "give more elements" in p for p in s.problems) == found
+    s = mb.Scene("folded")
+    s.beam("hairpin", (0, 0), (1, 0), (0.2, 0), section=ROUND, elements=4)
+    assert any("'hairpin': points: the line folds back on itself at (1, 0, 0) m" in p for p in s.problems)
