@@ -6,6 +6,7 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,8 @@ class System:
     rhs: Any = None
     partition: Any = None
     guards: Any = None
+    #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
+    vibration: Callable[[], tuple[str, float]] | None = None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""

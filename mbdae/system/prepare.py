@@ -22,6 +22,7 @@ from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, m
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, stress_scale
 from mbdae.system.start import Start, Starter
 from mbdae.system.trees import find_trees
+from mbdae.system.vibrations import fastest_vibration
 from mbdae.threads import single_threaded
 
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
@@ -187,5 +188,13 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
     system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
     system.t0 = start.t
+    if prepared.model.lines:
+        system.vibration = lambda: _vibration(prepared)
     assert len(system.y0) == nb.n
     return system
+
+
+def _vibration(prepared: Prepared) -> tuple[str, float]:
+    """The beam that vibrates fastest, and how far in the characteristic time (rad)."""
+    name, frequency = fastest_vibration(prepared.model.lines, prepared.start.q)
+    return name, frequency * prepared.time
