@@ -123,9 +123,10 @@ def angular_velocities(line: Line, positions: Array, rates: Array) -> Array:
     return np.asarray(2 * (w * vt - wt * v - np.cross(vt, v)) / np.sum(positions[..., 3:] ** 2, axis=-1, keepdims=True))
 
 
-def gauss_strains(line: Line, q: Array, u: Array) -> tuple[Array, Array]:
+def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tuple[Array, Array]:
     """Elastic strains and stress resultants (nt, elements, p, 6) at the Gauss points, section axes, in the order `STRESSES`;
-    in the plane those out of it are zero."""
+    in the plane those out of it are zero. z (nt, stresses of the beam): the stresses, where they were unknowns of the run
+    (by the strains they carry the error of the positions times the stiffness)."""
     kernel, m = line.displacement, len(line.mesh.elements)
     elastic, names = _elastic(line.kind), [name for name, _ in kernel.derived.resultants]
     expressions = [*(elastic[name] for name in names), *(e for _, e in kernel.derived.resultants)]
@@ -133,6 +134,8 @@ def gauss_strains(line: Line, q: Array, u: Array) -> tuple[Array, Array]:
     parts = [kernel.at_points(nodal_inputs(kernel, [line], q[i : i + size], u[i : i + size], np.zeros((len(q[i : i + size]), 0))),
                               expressions) for i in range(0, len(q), size)]  # fmt: skip
     values = np.concatenate([np.zeros((0, kernel.points, len(expressions))), *parts]).reshape(len(q), m, kernel.points, 2, -1)
+    if z is not None:
+        values[..., 1, :] = z.reshape(len(q), m, kernel.points, -1)
     found = np.zeros((*values.shape[:4], 6))
     found[..., [STRESSES.index(name) for name in names]] = values
     if line.kind is NodeKind.PLANAR:
@@ -211,7 +214,12 @@ class BeamPlace(BodySensor):
 
     @cached_property
     def _strains(self) -> tuple[Array, Array]:
-        strain, stress = gauss_strains(self._line, self._result.q, self._result.u)
+        r, first = self._result, 0
+        for line in r.prepared.model.lines[: r.prepared.model.lines.index(self._line)]:
+            first += len(line.stresses)
+        z = r.stresses(r.t)
+        own = None if z is None else z[:, first : first + len(self._line.stresses)]
+        strain, stress = gauss_strains(self._line, r.q, r.u, own)
         return self._extrapolated(strain), self._extrapolated(stress)
 
     @property

@@ -54,20 +54,27 @@ class Energy:
         return sum_ - sum_[0] if len(sum_) else sum_
 
 
-States = Callable[[Array], tuple[Array, Array, Array]]  #: times -> q, u, s
+States = Callable[[Array], tuple[Array, Array, Array, Array | None]]  #: times -> q, u, s, and stresses where known
 
 
 def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array]:
     """Kinetic and potential energy (nt,)."""
-    q, u, s = states(t)
+    q, u, s, z = states(t)
     totals = {"kinetic": np.zeros(len(t)), "potential": np.zeros(len(t))}
     for _, p, values in mechanics.evaluate(energy_outputs, t, q, u, s):
         for o, target in enumerate(p.targets):
             totals[target[0]] += values[:, :, o].sum(axis=1)
+    first = 0
     for line in mechanics.model.lines:
+        of_line = slice(first, first + len(line.stresses))
+        first = of_line.stop
         for part in _parts(mechanics, len(t)):
             totals["kinetic"][part] += line.kinetic(u[part])
-            totals["potential"][part] += line.energy(q[part], u[part])[0] + line.potential(q[part])
+            if z is None or line.numbers["damping"]:  # a damped stress is not that of the strain alone
+                elastic = line.energy(q[part], u[part])[0]
+            else:
+                elastic = line.stored(q[part], u[part], z[part, of_line])
+            totals["potential"][part] += elastic + line.potential(q[part])
     return totals["kinetic"], totals["potential"]
 
 
@@ -87,7 +94,7 @@ def has_power(mechanics: Mechanics) -> bool:
 
 def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
     """(nt, 2): dissipated power; power of loads and of prescribed motions, W."""
-    q, u, s = states(t)
+    q, u, s, z = states(t)
     out = np.zeros((len(t), 2))
     for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s):
         for o, target in enumerate(p.targets):
@@ -96,7 +103,7 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
         out[:, 0] += line.energy(q, u)[1]
     out[:, 1] += mechanics.power_of_loads(t, q, u)
     if any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances):
-        _, multipliers = mechanics.accelerations(t, q, u, s)
+        _, multipliers = mechanics.accelerations(t, q, u, s, z)
         rheonomic = mechanics.velocity_residual(t, q, np.zeros_like(u))
         out[:, 1] += np.einsum("ti,ti->t", multipliers, rheonomic)
     return out

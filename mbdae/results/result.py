@@ -107,6 +107,14 @@ class Result:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
         return self.prepared.states(np.asarray(t, dtype=float), self.solution(t))
 
+    def stresses(self, t: Array) -> Array | None:
+        """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
+        names = [name for line in self.prepared.model.lines for name in line.stresses]
+        if not names or names[0] not in self.solution.names:
+            return None
+        first = self.solution.names.index(names[0])
+        return np.asarray(self.solution(np.asarray(t, dtype=float))[:, first : first + len(names)])
+
     @property
     def q(self) -> Array:
         """Positions of all nodes (nt, nq)."""
@@ -119,7 +127,7 @@ class Result:
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.mechanics.accelerations(self.t, *self._states)
+        return self.prepared.mechanics.accelerations(self.t, *self._states, self.stresses(self.t))
 
     @property
     def acceleration(self) -> Array:
@@ -206,7 +214,7 @@ class Result:
     @cached_property
     def energy(self) -> Energy:
         """Kinetic, potential, dissipated energy, work, and their balance over the result's times."""
-        return energy(self.prepared.mechanics, self.solution.t, self.t, self.states)
+        return energy(self.prepared.mechanics, self.solution.t, self.t, lambda t: (*self.states(t), self.stresses(t)))
 
     @cached_property
     def drift(self) -> Drift:

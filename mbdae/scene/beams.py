@@ -17,6 +17,7 @@ from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
+HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
 FOLDED = 1e-6  #: rad, how near to half a turn a corner may come
 TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
@@ -49,7 +50,11 @@ class BeamStatements(Reading):
         outline, function = self._line(name, points, curve)
         if not isinstance(section, Section):
             self.problems.append(f"beam '{name}': section={section!r} is not a cross-section; give mb.Section(...)")
-            section = Section(1, 1, 1, 1, 1, 1, 1, 1)
+            section = HARMLESS_SECTION
+        elif section.rigid:
+            self.problems.append(f"beam '{name}': section.{section.rigid[0]} is infinite: a scene needs the motion of every "
+                                 f"strain; give a finite value, such as 1e4 times the others")  # fmt: skip
+            section = HARMLESS_SECTION
         rates = (("velocity", velocity, "m/s"), ("angular_velocity", angular_velocity, "rad/s"))
         v, w = (np.zeros(3) if given is None else self._vector(name, what, given, unit) for what, given, unit in rates)
         direction = None if axis2 is None else self._vector(name, "axis2", axis2, "")

@@ -121,7 +121,8 @@ class TreeMechanics(Mechanics):
         super().__init__(model, rows)
         self.expansion = expansion
 
-    def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None) -> tuple[Array, Array]:
+    def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
+                      z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
         """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
         e = self.expansion
         qr, ur = e.reduced(q, u)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.elements.line_mesh import LineMesh
@@ -18,6 +19,7 @@ from mbdae.kernels.line import LineKernel, merged
 from mbdae.scene.beams import BeamLoad, mesh_of, nearest_place
 from mbdae.scene.components import Array, Beam, Body, Station
 from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.line import WEIGHT
 from mbdae.system.nodes import Node
 from mbdae.system.rotations import quaternion, rotation_matrices
 
@@ -159,6 +161,14 @@ class Line:
         x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
         found = kernel.at_points(x, [kernel.derived.energy, kernel.derived.dissipated])
         return tuple(found.reshape(len(q), -1, 2).sum(axis=1).T)
+
+    def stored(self, q: Array, u: Array, z: Array) -> Array:
+        """Elastic energy (nt,), J, of stresses z (nt, those of this beam): compliance stress^2 / 2, whatever the strains."""
+        kernel = self.mixed
+        terms = [se.Symbol(f"compliance_{n}") * se.Symbol(n) ** 2 / 2 for n in kernel.derived.stresses]
+        x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
+        x = np.hstack([x, z.reshape(len(x), -1)])
+        return np.asarray(kernel.at_points(x, [WEIGHT * sum(terms)]).reshape(len(q), -1).sum(axis=1))
 
     def stress(self, q: Array, u: Array) -> Array:
         """Stress unknowns of all elements from positions and velocities (nq,), (nu,); 0 where the section is rigid."""

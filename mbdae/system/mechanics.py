@@ -106,18 +106,19 @@ class Mechanics:
         """(nu,) size of each virtual displacement: the scene's length, or 1 rad."""
         return np.where(self.rotational, 1.0, self.model.length)
 
-    def load(self, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
-        """f (nt, nu): all forces but those of constraints; M u' + G^T lambda = f."""
+    def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
+        """f (nt, nu): all forces but those of constraints; M u' + G^T lambda = f. z (nt, nz): stresses of the beams, by
+        default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(_loads, t, q, u, s):
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
                     f[:, self.numbering.velocity(target, g, i)] -= values[:, i, o]
-        return f + self._of_beams(t, q, u) if self.model.lines else f
+        return f + self._of_beams(t, q, u, z) if self.model.lines else f
 
     @cached_property
-    def _batches(self) -> list[Batch]:
-        return batches(self.model.lines, False)
+    def _batches(self) -> dict[bool, list[Batch]]:
+        return {mixed: batches(self.model.lines, mixed) for mixed in (False, True)}
 
     def prescribed(self, t: Array, slots: tuple[tuple[int, str], ...]) -> Array:
         """(nt, slots) prescribed inputs of loads on beams."""
@@ -125,24 +126,28 @@ class Mechanics:
         self.numbering.fill_clock(W, t)
         return W[:, [self.numbering.slot(-1, *place) for place in slots]]
 
-    def _of_beams(self, t: Array, q: Array, u: Array) -> Array:
-        """Forces of beams (nt, nu), stresses by their compliance."""
+    def _of_beams(self, t: Array, q: Array, u: Array, z: Array | None) -> Array:
+        """Forces of beams (nt, nu) by their stresses, those by the compliance of their strains."""
         f = np.zeros((len(t), self.nu))
         for line in self.model.lines:
             np.add.at(f.T, line.places("u").ravel(), line.dead.ravel()[:, None])
-        for batch in self._batches:
-            self._add_batch(f, batch, t, q, u)
+        for batch in self._batches[z is not None]:
+            self._add_batch(f, batch, t, q, u, z)
         return f
 
-    def _add_batch(self, f: Array, batch: Batch, t: Array, q: Array, u: Array) -> None:
+    def _add_batch(self, f: Array, batch: Batch, t: Array, q: Array, u: Array, z: Array | None = None) -> None:
         x = nodal_inputs(batch.kernel, batch.lines, q, u, self.prescribed(t, batch.timed))
-        at = np.array([[e[a].u + i for _, a, i in batch.kernel.targets] for e in batch.nodes], dtype=np.intp).ravel()
-        np.add.at(f.T, at, -batch.kernel.values(x).reshape(len(t), -1).T)
+        if z is not None and batch.stresses.size:
+            x = np.hstack([x, z[:, batch.stresses].reshape(len(x), -1)])
+        momentum = [(o, a, i) for o, (head, a, i) in enumerate((*t, 0)[:3] for t in batch.kernel.targets) if head == "u"]
+        at = np.array([[e[a].u + i for _, a, i in momentum] for e in batch.nodes], dtype=np.intp).ravel()
+        values = batch.kernel.values(x)[:, [o for o, _, _ in momentum]]
+        np.add.at(f.T, at, -values.reshape(len(t), -1).T)
 
     def power_of_loads(self, t: Array, q: Array, u: Array) -> Array:
         """Power (nt,) of following and timed loads on beams, W."""
         f = np.zeros((len(t), self.nu))
-        for batch in self._batches:
+        for batch in self._batches[False]:
             if batch.is_load:
                 self._add_batch(f, batch, t, q, u)
         return np.asarray(np.einsum("ti,ti->t", f, u))
@@ -190,9 +195,10 @@ class Mechanics:
         """gamma (nt, m): d2g/dt2 = G u' + gamma."""
         return self._rows(acceleration, t, q, u)
 
-    def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None) -> tuple[Array, Array]:
+    def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
+                      z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
         """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique."""
-        f = self.load(t, q, u, s)
+        f = self.load(t, q, u, s, z)
         if self.model.lines:
             return self._sparse_accelerations(t, q, u, f)
         if not self.m:

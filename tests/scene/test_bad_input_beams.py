@@ -40,6 +40,7 @@ def broken(s: float) -> Any:
     ("say", "finding"),
     [
         (lambda s: beam(s, section="IPE 80"), "beam 'c': section='IPE 80' is not a cross-section; give mb.Section(...)"),
+        (lambda s: beam(s, section=mb.Section(math.inf, 1, 1, 1, 1, 1, 1, 1)), "beam 'c': section.EA is infinite: a scene needs"),
         (lambda s: beam(s, elements=0), "beam 'c': elements = 0: give an integer of at least 1 (the segments)"),
         (lambda s: beam(s, elements=2.5), "beam 'c': elements = 2.5: give an integer of at least 1"),
         (lambda s: beam(s, elements=(2, 2)), "beam 'c': elements = (2, 2): give an integer of at least 1"),
