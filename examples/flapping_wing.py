@@ -12,7 +12,8 @@ cranks start at full speed with the links undeformed, which leaves an elastic vi
 
 Options: `flexible` links instead of rigid ones; `case` "I" (all hinges kinematic), "II" (2 and 4 recursive), "recursive"
 (all of elastic links, of rigid ones those that close no loop) or "classical"; `elements` divides every beam finer; `frame`
-makes 16-1-14-15-12-13 of beams, clamped in 16, instead of ground; `stiffness` scales the section; `sense` -1 turns back.
+makes 16-1-14-15-12-13 of beams, clamped in 16, instead of ground; `bracket` makes 5-12 a beam too (then all hinges lie on
+nodes, and the model in space has the paper's 42 multipliers); `stiffness` scales the section; `sense` -1 turns back.
 
 Run it:  mbdae run examples/flapping_wing.py --out out
 Draw it: python examples/flapping_wing.py out   (configuration, path of the tip, hinge angles, torque of the drive)
@@ -39,7 +40,8 @@ t_end = 0.5  # s, one turn of the cranks
 measure = "L8.angle"
 
 
-def scene(flexible=False, case="I", elements=1, frame=False, stiffness=1.0, sense=1, space="auto"):
+def scene(flexible=False, case="I", elements=1, frame=False, stiffness=1.0, sense=1, space="auto",
+          bracket=False):  # fmt: skip
     """Both halves as drawn; bodies and hinges of the left one are named L..., of the right one R...."""
     s = mb.Scene(f"flapping wing, {'flexible' if flexible else 'rigid'}, case {case}", space=space)
     model = mb.Classical() if case == "classical" else mb.Kinematic()
@@ -60,7 +62,10 @@ def scene(flexible=False, case="I", elements=1, frame=False, stiffness=1.0, sens
         if frame:
             s.weld(half + "16", s.ground, frames[half], at=at[16])
         s.revolute(half + "1", frames[half], b["A"], at=at[1], angle=mirror * sense * OMEGA * mb.t, model=model)
-        s.revolute(half + "12", frames[half], b["D"].at(at[5]), at=at[12], model=model)
+        arm = body(half + "bracket", [at[5], at[12]]) if bracket else b["D"].at(at[5])
+        if bracket:
+            s.weld(half + "5", b["D"], arm, at=at[5])
+        s.revolute(half + "12", frames[half], arm, at=at[12], model=model)
         for name, (k, l) in HINGES.items():
             chosen = mb.Recursive() if case == "II" and name in "24" else model
             s.revolute(half + name, b[k], b[l], at=at[int(name[0])], model=chosen)

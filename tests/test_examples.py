@@ -117,3 +117,25 @@ def test_ground_resonance_follows_the_nonlinear_reference(axes, free, solver, mo
     np.testing.assert_allclose(np.stack([result[f"lag {i + 1}"].angle for i in range(4)], axis=1), lags, atol=1e-6)
     np.testing.assert_allclose(result["hub"].position[:, :axes], hub, atol=1e-6)
     assert result.info.solver.label == ("CVODE (Adams)" if model else solver.label)  # one word makes it an ODE
+
+
+def test_ground_resonance_draws_its_flexible_blades(tmp_path):
+    import ground_resonance
+
+    ground_resonance.pictures(tmp_path / "out", accuracy=1e-2)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"rotor.png", "lag_angles.png"}
+
+
+def test_flexible_blades_differ_in_their_lag_nearly_as_rigid_ones():
+    import ground_resonance
+
+    differences = []
+    for flexible in (True, False):
+        scene = ground_resonance.scene(axes=1, flexible=flexible)
+        r = scene.simulate(1.0, solver=mb.RadauIIA(3, step=5e-3))
+        lags = np.array([r[f"lag {i + 1}"].angle for i in range(4)])
+        differences.append(lags - lags.mean(axis=0))
+    assert scene.check().degrees_of_freedom == 5
+    assert ground_resonance.scene(flexible=True).check().beams == dict.fromkeys([f"blade {i}" for i in range(1, 5)], 3)
+    print(np.max(np.abs(differences[0] - differences[1])))
+    np.testing.assert_allclose(*differences, atol=1e-3)

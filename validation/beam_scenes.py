@@ -137,3 +137,22 @@ def steel_pendulum(slenderness: float, elements: int = 4, order: int = 2) -> mb.
     section = mb.Section.rectangular(1 / slenderness, 1 / slenderness, 2.1e11, 0.3, 7850.0)
     s.revolute("A", s.ground, s.beam("rod", (0, 0), (1, 0), section=section, elements=elements, order=order), at=(0, 0))
     return s
+
+
+def flexible_rotor(axes: int = 2, free: bool = False, space: str = "auto", model: Any = None, lag: float = 0.0) -> mb.Scene:
+    """Ground resonance with blades of three cubic elements, EI = 1e4 N m^2; `model` of the five revolutes. A block on two
+    axes is kept upright and held by a bushing, which looks the same from a hub that turns."""
+    s = mb.Scene("flexible ground resonance", space=space)
+    block = s.rigid_body("block", 30.0, 1.0, at=(0, 0))
+    if axes == 1:
+        s.prismatic("support", s.ground, block, at=(0, 0), axis=(1, 0, 0), spring=12000.0, damper=150.0)
+    else:
+        s.fixed_orientation("level", s.ground, block)
+        s.bushing("support", s.ground, block, (0, 0), (12000.0, 12000.0, 0.0), (150.0, 150.0, 0.0))
+    hub = s.rigid_body("hub", 0.0, 1.0 if free else 0.0, at=(0, 0))
+    s.revolute("shaft", block, hub, at=(0, 0), model=model, **({"rate0": 20.01} if free else {"angle": 20.01 * mb.t}))
+    section = mb.Section(1e7, 4e6, 4e6, 1e4, 1e4, 1e4, mass_per_length=3.0, rotary_inertia=3e-4)
+    for i, d in enumerate(np.round([[np.cos(a), np.sin(a)] for a in np.arange(4) * np.pi / 2])):
+        blade = s.beam(f"blade {i + 1}", tuple(0.25 * d), tuple(4.5 * d), section=section, elements=3, order=3)
+        s.revolute(f"lag {i + 1}", hub, blade, at=tuple(0.25 * d), angle0=lag if i == 0 else 0.0, model=model)
+    return s

@@ -8,7 +8,7 @@ rigid. Inside an element the section quaternions have positive dot products with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -63,6 +63,15 @@ class LineMesh:
             found[element] = start + (end - start) * node_positions(self.order)
         return found
 
+    def with_axes(self, node: int, P: Array, heading: float) -> LineMesh:
+        """The same line with other axes of one node (quaternion, angle in the plane): its sections stay as they are."""
+        sections = _turned(self.quaternions[self.elements], self.turns)
+        angles = self.headings[self.elements] + self.offsets
+        nodes, theta = self.quaternions.copy(), self.headings.copy()
+        nodes[node], theta[node] = P, heading
+        turns = relative(nodes[self.elements], sections)
+        return replace(self, quaternions=nodes, headings=theta, turns=turns, offsets=angles - theta[self.elements])
+
     def locate(self, station: float) -> tuple[int, Table]:
         """The element at a length along the line, m, and its shape functions there (one point)."""
         ends = self.stations[self.elements[:, [0, -1]]]
@@ -91,6 +100,13 @@ class LineMesh:
         second, third = 2 * (y * z + w * x), w * w - x * x - y * y + z * z  # z components of axes 2 and 3
         found = [axis for axis, c in ((2, second), (3, third)) if np.all(np.abs(np.abs(c) - 1) < 1e-12)]
         return found[0] if found else None
+
+
+def _turned(P: Array, turns: Array) -> Array:
+    """P o turn (..., 4)."""
+    w = P[..., :1] * turns[..., :1] - np.sum(P[..., 1:] * turns[..., 1:], axis=-1, keepdims=True)
+    v = P[..., :1] * turns[..., 1:] + turns[..., :1] * P[..., 1:] + np.cross(P[..., 1:], turns[..., 1:])
+    return np.concatenate([w, v], axis=-1)
 
 
 def polyline(points: Any, elements: int | Sequence[int], order: int = 2, axis2: Any = None,

@@ -57,6 +57,14 @@ class IDA(Solver):
                 f"{worst} has index {highest}: with multipliers of index 2 or 3 the error test of IDA fails, or passes "
                 "silently with a wrong answer; use the GGL form with multipliers as derivatives, or RadauIIA"
             )
+        if self.max_order > 2 and self.tolerance >= LOOSE and system.vibration is not None:
+            name, angle = system.vibration()
+            if angle > FAST:
+                raise OptionError(
+                    f"beam '{name}' vibrates by {angle:.1e} rad in the characteristic time of the motion: there IDA with "
+                    f"rtol = {self.tolerance:g} and max_order = {self.max_order} ends silently with a wrong answer; use "
+                    "RadauIIA(3), or max_order=2 and compare with a smaller rtol"
+                )
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """One internal step at a time, so that no output time interrupts the method."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbdae.elements.line_mesh import LineMesh
 from mbdae.errors import OptionError, SceneError
+from mbdae.joints import Weld
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.element import ElementKernel
 from mbdae.kernels.line import LineKernel, merged
@@ -44,24 +45,34 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
                 at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
                 point = c.places.get(side, at)
                 wanted[body].append((c.name, side, nearest_place(body, point), point))
-    found: dict[Beam, Meshed] = {}
-    attached: dict[tuple[str, str], Body] = {}
+    meshes: dict[Beam, LineMesh] = {}
+    nodes: dict[tuple[str, str], int] = {}
     for beam, places in wanted.items():
         try:
-            mesh = mesh_of(beam, tuple(place for _, _, place, _ in places))
+            meshes[beam] = mesh = mesh_of(beam, tuple(place for _, _, place, _ in places))
         except OptionError as error:
             raise SceneError([f"beam '{beam.name}': {error}"]) from error
-        found[beam] = Meshed(mesh, _stations(beam, mesh, planar))
         for item, side, _, point in places:
-            nearest = int(np.argmin(np.linalg.norm(mesh.positions - _foot(mesh, point), axis=1)))
-            attached[item, side] = found[beam].stations[nearest]
-    return found, attached
+            nodes[item, side] = int(np.argmin(np.linalg.norm(mesh.positions - point, axis=1)))
+    _give_welded_nodes_equal_axes(scene, meshes, nodes)
+    found = {beam: Meshed(mesh, _stations(beam, mesh, planar)) for beam, mesh in meshes.items()}
+    on = {(c.name, side): body for c in scene.connections for side, body in (("k", c.k), ("l", c.l))}
+    return found, {key: found[on[key]].stations[node] for key, node in nodes.items()}
 
 
-def _foot(mesh: LineMesh, point: Array) -> Array:
-    """The node nearest to a point (one was placed there, or at the foot of the arm that leads to it)."""
-    nearest: Array = mesh.positions[int(np.argmin(np.linalg.norm(mesh.positions - point, axis=1)))]
-    return nearest
+def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh], nodes: dict[tuple[str, str], int]) -> None:
+    """Nodes of two beams that are welded to each other get the same axes, so that they can share their rotation."""
+    settled: set[tuple[Beam, int]] = set()
+    for c in (c for c in scene.connections if isinstance(c.joint, Weld)):
+        if not (isinstance(c.k, Beam) and isinstance(c.l, Beam)):
+            continue
+        k, l = (c.k, nodes[c.name, "k"]), (c.l, nodes[c.name, "l"])
+        if l in settled:
+            k, l = l, k
+        if l not in settled:
+            of_k = meshes[k[0]]
+            meshes[l[0]] = meshes[l[0]].with_axes(l[1], of_k.quaternions[k[1]], float(of_k.headings[k[1]]))
+        settled |= {k, l}
 
 
 def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:

@@ -25,7 +25,7 @@ def straight(space: str) -> mb.Scene:
 
 
 def cornered(space: str) -> mb.Scene:
-    """Beams welded at a right angle: they share their displacement, their rotations differ by that angle."""
+    """Beams welded at a right angle: the welded nodes are given the same axes, so they share their rotation too."""
     s = mb.Scene("corner", space=space, gravity=(0, -9.81, 0))
     a = s.beam("a", (0, 0), (1, 0), section=SECTION, elements=2)
     b = s.beam("b", (1, 0), (1, 0.5), section=SECTION, elements=1)
@@ -34,8 +34,8 @@ def cornered(space: str) -> mb.Scene:
     return s
 
 
-@pytest.mark.parametrize(("make", "space", "left"), [(straight, "auto", 2), (straight, "spatial", 5), (cornered, "auto", 1),
-                                                     (cornered, "spatial", 3)])  # fmt: skip
+@pytest.mark.parametrize(("make", "space", "left"), [(straight, "auto", 2), (straight, "spatial", 5), (cornered, "auto", 0),
+                                                     (cornered, "spatial", 0)])  # fmt: skip
 def test_the_same_motion_with_fewer_unknowns(make: Any, space: str, left: int, monkeypatch: Any) -> None:
     s = make(space)
     shared = s.system(mb.GGL())
