@@ -164,8 +164,12 @@ class _Job:
         from mbdae.integrators.ida import IDA
         from mbdae.integrators.radau import RadauIIA
 
-        other: Solver = IDA() if isinstance(run.solver, RadauIIA) else RadauIIA(3)
-        system = system_for(self.prepared, None, other.highest_index)
+        radau, form = isinstance(run.solver, RadauIIA), default_form(self.prepared)
+        other: Solver = IDA() if radau else RadauIIA(3)
+        if self.prepared.model.lines:  # IDA follows fast vibrations of beams for ever
+            other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
+            form = replace(form, waves=True)  # type: ignore[type-var]
+        system = system_for(self.prepared, form, other.highest_index)
         end = np.array([self.t_end])
         tighter = max(self.accuracy / 10, 1e-10)
         again = run_controlled(system, self.prepared, other, tighter, self.t_end, end, **self.options).solution
