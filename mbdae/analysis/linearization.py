@@ -354,7 +354,11 @@ def _varies(system: SceneSystem, found: Linearization, frame: RotatingFrame, z: 
 
 
 def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
-    """With beams the equations are compared as they stand, sparse."""
+    """With beams the equations are compared as they stand, sparse; in the mixed form their stiffness is not among them, so that
+    it does not hide what else changes."""
+    row = _turned_row(m, *(p.constraints * m.velocity_units for p in (a, b)))
+    if row:
+        return row
     for name, matrices, column in (("inertia", (a.E, b.E), "w"), ("damping", (a.A, b.A), "w"), ("stiffness", (a.A, b.A), "p")):
         x, y = (p.part(M, "w", column) for p, M in zip((a, b), matrices, strict=True))
         off = abs(x - y).tocsc()
@@ -363,6 +367,16 @@ def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
             motion[int(np.argmax(off.max(axis=0).toarray()))] = 1.0
             return f"the {name} against {motion_in_words(m.model, motion, m.velocity_units)} changes"
     return None
+
+
+def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
+    """A constraint row that leaves the span the rows had before."""
+    if not len(after):
+        return None
+    span = np.linalg.qr(before.T)[0]
+    left = np.linalg.norm(after.T - span @ (span.T @ after.T), axis=0) / np.linalg.norm(after, axis=1)
+    worst = int(np.argmax(left))
+    return f"row {m.rows[worst].name} acts along another direction" if left[worst] > STEADY else None
 
 
 def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: RotatingFrame) -> str | None:

@@ -239,3 +239,18 @@ def test_rotor_that_turns_freely_is_its_own_frame() -> None:
     modes = s.linearize(at=e, frame=hub, count=8)
     assert np.sum(modes.eigenvalues == 0) == 2
     assert modes.stable
+
+
+def test_slides_under_a_rotor_of_beams_stand_out() -> None:
+    """Seen from the hub the slides of its support turn: the equations are periodic, whatever the stiffness of the blades."""
+    s = mb.Scene("rotor")
+    carriage, block = (s.rigid_body(name, mass, 0.0, at=(0, 0)) for name, mass in (("carriage", 0.0), ("block", 3.0)))
+    hub = s.rigid_body("hub", 0.0, 0.0, at=(0, 0))
+    s.prismatic("x", s.ground, carriage, at=(0, 0), axis=(1, 0, 0), spring=1e3)
+    s.prismatic("y", carriage, block, at=(0, 0), axis=(0, 1, 0), spring=1e3)
+    s.revolute("shaft", block, hub, at=(0, 0), angle=5 * mb.t)
+    for side in (1, -1):
+        blade = s.beam(f"blade {side}", (0.1 * side, 0), (side, 0), section=mb.Section.circular(0.02, 7e10, 0.3, 2700), elements=1)
+        s.weld(f"root {side}", hub, blade.at((0.1 * side, 0)))
+    with pytest.raises(mb.SteadyError, match="acts along another direction"):
+        s.linearize(at=s.equilibrium("hub"), frame="hub")
