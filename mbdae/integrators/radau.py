@@ -39,12 +39,14 @@ class RadauIIA(Solver):
     rtol    tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
     atol    None, one number, or (n,)
     step    constant step in s: no error control; the last step is cut to end at t_end
+    newton  with a constant step: tolerance of the stage equations relative to each unknown and its scale (round-off)
     """
 
     stages: int = 3
     rtol: float | None = None
     atol: Any = None
     step: float | None = None
+    newton: float | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
         "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "ODE": 0.2, "DAE": 0.03},
@@ -58,6 +60,11 @@ class RadauIIA(Solver):
         if self.stages not in (2, 3):
             raise OptionError(f"stages = {self.stages}: Radau IIA is offered with 2 (order 3) or 3 (order 5) stages")
         check_tolerances(self.rtol, self.atol)
+        if self.newton is not None and not (self.step is not None and 1e-15 <= self.newton <= 1e-2):
+            raise OptionError(
+                f"newton = {self.newton} with step = {self.step}: give a value from 1e-15 to 1e-2 with a constant step, or "
+                "rtol for an adaptive one"
+            )
         if self.step is not None and not (isfinite(self.step) and self.step > 0):
             raise OptionError(f"step = {self.step}: give a positive number of seconds, or None for error control")
 
@@ -91,8 +98,8 @@ class RadauIIA(Solver):
 
 def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> None:
     """Constant steps; a last one that differs from h by round-off counts as equal."""
-    unit = ROUND * np.asarray(system.scale, dtype=float)
-    demand = Demand(ROUND, unit, TARGET, limit=15)
+    tolerance, target = (ROUND, TARGET) if solver.newton is None else (solver.newton, 1.0)
+    demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
     step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
     t0 = float(system.t0)
     count = max(1, ceil((loop.t_end - t0) / h - 1e-6))

@@ -250,7 +250,8 @@ def test_slides_under_a_rotor_of_beams_stand_out() -> None:
     s.prismatic("y", carriage, block, at=(0, 0), axis=(0, 1, 0), spring=1e3)
     s.revolute("shaft", block, hub, at=(0, 0), angle=5 * mb.t)
     for side in (1, -1):
-        blade = s.beam(f"blade {side}", (0.1 * side, 0), (side, 0), section=mb.Section.circular(0.02, 7e10, 0.3, 2700), elements=1)
+        tube = mb.Section.circular(0.02, 7e10, 0.3, 2700)
+        blade = s.beam(f"blade {side}", (0.1 * side, 0), (side, 0), section=tube, elements=1)
         s.weld(f"root {side}", hub, blade.at((0.1 * side, 0)))
     with pytest.raises(mb.SteadyError, match="acts along another direction"):
         s.linearize(at=s.equilibrium("hub"), frame="hub")

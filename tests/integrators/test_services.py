@@ -158,6 +158,7 @@ def test_arguments_of_solve(options, message):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: RadauIIA(3, newton=1e-8), "newton = 1e-08 with step = None"),
         (lambda: IDA(rtol=0.0), r"rtol = 0\.0: give a value from 1e-15 to 1e-1"),
         (lambda: IDA(rtol=float("nan")), "rtol = nan"),
         (lambda: IDA(max_order=6), "max_order = 6"),
@@ -175,6 +176,14 @@ def test_arguments_of_solve(options, message):
 def test_options_of_solvers(make, message):
     with pytest.raises(OptionError, match=message):
         make()
+
+
+def test_looser_stages_of_constant_steps_cost_less_for_the_same_error():
+    problem = pendulum("ggl_rates")
+    exact = RadauIIA(3, step=0.01).solve(problem, 1.0)
+    loose = RadauIIA(3, step=0.01, newton=1e-7).solve(problem, 1.0)
+    assert loose.stats.newton_iterations < 0.8 * exact.stats.newton_iterations
+    assert np.max(np.abs(loose(1.0) - exact(1.0))[:4]) < 1e-6
 
 
 def test_accuracy_becomes_rtol():
