@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbdae.scene.components import Body
+import numpy as np
+
+from mbdae.scene.components import Array, Body
 from mbdae.symbolic.frames import NodeKind
 
 
@@ -19,3 +21,9 @@ class Node:
     q: int
     u: int
     unit: str = "m"
+
+    def position(self, q: Array) -> Array:
+        """Position (3,) of the node in q (nq,), m."""
+        r = np.zeros(3)
+        r[: self.kind.translations] = q[self.q : self.q + self.kind.translations]
+        return r

@@ -53,18 +53,12 @@ class RigidMotions:
             move[:n] = x[column : column + n]
             turn[3 - (nu - n) :] = x[column + n : column + nu]
             P = turned(np.array([1.0, 0, 0, 0]), turn)
-            R, pivot = rotation_matrices(P), self._place(before, nodes[0])
+            R, pivot = rotation_matrices(P), nodes[0].position(before)
             for node in nodes:
-                q[node.q : node.q + n] = (pivot + move + R @ (self._place(before, node) - pivot))[:n]
+                q[node.q : node.q + n] = (pivot + move + R @ (node.position(before) - pivot))[:n]
                 if node.kind is NodeKind.PLANAR:
                     q[node.q + 2] += turn[2]
                 else:
                     q[node.q + 3 : node.q + 7] = quaternion_product(P, before[node.q + 3 : node.q + 7])
             column += nu
         return q
-
-    @staticmethod
-    def _place(q: Array, node: Node) -> Array:
-        r = np.zeros(3)
-        r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
-        return r

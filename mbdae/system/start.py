@@ -24,7 +24,6 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.lines import drawn_quaternion
 from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
 from mbdae.system.rigid import RigidMotions
 from mbdae.system.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
@@ -277,7 +276,7 @@ class Starter:
             v, w = twist[body.owner]
             n = node.kind.translations
             if body is not body.owner:
-                v = v + np.cross(w, self._station(q, node) - place[body.owner][0])
+                v = v + np.cross(w, node.position(q) - place[body.owner][0])
             u[node.u : node.u + n] = v[:n]
             if node.kind is NodeKind.PLANAR:
                 u[node.u + 2] = w[2]
@@ -306,21 +305,13 @@ class Starter:
     def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
         poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
         for node, body in self.model.bodies:
-            n = node.kind.translations
-            r = np.zeros(3)
-            r[:n] = q[node.q : node.q + n]
+            r = node.position(q)
             R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
             poses[body] = (r, R)
             if body is not body.owner and body.owner not in poses:  # a rigid beam moves with its first node
                 R = R @ body.rotation.T
                 poses[body.owner] = (r + R @ (body.owner.position - body.position), R)
         return poses
-
-    @staticmethod
-    def _station(q: Array, node: Node) -> Array:
-        r = np.zeros(3)
-        r[: node.kind.translations] = q[node.q : node.q + node.kind.translations]
-        return r
 
     def project_velocities(self, q: Array, u: Array) -> Array:
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates."""
