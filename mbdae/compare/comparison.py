@@ -129,7 +129,9 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accurac
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)
     job = new_job(scene, t_end, measure, max_wall)
-    chosen = checked_runs(runs) if runs is not None else default_runs(job.constrained, job.stated.given, job.other_models)
+    chosen = checked_runs(runs) if runs is not None else default_runs(
+        job.constrained, job.stated.given, job.other_models, job.resolving
+    )
     given = given_reference(job, reference) if reference is not None else None
     kept = checkpoint(resume, statement(job, chosen, asked, given[1] if given else None))
     state = kept.load()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from mbdae.compare.equations import Equations
 from mbdae.compare.memory import peak_bytes, reset_peak
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.formulations import Form
+from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
@@ -77,6 +77,14 @@ class Job:
     def constrained(self) -> bool:
         """Whether a scene has constraints (so that index 3 exists)."""
         return self.stated.prepared is not None and bool(self.stated.prepared.rows)
+
+    @property
+    def resolving(self) -> Form | None:
+        """For a scene with beams the form that resolves their vibrations: that of the truth."""
+        prepared = self.stated.prepared
+        if prepared is None or not prepared.model.lines:
+            return None
+        return replace(default_form(prepared), waves=True)  # type: ignore[type-var]
 
     @property
     def other_models(self) -> dict[JointModel, bool]:

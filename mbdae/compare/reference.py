@@ -71,14 +71,14 @@ def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
     """The tightest Radau run and its values; a second method tells how far it can be trusted."""
     system = job.system(None)
     solver = _radau(job, max(smallest / TIGHTER, FLOOR))
-    run = job.solve(solver, None, repeat=False)
+    run = job.solve(solver, job.resolving, repeat=False)
     values = job.values(run.solution)
-    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}"
+    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}{', vibrations resolved' if job.resolving else ''}"
     found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
     reasons: list[str] = []
     for second in _seconds(job, smallest):
         try:
-            other = job.solve(second, None, repeat=False)
+            other = job.solve(second, job.resolving, repeat=False)
         except MbdaeError as error:
             reasons.append(str(error))
             continue
@@ -105,7 +105,7 @@ def _seconds(job: Job, smallest: float) -> list[Solver]:
 
     label = job.system(None).label
     tries: list[tuple[Solver, float]] = [(IDA(), CONFIRM), (IDA(), 30 * CONFIRM), (RadauIIA(2), CONFIRM)]
-    if np.max(job.system(None).index) > 1:
+    if np.max(job.system(None).index) > 1 or job.resolving is not None:
         tries = tries[2:]
     return [as_tight(method, max(smallest / factor, FLOOR), label) for method, factor in tries]
 

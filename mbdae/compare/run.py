@@ -87,11 +87,13 @@ def described(choice: Any, name: str) -> str:
     return f"{name}[{', '.join(changed)}]" if changed else name
 
 
-def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None) -> list[Run]:
+def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
+                 resolving: Form | None = None) -> list[Run]:  # fmt: skip
     """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1, CVODE where there
     is a right-hand side.
 
-    others: joint models that are compared beside what the scene states, and whether they leave an ODE."""
+    others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
+    with beams, the form that resolves their vibrations; BDF and Adams would follow those for ever and are left out."""
     from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
@@ -99,12 +101,15 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     runs = [Run(IDA()), Run(RadauIIA(2)), Run(RadauIIA(3))]
     if system is not None and int(np.max(system.index)) > 1:
         runs = runs[1:]
+    if resolving is not None:
+        runs = [*runs[1:], Run(RadauIIA(3), resolving)]
     if constrained:
         runs.append(Run(RadauIIA(3), Index3()))
-    elif system is None or system.rhs is not None:
+    elif resolving is None and (system is None or system.rhs is not None):
         runs.append(Run(CVODE()))
     for model, ordinary in (others or {}).items():
-        runs += [Run(solver, model=model) for solver in ([RadauIIA(3), IDA(), CVODE()] if ordinary else [RadauIIA(3)])]
+        multistep = [IDA(), CVODE()] if ordinary and resolving is None else []
+        runs += [Run(solver, model=model) for solver in (RadauIIA(3), *multistep)]
     return runs
 
 

@@ -84,3 +84,15 @@ def test_a_model_without_a_joint_to_describe_fails_and_says_so():
 def test_anything_else_than_a_joint_model_is_refused(model):
     with pytest.raises(mb.OptionError, match="is not a joint model"):
         mb.Run(mb.IDA(), model=model)
+
+
+def test_beams_are_compared_by_methods_that_suit_them():
+    """Their reference resolves the vibrations; multistep methods would follow those for ever and are not among the defaults."""
+    s = mb.Scene("rod", gravity=(0, -9.81, 0))
+    rod = s.beam("rod", (0, 0), (1, 0), section=mb.Section.circular(0.02, 7e10, 0.3, 2700), elements=2)
+    s.revolute("A", s.ground, rod, at=(0, 0))
+    w = mb.compare(s, 0.1, accuracies=[1e-3])
+    assert not any("IDA" in row.label or "CVODE" in row.label or row.failure for row in w.runs)
+    assert "vibrations resolved" in w.reference.label
+    assert w.reference.trusted
+    assert all(row.error < 1e-2 for row in w.runs)
