@@ -52,6 +52,7 @@ class LineKernel(ElementKernel):
         self.targets: list[Target] = [*velocities, *stresses]
         self._splits = np.cumsum([len(positions), len(rates), len(stresses)])
         self._buffers: dict[tuple[int, bool], Array] = {}
+        self._values: dict[int, Array] = {}
 
     def _table(self, fields: Sequence[Field]) -> Array:
         """(count * nq, points * fields): interpolation of nodal values; its transpose scatters."""
@@ -72,6 +73,35 @@ class LineKernel(ElementKernel):
         duals, rows = self._split(_evaluated(self.point, X), len(x))
         forces = self.nodes.forces(q, self._covector(duals))
         return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
+
+    def __call__(self, x: Array, out: Array) -> None:
+        if not self.nodes.flat or self.given:
+            out[:] = self.values(x)
+            return
+        gather, base, scatter = self._operators
+        X = self._buffer(len(x), False)
+        values = self._values.setdefault(len(x), np.empty((len(x) * self.points, self.point.width)))
+        X[:, :, : base.shape[2]] = (x @ gather).reshape(len(x), *base.shape[1:])
+        if np.any(base):
+            X[:, :, : base.shape[2]] += np.tile(base, (len(x) // len(base), 1, 1))
+        self.point(X.reshape(len(values), -1), values)
+        np.matmul(values.reshape(len(x), -1), scatter, out=out)
+
+    @cached_property
+    def _operators(self) -> tuple[Array, Array, Array]:
+        """In the plane everything but the law itself is linear: one product before it (with what the corners add, per
+        element and point) and one behind it, found by evaluating what `values` does on unit vectors."""
+        variables, m, count = len(self.derived.variables), self.elements, len(self.inputs)
+
+        def gathered(x: Array) -> Array:
+            return self._gather(x)[2].reshape(len(x), self.points, -1)[:, :, :variables].copy()
+
+        base = gathered(np.zeros((m, count)))
+        units = [gathered(np.tile(unit, (m, 1)))[0] - base[0] for unit in np.eye(count)]
+        size = self.points * self.point.width
+        duals, rows = self._split(np.eye(size).reshape(size * self.points, -1), size)
+        scatter = np.concatenate([self._covector(duals).reshape(size, -1), rows], axis=1)
+        return np.array(units).reshape(count, -1), base, np.ascontiguousarray(scatter)
 
     def at_points(self, x: Array, expressions: Sequence[Expr]) -> Array:
         """(N, points, expressions) values of what the law derives besides, such as `derived.energy`.

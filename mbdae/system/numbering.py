@@ -122,6 +122,7 @@ class Numbering:
         self._clock_values: list[Any] = []
         self._constants: list[float] = []
         self._gathers: dict[Any, NDArray[np.intp]] = {}
+        self._clock_arrays: dict[int, tuple[Array, Array]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self._collect()
         self.further = self.carried + len(self._clock_values) + len(self._constants)
@@ -164,8 +165,14 @@ class Numbering:
 
     def fill_clock(self, W: Array, t: Array) -> None:
         """Prescribed values at times t (count,)."""
-        if self._clock_values:
-            W[:, self.carried : self.carried + len(self._clock_values)] = self.clock.values(np.reshape(t, (-1, 1)))
+        if not self._clock_values:
+            return
+        if len(t) not in self._clock_arrays:  # kept: a residual is asked for at the same few numbers of points
+            self._clock_arrays[len(t)] = np.empty((len(t), 1)), np.empty((len(t), len(self._clock_values)))
+        x, out = self._clock_arrays[len(t)]
+        x[:, 0] = t
+        self.clock(x, out)
+        W[:, self.carried : self.carried + len(self._clock_values)] = out
 
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
