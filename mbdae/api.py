@@ -71,7 +71,8 @@ class Scene(SceneData):
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time; with beams positions and angles alone, because their
-        velocities ring); the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or step of its own is run once, as it is.
+        velocities ring); the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or
+        step of its own is run once, as it is.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
         """
