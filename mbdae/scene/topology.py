@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.scene import SceneData
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -18,25 +21,26 @@ class Tree:
     closing: list[Connection]
 
 
+def leader(item: T, leads: Mapping[T, T]) -> T:
+    """The item that stands for the whole group of `item`; leads: whom each item that joined a group follows."""
+    while item in leads:
+        item = leads[item]
+    return item
+
+
 def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
     """Recursive joints come first, then those whose start is prescribed or held, then the order of the scene.
 
     joints: those that count; all by default."""
-    leader = {b: b for b in [scene.ground, *scene.bodies]}
-
-    def find(b: Body) -> Body:
-        while leader[b] is not b:
-            b = leader[b]
-        return b
-
+    leads: dict[Body, Body] = {}
     chosen: list[Connection] = []
     closing: list[Connection] = []
     for joint in sorted(scene.joints if joints is None else joints, key=lambda c: (not c.recursive, not is_held(c))):
-        a, b = find(joint.k), find(joint.l)
+        a, b = leader(joint.k, leads), leader(joint.l, leads)
         if a is b:
             closing.append(joint)
         else:
-            leader[a] = b
+            leads[a] = b
             chosen.append(joint)
     edges: list[tuple[Body, Connection, Body]] = []
     roots: list[Body] = []

@@ -14,6 +14,7 @@ import numpy as np
 
 from mbdae.joints import Weld
 from mbdae.scene.components import Array
+from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.lines import drawn_quaternion
 from mbdae.system.model import Instance, Model
@@ -43,26 +44,20 @@ class Sharing:
 
 def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[tuple[int, int]]) -> Sharing:
     """The joints of a model with beams whose rows are met by sharing; excluded: nodes that are carried."""
-    leader: dict[Node, Node] = {n: n for n in model.nodes}
+    leads: dict[Node, Node] = {}
     pinned: dict[Node, Array] = {}
     order = {n: i for i, n in enumerate(model.nodes)}
-
-    def find(n: Node) -> Node:
-        while leader[n] is not n:
-            n = leader[n]
-        return n
-
     rows: set[tuple[int, int, int]] = set()
     welded: list[tuple[int, int, list[Node]]] = []
     for g, i, instance in model.instances() if model.lines else ():
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
         if (g, i) in dropped or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
             continue
-        first, *others = sorted({find(n) for n in ends}, key=lambda n: order[n])
+        first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
         if len(ends) == 1 and first not in pinned:
             pinned[first] = np.asarray(instance.law.at, dtype=float)
         elif len(ends) == 2 and others and not (first in pinned and others[0] in pinned):
-            leader[others[0]] = first
+            leads[others[0]] = first
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
@@ -70,8 +65,8 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if isinstance(instance.law, Weld):
             welded.append((g, i, ends))
-    fixed = {n.name: pinned[find(n)] for n in model.nodes if find(n) in pinned}
-    owner = {n.name: find(n) for n in model.nodes if find(n) is not n and n.name not in fixed}
+    fixed = {n.name: pinned[leader(n, leads)] for n in model.nodes if leader(n, leads) in pinned}
+    owner = {n.name: leader(n, leads) for n in model.nodes if n in leads and n.name not in fixed}
     turner, upright, more = _shared_rotations(model, welded)
     return Sharing(owner, fixed, frozenset(rows | more), turner, upright)
 
@@ -79,28 +74,22 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
 def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
                       ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
     """Nodes that take the rotation of another one, or keep that they are drawn with, and the rows of welds this meets."""
-    leader: dict[Node, Node] = {}
+    leads: dict[Node, Node] = {}
     upright: dict[Node, Array] = {}
     rows: set[Any] = set()
-
-    def find(n: Node) -> Node:
-        while n in leader:
-            n = leader[n]
-        return n
-
     order = {n: i for i, n in enumerate(model.nodes)}
     for g, i, ends in welded:
-        first, *others = sorted({find(n) for n in ends}, key=lambda n: order[n])
+        first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
         if len(ends) == 1 and first not in upright:
             upright[first] = _drawn(first)
         elif len(ends) == 2 and others and others[0] not in upright and _alike(*ends):
-            leader[others[0]] = first
+            leads[others[0]] = first
         else:
             continue
         names = model.groups[g].derived.rows
         rows |= {(g, i, r) for r, name in enumerate(names) if name not in ROWS}
-    kept = {n.name: upright[find(n)] for n in model.nodes if find(n) in upright}
-    return {n.name: find(n) for n in leader if n.name not in kept}, kept, rows
+    kept = {n.name: upright[leader(n, leads)] for n in model.nodes if leader(n, leads) in upright}
+    return {n.name: leader(n, leads) for n in leads if n.name not in kept}, kept, rows
 
 
 def _drawn(node: Node) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.errors import SceneError
 from mbdae.scene.components import Body, Connection
+from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
@@ -53,30 +54,24 @@ class Tree:
 Joined = tuple[Connection, Body, Body]  #: a joint with the bodies (or nodes of beams) it connects
 
 
-def refused(joints: list[Joined], ground: Body) -> list[str]:
+def refused(joints: list[Joined]) -> list[str]:
     """Why joints cannot be recursive, one sentence each."""
-    leader: dict[Body, Body] = {ground: ground}
+    leads: dict[Body, Body] = {}
     via: dict[Body, str] = {}
-
-    def find(b: Body) -> Body:
-        while leader.setdefault(b, b) is not b:
-            b = leader[b]
-        return b
-
     found = []
     for c, k, l in joints:
         for body in (k, l):
             if body.is_point and (c.kind == "revolute" or body is k):
                 found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
                              f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
-        a, b = find(k), find(l)
+        a, b = leader(k, leads), leader(l, leads)
         if a is b:
             taken = via.get(l) or via.get(k)
             found.append(f"{c.kind} '{c.name}': model=mb.Recursive() closes a loop: the motion of '{l.name}' relative to "
                          f"'{k.name}' already follows from other recursive joints (among them '{taken}'); use "
                          f"model=mb.Kinematic() for one joint of the loop, or s.recursive() which chooses it")  # fmt: skip
             continue
-        leader[a] = b
+        leads[a] = b
         via.setdefault(l, c.name)
         via.setdefault(k, c.name)
     return found
@@ -87,7 +82,7 @@ def find_trees(model: Model) -> list[Tree]:
     joints = [(c, *model.ends(c)) for c in model.recursive]
     if not joints:
         return []
-    problems = refused(joints, model.scene.ground)
+    problems = refused(joints)
     if problems:
         raise SceneError(problems)
     places = {instance.item: (g, i) for g, i, instance in model.instances() if getattr(instance.law, "twist", None)}
