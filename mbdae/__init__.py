@@ -21,14 +21,16 @@ from mbdae.errors import (
 if TYPE_CHECKING:
     from mbdae.api import Scene
     from mbdae.compare import Run, compare
+    from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.friction import Coulomb, Friction, LuGre
     from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.results.storage import load
-    from mbdae.scene.components import Classical, Kinematic, Recursive
+    from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.dae import DAE
@@ -37,7 +39,9 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
+    "CVODE": "mbdae.integrators.cvode", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction",
+    "Friction": "mbdae.friction", "Hertz": "mbdae.contact", "LuGre": "mbdae.friction", "Normal": "mbdae.contact",
+    "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
     "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
     "GGL": "mbdae.formulations", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
     "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations",
@@ -48,10 +52,11 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Distance", "EquilibriumError",
-    "FixedOrientation", "Force", "Index3", "Joint", "Kinematic", "LawError", "MbdaeError", "OptionError", "Prismatic",
-    "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError",
-    "SteadyError", "Weld", "compare", "load", "params", "selftest", "t",
+    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
+    "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
+    "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
+    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "compare", "load",
+    "params", "selftest", "t",
 ]  # fmt: skip
 
 

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
+from mbdae.contact import Hertz
 from mbdae.errors import LawError
+from mbdae.friction import Coulomb, LuGre
 from mbdae.joints import Prismatic, Revolute
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -14,7 +16,11 @@ from mbdae.symbolic.law import Element, Force, Law, Structure
 
 Variant = tuple[str, Structure, tuple[Side, ...]]
 #: options of the package's laws; the options of other laws are given to `selftest`
-_OPTIONS: dict[str, tuple[Any, ...]] = {"joint": (Revolute, Prismatic), "following": (False, True)}
+_OPTIONS: dict[str, tuple[Any, ...]] = {
+    "joint": (Revolute, Prismatic), "following": (False, True), "tilting": (False, True),
+    "normal": (Hertz(1, damping=1).structure(),),
+    "friction": (None, Coulomb(1, 1).structure(), LuGre(1, 1, 1, 1, 1, 1).structure()),
+}  # fmt: skip
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
 

@@ -2,6 +2,7 @@
 
 from mbdae.joints.classical import ClassicalRevolute
 from mbdae.joints.classical_prismatic import ClassicalPrismatic
+from mbdae.joints.clearance import ClearanceRevolute
 from mbdae.joints.distance import Distance
 from mbdae.joints.fixed_orientation import FixedOrientation
 from mbdae.joints.prismatic import Prismatic
@@ -10,5 +11,5 @@ from mbdae.joints.spherical import Spherical
 from mbdae.joints.weld import Weld
 
 __all__ = [
-    "ClassicalPrismatic", "ClassicalRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute", "Spherical", "Weld",
+    "ClassicalPrismatic", "ClassicalRevolute", "ClearanceRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute", "Spherical", "Weld",
 ]  # fmt: skip

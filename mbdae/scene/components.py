@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.contact import Normal
 from mbdae.errors import OptionError
+from mbdae.friction import Friction
 from mbdae.symbolic.law import Law
 
 Array = NDArray[np.float64]
@@ -148,6 +150,28 @@ class Recursive(JointModel):
     A scene whose joints are all recursive is an ordinary differential equation."""
 
 
+@dataclass(frozen=True)
+class Clearance(JointModel):
+    """A pin (radius `inner`, m, on body l) with play in a race (radius `outer`, m, on body k): contact instead of constraints.
+
+    In space the pin stays in the middle along the axis and parallel to it (three rows); in the plane nothing is
+    constrained. normal: mb.Hertz(...) or a normal law of one's own; friction: mb.Coulomb(...), mb.LuGre(...), one's own, or
+    None. length: of a bearing, m: the pin touches at both its ends, each with the normal law given, and may tilt in it.
+    Equal radii are allowed: contact everywhere.
+    """
+
+    outer: float
+    inner: float
+    normal: Normal
+    friction: Friction | None = None
+    length: float | None = None
+
+    @property
+    def play(self) -> float:
+        """Clearance outer - inner, m."""
+        return self.outer - self.inner
+
+
 @dataclass(eq=False)
 class Connection:
     """A joint or force element: its laws, and what the user fixed of its start."""
@@ -162,13 +186,18 @@ class Connection:
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
-    as_kinematic: list[Law] = field(default_factory=list)  #: its laws where a recursive joint has to stay kinematic
+    as_kinematic: list[Law] = field(default_factory=list)  #: its laws as an ideal kinematic joint, where the model may need them
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
 
     @property
     def recursive(self) -> bool:
         """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
         return isinstance(self.model, Recursive)
+
+    @property
+    def loose(self) -> bool:
+        """Whether pin and race have play."""
+        return isinstance(self.model, Clearance)
 
     @property
     def joint(self) -> Law:

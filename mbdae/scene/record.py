@@ -16,6 +16,7 @@ from mbdae.errors import SceneError
 from mbdae.scene import timed
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.law import Law
+from mbdae.symbolic.part import Part
 
 F = TypeVar("F", bound=Callable[..., Any])
 Statement = list[Any]  #: [method, positional arguments, keyword arguments], JSON-able
@@ -57,6 +58,8 @@ def encode(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, np.ndarray):
         return [encode(v) for v in value]
+    if isinstance(value, Part):
+        return {"object": _path(type(value)), "fields": {key: encode(v) for key, v in value.values().items() if v is not None}}
     if is_dataclass(value):
         return {"object": _path(type(value)), "fields": {f.name: encode(getattr(value, f.name)) for f in fields(value)}}
     return _encode_expression(value)
@@ -127,6 +130,7 @@ def _decode_law(value: dict[str, Any], scene: Any) -> Law:
         setattr(law, key, v)
     if value["at_l"] is not None:
         law.at_l = np.asarray(decode(value["at_l"], scene), dtype=float)  # type: ignore[attr-defined]
+    law.compose()
     return law
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.contact import JournalContact, Normal
 from mbdae.errors import SceneError
 from mbdae.forces import (
     AppliedForce,
@@ -22,12 +23,34 @@ from mbdae.forces import (
     PointSpring,
     RotationalBushing,
 )
-from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.friction import Friction
+from mbdae.joints import (
+    ClassicalPrismatic,
+    ClassicalRevolute,
+    ClearanceRevolute,
+    Distance,
+    FixedOrientation,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Weld,
+)
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene.beams import BeamLoad, BeamStatements
-from mbdae.scene.components import Array, Beam, Body, Classical, Connection, JointModel, Kinematic, Place, Recursive
+from mbdae.scene.components import (
+    Array,
+    Beam,
+    Body,
+    Classical,
+    Clearance,
+    Connection,
+    JointModel,
+    Kinematic,
+    Place,
+    Recursive,
+)
 from mbdae.scene.record import Statement, statement
-from mbdae.scene.variants import replaced, with_recursive_tree
+from mbdae.scene.variants import MODELS, replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
 
@@ -188,15 +211,21 @@ class SceneData(BeamStatements):
                     *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]
 
         item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, prescribed, model or Kinematic())
-        item.as_kinematic = laws(law) if item.recursive else []
+        item.as_kinematic = laws(law) if item.recursive or item.loose else []
+        if item.loose and modelled is ClearanceRevolute:
+            item.laws.append(JournalContact(name, outer=float(model.outer), inner=float(model.inner), normal=model.normal,
+                                            friction=model.friction, length=model.length, **place))  # fmt: skip
         return self._connect(item)
 
     def _modelled(self, kind: str, name: str, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
         """The law of a joint model, and what Eq. 2 adds to it where it is used."""
         model = model if model is not None else Kinematic()
+        if isinstance(model, Clearance):
+            wrong = _wrong_clearance(model) if law is Revolute else [f"model={model!r} exists for revolute joints only"]
+            self.problems += [f"{kind} '{name}': {problem}" for problem in wrong]
+            return (law, {}) if wrong else (ClearanceRevolute, {"tilting": model.length is not None})
         if not isinstance(model, Kinematic | Classical | Recursive):
-            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use mb.Kinematic(), mb.Classical() or "
-                                 f"mb.Recursive()")  # fmt: skip
+            self.problems.append(f"{kind} '{name}': model={model!r} is not a joint model; use {MODELS}")
             return law, {}
         by_itself = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}[law]
         cls = law if isinstance(model, Kinematic) else by_itself
@@ -296,6 +325,11 @@ class SceneData(BeamStatements):
         item.k, item.l = self._resolve(item, item.k), self._resolve(item, item.l)
         for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
+            if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
+                law.at_l = item.l.position  # type: ignore[attr-defined]
+        if item.loose and item.k.is_point:
+            self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
+                                 f"orientation; name it second, or use s.rigid_body")  # fmt: skip
         if item.k is item.l:
             self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
         self._check_point_masses(item)
@@ -380,3 +414,22 @@ class SceneData(BeamStatements):
         if isinstance(body, str):
             body = next((b for b in self.bodies if b.name == body), self.ground)
         return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
+
+
+def _wrong_clearance(model: Clearance) -> list[str]:
+    """What is wrong with a clearance model, one sentence each."""
+    found = []
+    for key in ("outer", "inner", "length"):
+        value = getattr(model, key)
+        if value is None and key == "length":
+            continue
+        if not (isinstance(value, int | float) and 0 < value < math.inf):
+            found.append(f"model.{key} = {value!r} m: give a positive length")
+    if not found and model.inner > model.outer:
+        found.append(f"model.inner = {model.inner:g} m is larger than model.outer = {model.outer:g} m: the pin does not fit into "
+                     f"the race; k carries the race, l the pin")  # fmt: skip
+    if not isinstance(model.normal, Normal):
+        found.append(f"model.normal = {model.normal!r} is no normal law; give mb.Hertz(stiffness, damping)")
+    if not isinstance(model.friction, Friction | None):
+        found.append(f"model.friction = {model.friction!r} is no friction law; give mb.Coulomb(mu, v_c), mb.LuGre(...) or None")
+    return found

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import SceneError
-from mbdae.scene.components import JointModel, Kinematic, Recursive
+from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.record import Statement, encode, replay
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
 
+MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
 #: statements whose joint has models, and the number of the argument that names it
 MODELLED = {"revolute": 5, "prismatic": 11}
 
@@ -18,12 +19,12 @@ MODELLED = {"revolute": 5, "prismatic": 11}
 def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
     """The scene with another model of some joints; see `SceneData.replace`."""
     if not isinstance(model, JointModel):
-        raise SceneError([f"model={model!r} is not a joint model; use mb.Kinematic(), mb.Classical() or mb.Recursive()"])
+        raise SceneError([f"model={model!r} is not a joint model; use {MODELS}"])
     known = [c.name for c in scene.connections if c.kind in MODELLED]
     wrong = [n for n in names if n not in known]
     if wrong:
         raise SceneError([f"there is no revolute or prismatic joint '{wrong[0]}' in scene '{scene.name}'; it has {known}"])
-    plain = model == type(model)()
+    plain = model in (Kinematic(), Classical(), Recursive())
     chosen = set(names or (c.name for c in scene.connections if c.kind == "revolute" or (plain and c.name in known)))
     if not chosen:
         raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {model!r}"])
@@ -40,7 +41,7 @@ def with_recursive_tree(scene: SceneData) -> Any:
     """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
     from mbdae.scene.topology import spanning_tree
 
-    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point)]
+    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose)]
     closing = [c.name for c in spanning_tree(scene, turning).closing]
     tree = [c.name for c in turning if c.name not in closing]
     variant: Any = replaced(scene, tuple(tree), Recursive()) if tree else scene

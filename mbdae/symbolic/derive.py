@@ -171,14 +171,15 @@ class _Derivation:
         energy, rayleigh = v.name(stated[0]), v.name(stated[1])
         wrench = (Vec(*map(v.name, stated[2])), Vec(*map(v.name, stated[3])))
         force: dict[str, Pair] = {}
-        dissipated, work = _ZERO, sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
+        dissipated, loads = _ZERO, _ZERO
+        clocked = sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
         for f in self.frames:
             drag, load = v.velocity_gradient(f, rayleigh), self._wrench_on(f, wrench)
             dissipated += _power(drag, f)
-            work -= _power(load, f)
+            loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
-        return force, (energy, dissipated - work, _ZERO) if law.dissipative else (energy, dissipated, work)
+        return force, (energy, dissipated - loads, clocked) if law.dissipative else (energy, dissipated, clocked + loads)
 
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
         """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""

@@ -6,6 +6,8 @@ A law declares its parameters with units and states one or more of
     energy(k, l)       -> expression               potential energy, J
     dissipation(k, l)  -> expression               Rayleigh function (half the dissipated power), W
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
+    observed(k, l)     -> {name: expressions}      what a sensor shows of it beside force, torque and power
+    gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
 on abstract frames (`symbolic/frames.py`). Everything else is derived: generalised forces, constraint Jacobian
@@ -15,29 +17,17 @@ statement; a parameter may be a number or a function of time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.part import Parameter, Part, PartStructure, params
 from mbdae.symbolic.vectors import Expr, Vec
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of a law: unit and meaning."""
-
-    unit: str
-    meaning: str = ""
-
-
-def params(**units: str | tuple[str, str]) -> dict[str, Parameter]:
-    """Declare parameters: `params(pitch="m/rad")` or `params(pitch=("m/rad", "travel per turn"))`."""
-    return {name: Parameter(*((spec,) if isinstance(spec, str) else spec)) for name, spec in units.items()}
-
 
 #: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
@@ -55,9 +45,9 @@ class Structure:
 class Law:
     """A law with its parameter values. Attributes named in `params` and `options` hold them."""
 
-    params: ClassVar[Mapping[str, Parameter]] = {}
-    options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags)
-    states: ClassVar[Mapping[str, Parameter]] = {}
+    params: Mapping[str, Parameter] = MappingProxyType({})
+    options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags, parts)
+    states: Mapping[str, Parameter] = MappingProxyType({})
     coordinates: ClassVar[Mapping[str, Parameter]] = {}  #: massless unknowns of the joint the law belongs to (at most one)
     axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
@@ -70,6 +60,25 @@ class Law:
             raise LawError(f"{type(self).__name__} '{name}': unknown parameter {unknown[0]!r}; it has {sorted(known)}")
         for key in known:
             setattr(self, key, values.get(key))
+        self.compose()
+
+    def compose(self) -> None:
+        """Take over the parameters of the law's parts, named "<option>_<parameter>"."""
+        for key in self.options:
+            part = getattr(self, key)
+            if isinstance(part, Part):
+                self.params = {**self.params, **{f"{key}_{p}": spec for p, spec in part.params.items()}}
+                for p in part.params:
+                    setattr(self, f"{key}_{p}", getattr(part, p))
+        self.states = self.own_states()
+
+    def own_states(self) -> Mapping[str, Parameter]:
+        """Internal states of this law with its options."""
+        return self.states
+
+    def state_scales(self) -> Mapping[str, float]:
+        """Typical magnitude of an internal state in its unit, where it is not 1: what its tolerance is relative to."""
+        return {}
 
     if TYPE_CHECKING:
 
@@ -79,7 +88,8 @@ class Law:
     def structure(self, timed: frozenset[str] = frozenset()) -> Structure:
         """Which of the parameters are absent, which depend on time, and the options."""
         absent = frozenset(key for key in self.params if getattr(self, key) is None)
-        return Structure(absent, timed, tuple((key, getattr(self, key)) for key in self.options))
+        chosen = {key: getattr(self, key) for key in self.options}
+        return Structure(absent, timed, tuple((k, v.structure() if isinstance(v, Part) else v) for k, v in chosen.items()))
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
@@ -93,10 +103,11 @@ class Law:
         law.name = cls.__name__
         for key in cls.params:
             setattr(law, key, None if key in structure.absent else se.Symbol(key))
-        for key in cls.states:
-            setattr(law, key, se.Symbol(f"state_{key}"))
         for key, value in structure.options:
-            setattr(law, key, value)
+            setattr(law, key, value.symbolic(key) if isinstance(value, PartStructure) else value)
+        law.compose()
+        for key in law.states:
+            setattr(law, key, se.Symbol(f"state_{key}"))
         return law
 
     def undefined_at(self) -> tuple[str, ...]:
@@ -163,6 +174,18 @@ class Force(Law):
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l, inertial frame."""
         return None
+
+    def observed(self, k: Frame, l: Frame) -> dict[str, Sequence[Expr]]:
+        """Quantities a sensor shows beside force, torque and power, by name."""
+        return {}
+
+    def gaps(self, k: Frame, l: Frame) -> Sequence[tuple[Expr, Expr]]:
+        """Of a one-sided law: gaps (m, it acts where one is negative) and their rates (m/s)."""
+        return ()
+
+    def contact_duration(self, mass: float, speed: Any) -> Any:
+        """Of a one-sided law: how long an impact of an effective mass (kg) at a speed (m/s, array) lasts, s."""
+        return float("inf") + 0 * speed
 
 
 class Element(Law):

@@ -220,7 +220,7 @@ def _node_derivatives(v: Variation, f: Frame, e: Expr) -> dict[Target, Expr]:
 
 def insert(d: Derived, expressions: list[Expr]) -> list[Expr]:
     """Expressions in unknowns and parameters only."""
-    table = d.variation.insertion()
+    table = d.variation.insertion(shared=True)
     if not expressions or not table:
         return expressions
     return list(se.Matrix(1, len(expressions), expressions).subs(table))

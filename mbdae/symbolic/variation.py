@@ -43,7 +43,9 @@ class Variation:
         self.constant: set[Expr] = set()  #: names that are not differentiated
         self._names: dict[Expr, Expr] = {}
         self._rates: dict[Expr, Expr] = {}
+        self._named: dict[Expr, Expr] = {}
         self._gradients: dict[tuple[str, str, Expr], tuple[Vec, Vec]] = {}
+        self._partials: dict[tuple[Expr, Expr], Expr] = {}
         self._structure = {symbol: value for f in frames for symbol, value in f.structure.items()}
 
     def resolve(self, e: Any) -> Expr:
@@ -55,14 +57,21 @@ class Variation:
     def name(self, statement: Any) -> Expr:
         """The statement with its intermediates replaced by names."""
         e = se.sympify(statement)
-        while pending := self._innermost(e):
-            e = e.subs({atom: self._name(atom) for atom in pending})
-        return e
+        if not e.args or e.is_Number:
+            return e
+        if e not in self._named:
+            self._named[e] = self._with_names(e)
+        return self._named[e]
 
-    @staticmethod
-    def _innermost(e: Expr) -> list[Expr]:
-        atoms = _intermediates(e)
-        return sorted((a for a in atoms if not any(_intermediates(arg) for arg in a.args)), key=str)
+    def _with_names(self, e: Expr) -> Expr:
+        if isinstance(e, se.Piecewise):
+            args = [self.name(a) for a in e.args]
+            return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
+        if not hasattr(e, "func"):  # a comparison
+            return e.subs({a: self.name(a) for a in e.args})
+        function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
+        inner = function(*map(self.name, e.args))
+        return self._name(inner) if isinstance(inner, se.FunctionSymbol | se.floor | se.atan2) else inner
 
     def _name(self, atom: Expr) -> Expr:
         if atom not in self._names:
@@ -86,6 +95,10 @@ class Variation:
         self.values[symbol] = value
         return symbol
 
+    def _symbols(self, v: Vec) -> Vec:
+        """A vector of named components."""
+        return Vec(*(self._symbol(self.resolve(c)) for c in v))
+
     def _rate_by_names(self, e: Expr) -> Expr:
         """`rate` with the rates of the names in e named themselves: keeps the stiffness of a damper small."""
         total = self._rate_at_fixed_names(e)
@@ -107,7 +120,9 @@ class Variation:
         """Partial derivative by an unknown or a parameter, through names."""
         total = _diff(e, symbol)
         for factor, name in self._chain(e):
-            total += factor * self.diff(self.values[name], symbol)
+            if (name, symbol) not in self._partials:
+                self._partials[name, symbol] = self._symbol(self.resolve(self.diff(self.values[name], symbol)))
+            total += factor * self._partials[name, symbol]
         return total
 
     def gradient(self, f: Frame, e: Expr) -> tuple[Vec, Vec]:
@@ -137,7 +152,7 @@ class Variation:
             key = (rule, f.side, name)
             if key not in self._gradients:
                 inner = getattr(self, rule)(f, self.values[name])
-                self._gradients[key] = Vec(*map(self.resolve, inner[0])), Vec(*map(self.resolve, inner[1]))
+                self._gradients[key] = self._symbols(inner[0]), self._symbols(inner[1])
             dm, dt = self._gradients[key]
             move, turn = move + dm * factor, turn + dt * factor
         return move, turn
@@ -157,20 +172,19 @@ class Variation:
             total += move @ f.center_velocity + turn @ f.w
         return total
 
-    def insertion(self) -> dict[Expr, Expr]:
-        """Every name and frame symbol as a function of unknowns and parameters."""
+    def insertion(self, shared: bool = False) -> dict[Expr, Expr]:
+        """Every name and frame symbol as a function of unknowns and parameters.
+
+        shared: names stay one node each, an unevaluated expression: flattened into their users they would make the
+        compilation of a large law explode."""
         table: dict[Expr, Expr] = {}
         for f in self.frames:
             for symbol, value in f.meaning.items():
                 table[symbol] = value.subs(table)
         for name, value in self.values.items():
-            table[name] = self.resolve(value).subs(table)
+            e = self.resolve(value).subs(table)
+            table[name] = se.UnevaluatedExpr(e) if shared and not e.is_Number and not isinstance(e, se.Symbol) else e
         return table
-
-
-def _intermediates(e: Expr) -> set[Expr]:
-    found: set[Expr] = e.atoms(se.FunctionSymbol) | e.atoms(se.floor) | e.atoms(se.atan2)
-    return found
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:

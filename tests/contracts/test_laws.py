@@ -11,7 +11,7 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae import elements, forces, joints
+from mbdae import contact, elements, forces, joints
 from mbdae.contracts import checks
 from mbdae.kernels import compile as kernels_compile
 from mbdae.symbolic import derive as symbolic_derive
@@ -20,7 +20,7 @@ from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO
 
 kernels_plan = sys.modules["mbdae.kernels.plan"]  # the package exports a function of that name
-LAWS = [getattr(module, name) for module in (joints, forces, elements) for name in module.__all__]
+LAWS = [getattr(module, name) for module in (joints, forces, elements) for name in module.__all__] + [contact.JournalContact]
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

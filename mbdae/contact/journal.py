@@ -1,0 +1,181 @@
+"""Contact between a pin and the race around it: the force law of a revolute joint with clearance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.part import Parameter, params
+from mbdae.symbolic.variation import let
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+CENTRED = 1e-40  #: m^2, keeps the distance of the centres differentiable where they meet
+CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
+RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
+
+
+@dataclass(frozen=True)
+class _Station:
+    """A cross-section in which pin and race meet. Expressions of the frames; SI units."""
+
+    penetration: Expr  #: outer radius reached beyond: > 0 in contact
+    rate: Expr
+    overlap: Expr  #: penetration where positive, else 0
+    normal: Vec  #: from the centre of the race to that of the pin
+    tangent: Vec  #: axis x normal
+    sliding: Vec  #: velocity of l relative to k at the contact, without its normal part
+    slip: Expr  #: its component along the tangent
+    arm: Vec  #: from l.r to the point of contact
+
+
+def _tilts(k: Frame, l: Frame) -> bool:
+    """Whether the pin may tilt in the race: in space, and not where l is a mass point."""
+    return l.kind.oriented and not k.kind.flat
+
+
+def named(v: Vec) -> Vec:
+    """A vector whose components are named intermediates."""
+    return Vec(*(c if c.is_Number else let(c) for c in v))
+
+
+class JournalContact(Force):
+    """A pin on l (radius `inner`) inside a race on k (radius `outer`); paper Eqs. 33-44 with k the outer race.
+
+    u = l.r - k.r, d its length normal to k.z, n = u / d, penetration d - (outer - inner). Normal force f_n along -n on l,
+    friction force -coefficient(v) f_n along t = k.z x n; both act at one point, outer n from the centre of the race, so that
+    moments balance (of a mass point, which takes no moment, where it is). v is the sliding velocity of the material points there: leaving out the rotation of the race
+    creates energy. With `length` the pin touches at both ends of a bearing that long and may tilt.
+    """
+
+    params = params(
+        outer=("m", "radius of the race on k"), inner=("m", "radius of the pin on l"),
+        length=("m", "distance of the two planes of contact; None: one plane"),
+    )  # fmt: skip
+    options = ("normal", "friction")
+    dissipative = True
+
+    def own_states(self) -> Mapping[str, Parameter]:
+        if self.friction is None:
+            return {}
+        return {name + end: spec for name, spec in self.friction.states.items() for end in self._ends}
+
+    def state_scales(self) -> dict[str, float]:
+        scales = self.friction.state_scales() if self.friction is not None else {}
+        return {name + end: scale for name, scale in scales.items() for end in self._ends}
+
+    @property
+    def _ends(self) -> tuple[str, ...]:
+        return ("",) if self.length is None else ("_near", "_far")
+
+    # -- geometry
+
+    def _stations(self, k: Frame, l: Frame) -> list[tuple[_Station, str]]:
+        """The planes of contact with the ending of their states; of a pin that cannot tilt both ends do the same."""
+        if self.length is None or not _tilts(k, l):
+            return [(self._station(k, l, ZERO), self._ends[0])]
+        return [(self._station(k, l, l.z * (sign * self.length / 2)), end) for sign, end in zip((-1, 1), self._ends, strict=True)]
+
+    def _equal(self, k: Frame, l: Frame) -> int:
+        """How many planes of contact each station stands for."""
+        return 2 if self.length is not None and not _tilts(k, l) else 1
+
+    def _station(self, k: Frame, l: Frame, shift: Vec) -> _Station:
+        """The contact in the plane through l.r + shift."""
+        clearance = self.outer - self.inner
+        u = l.r + shift - k.r
+        along = k.z @ u
+        radial = named(u - k.z * along)
+        distance = let(se.sqrt(radial @ radial + CENTRED))
+        normal = named(radial * self._inverse(radial, distance, clearance / 2))
+        tangent = k.z.cross(normal)
+        from_k = k.z * along + normal * self.outer if l.kind.oriented else u
+        arm = named(k.r + from_k - l.r) if l.kind.oriented else ZERO
+        velocity = named(l.v - k.v + l.w.cross(arm) - k.w.cross(from_k))
+        rate = let(velocity @ normal)
+        penetration = let(distance - clearance)
+        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)))
+        slip = let(velocity @ tangent)
+        return _Station(penetration, rate, overlap, normal, tangent, velocity - normal * rate, slip, arm)
+
+    @staticmethod
+    def _inverse(radial: Vec, distance: Expr, core: Expr) -> Expr:
+        """1 / distance, continued with its slope of the product radial / distance inside the core, where nothing touches."""
+        square = radial @ radial
+        inside = core + CORE
+        return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)))
+
+    # -- forces
+
+    def _normal_force(self, at: _Station) -> tuple[Expr, Expr]:
+        """f_n, and the part of it that is not elastic."""
+        elastic = self.normal.elastic_force(at.overlap)
+        damped = self.normal.damping_force(at.overlap, at.rate)
+        if damped == 0:
+            return let(elastic), se.Integer(0)
+        total = let(elastic + damped)
+        force = let(se.Piecewise((total, total > 0), (0, True)))
+        return force, force - elastic
+
+    def _friction_of(self, end: str) -> Any:
+        return self.friction.with_states(**{name: getattr(self, name + end) for name in self.friction.states})
+
+    def _friction(self, at: _Station, end: str, force: Expr) -> Vec:
+        """Friction force on l: along the whole sliding velocity where pins may tilt and the law has no states."""
+        if self.friction is None:
+            return ZERO
+        if self.length is None or self.friction.states:
+            return at.tangent * (-self._friction_of(end).coefficient(at.slip) * force)
+        speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
+        return at.sliding * (-self.friction.coefficient(speed) / speed * force)
+
+    def energy(self, k: Frame, l: Frame) -> Expr:
+        return self._equal(k, l) * sum((self.normal.energy(at.overlap) for at, _ in self._stations(k, l)), se.Integer(0))
+
+    def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec]:
+        force, torque = ZERO, ZERO
+        for at, end in self._stations(k, l):
+            normal, damped = self._normal_force(at)
+            part = named((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l))
+            force, torque = force + part, torque + at.arm.cross(part)
+        return force, torque
+
+    # -- friction states
+
+    def _of_states(self, k: Frame, l: Frame, what: str) -> dict[str, Expr]:
+        out = {}
+        for at, end in self._stations(k, l):
+            stated = getattr(self._friction_of(end), what)(at.slip)
+            out |= {name + end: e for name, e in stated.items()}
+        return out
+
+    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return self._of_states(k, l, "rate")
+
+    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return self._of_states(k, l, "initial")
+
+    # -- what is watched and shown
+
+    def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
+        return [(-at.penetration, -at.rate) for at, _ in self._stations(k, l)]
+
+    def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
+        stations, equal, u = self._stations(k, l), self._equal(k, l), l.r - k.r
+        forces = [self._normal_force(at) for at, _ in stations]
+        frictions = [self._friction(at, end, f) for (at, end), (f, _) in zip(stations, forces, strict=True)]
+        sections = [at for at, _ in stations]
+        return {
+            "orbit": [k.x @ u, k.y @ u],
+            "gap": [-at.penetration for at in sections],
+            "gap_rate": [-at.rate for at in sections],
+            "normal_force": [equal * f for f, _ in forces],
+            "friction_force": [equal * (f @ at.tangent) for at, f in zip(sections, frictions, strict=True)],
+            "slip": [at.slip for at in sections],
+            "impact_power": [equal * damped * at.rate for at, (_, damped) in zip(sections, forces, strict=True)],
+            "friction_power": [-equal * (f @ at.sliding) for at, f in zip(sections, frictions, strict=True)],
+        }

@@ -1,0 +1,50 @@
+"""What a friction law is: a signed coefficient of the sliding velocity, with internal states where it needs them."""
+
+from __future__ import annotations
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.part import Part
+from mbdae.symbolic.vectors import Expr
+
+
+class Friction(Part):
+    """Friction force on l along the tangent: f_t = - coefficient(v) f_n, v the signed velocity of l relative to k, m/s.
+
+    A law of one's own states `coefficient(v)`, an odd function of v; with internal states (`states`, units by name) also
+    `rate(v)`, and `initial(v)` where they do not start at 0. States and parameters are attributes of those names.
+    """
+
+    def coefficient(self, v: Expr) -> Expr:
+        """Friction coefficient with the sign of the velocity; the friction power is -coefficient(v) v f_n."""
+        raise LawError(f"friction law {type(self).__name__} does not state `coefficient(self, v)`")
+
+    def rate(self, v: Expr) -> dict[str, Expr]:
+        """Time derivative of every internal state."""
+        return {}
+
+    def initial(self, v: Expr) -> dict[str, Expr]:
+        """Start value of every internal state."""
+        return {name: se.Integer(0) for name in self.states}
+
+    def stored(self, v: Expr) -> Expr:
+        """Energy over normal force that the internal states hold, m: what the law may give back."""
+        return se.Integer(0)
+
+    def state_scales(self) -> dict[str, float]:
+        """Typical magnitude of every internal state."""
+        return {}
+
+    def smallest_velocity(self) -> float | None:
+        """Velocity (m/s) over which the coefficient changes: what the tolerance has to resolve; None where there is none."""
+        return None
+
+    def doubts(self) -> list[str]:
+        """What a user should know of these parameter values before trusting a result."""
+        return []
+
+
+def magnitude(v: Expr) -> Expr:
+    """|v|, differentiable on both sides."""
+    return se.Piecewise((v, v > 0), (-v, True))
