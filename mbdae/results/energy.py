@@ -96,14 +96,15 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
     """(nt, 2): dissipated power; power of loads and of prescribed motions, W."""
     q, u, s, z = states(t)
     out = np.zeros((len(t), 2))
-    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s):
+    driven = any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances)
+    multipliers = mechanics.accelerations(t, q, u, s, z)[1] if driven or mechanics.reactive else None
+    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s, multipliers):
         for o, target in enumerate(p.targets):
             out[:, 0 if target[0] == "dissipated" else 1] += values[:, :, o].sum(axis=1)
     for line in mechanics.model.lines:
         out[:, 0] += line.energy(q, u)[1]
     out[:, 1] += mechanics.power_of_loads(t, q, u)
-    if any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances):
-        _, multipliers = mechanics.accelerations(t, q, u, s, z)
+    if driven and multipliers is not None:
         rheonomic = mechanics.velocity_residual(t, q, np.zeros_like(u))
         out[:, 1] += np.einsum("ti,ti->t", multipliers, rheonomic)
     return out
