@@ -11,5 +11,6 @@ from mbdae.joints.spherical import Spherical
 from mbdae.joints.weld import Weld
 
 __all__ = [
-    "ClassicalPrismatic", "ClassicalRevolute", "ClearanceRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute", "Spherical", "Weld",
+    "ClassicalPrismatic", "ClassicalRevolute", "ClearanceRevolute", "Distance", "FixedOrientation", "Prismatic", "Revolute",
+    "Spherical", "Weld",
 ]  # fmt: skip

@@ -46,6 +46,7 @@ class System:
     rhs: Any = None
     partition: Any = None
     guards: Any = None
+    guard_names: tuple[str, ...] = ()
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
