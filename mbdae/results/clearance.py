@@ -57,8 +57,12 @@ class ClearanceSensor(ConnectionSensor):
     Arrays (nt,) over the result's times; for a bearing that touches at both ends (nt, 2), near and far end along the axis.
     """
 
+    def at_times(self, t: Array) -> dict[str, Array]:
+        """Everything the contact shows at times t (nt,): (nt, parts) by name."""
+        return observed(self._result, self._item.name, t)
+
     def _observed(self, name: str) -> Array:
-        values = observed(self._result, self._item.name, self._result.t)[name]
+        values = self.at_times(self._result.t)[name]
         return values[:, 0] if values.shape[1] == 1 else values
 
     @property
@@ -94,7 +98,7 @@ class ClearanceSensor(ConnectionSensor):
     @property
     def orbit(self) -> Array:
         """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
-        return observed(self._result, self._item.name, self._result.t)["orbit"]
+        return self.at_times(self._result.t)["orbit"]
 
     @property
     def friction_power(self) -> Array:
@@ -110,14 +114,14 @@ class ClearanceSensor(ConnectionSensor):
     def wear(self) -> float:
         """Normal force times sliding distance over the whole run, J (trapezoidal over its steps)."""
         t = self._result.solution.t
-        seen = observed(self._result, self._item.name, t)
+        seen = self.at_times(t)
         return float(np.trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), t))
 
     @cached_property
     def contacts(self) -> Contacts:
         """Begin, end and peak penetration of every contact, found on the steps of the run."""
         t = self._result.solution.t
-        seen = observed(self._result, self._item.name, t)
+        seen = self.at_times(t)
         found = [contacts_of(t, gap, rate) for gap, rate in zip(seen["gap"].T, seen["gap_rate"].T, strict=True)]
         begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(begin, kind="stable")

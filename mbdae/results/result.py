@@ -202,6 +202,10 @@ class Result:
             return float(expression(item.prescribed).subs({"t": self.solution.t[0]}))
         return item.hold or 0.0
 
+    def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
+        """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""
+        return self._one_coordinate(self.prepared.model.scene[item], t)
+
     def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
         for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
