@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from mbdae.integrators.solution import Stats
@@ -98,7 +99,7 @@ class ContactSteps:
         touched = np.zeros(len(apart), dtype=bool)
         for t, y in inner:
             touched |= self._point(t, y).gap < 0
-        for i in np.flatnonzero(apart & ~touched & self._suspect(0.0)):
+        for i in np.flatnonzero(apart & ~touched & self._suspect(0.0)).tolist():
             touched[i] = hermite_minimum(*self._cubic(i))[1] < 0
         self.stats.missed_dips += int(np.count_nonzero(apart & touched))
 
@@ -144,6 +145,11 @@ class ContactSteps:
         self._entered = (self._entered | made) & now
         self._inside = np.where(now, self._inside + 1, 0)
 
+    @property
+    def touching(self) -> bool:
+        """Whether something is in contact at an end of the last step."""
+        return bool((self._start.gap < 0).any() or (self._before.gap < 0).any())
+
     def nearest(self) -> str:
         """The contact a failure is about: the one that is reached first or is deepest in terms of its own speed."""
         here = self._start
@@ -160,7 +166,7 @@ class ContactSteps:
         a, b = self._start, self._end
         return b.t - a.t, float(a.gap[i]), float(b.gap[i]), float(a.rate[i]), float(b.rate[i])
 
-    def _suspect(self, margin: float) -> Array:
+    def _suspect(self, margin: float) -> NDArray[np.bool_]:
         """(nc,) whether the cubic can come below margin times the smaller gap; no other one can."""
         a, b = self._start, self._end
         drop = SLOPE * (b.t - a.t) * (np.maximum(-a.rate, 0) + np.maximum(b.rate, 0))
@@ -173,7 +179,7 @@ class ContactSteps:
         if not long.any():
             return None
         found: list[tuple[float, bool]] = []
-        for i in np.flatnonzero(long & (a.gap > 0) & self._suspect(MARGIN)):
+        for i in np.flatnonzero(long & (a.gap > 0) & self._suspect(MARGIN)).tolist():
             cubic = self._cubic(i)
             part, least = (1.0, cubic[2]) if cubic[2] < 0 else hermite_minimum(*cubic)
             if least < MARGIN * min(cubic[1], cubic[2]) if cubic[2] >= 0 else True:

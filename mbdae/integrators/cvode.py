@@ -83,7 +83,7 @@ class CVODE(Solver):
         method = _create(self, callbacks, atol, h0)
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
-            going, contacts = True, SundialsContacts.of(loop)
+            going, jacobians, contacts = True, 0, SundialsContacts.of(loop)
             while going:
                 result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
                 if not result.success or not result.t > loop.t:
@@ -95,6 +95,9 @@ class CVODE(Solver):
                     callbacks.restart()
                     going = loop.guard()
                     continue
+                # the Jacobian of a contact, kept beyond its end, stops the Newton iteration at once, far from its solution
+                callbacks.renew = contacts is not None and contacts.touching and int(result.njev) == jacobians
+                jacobians = int(result.njev)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
                 inner = _cubic(loop, t, y, yp)
@@ -151,6 +154,7 @@ class _Callbacks(Callbacks):
     def __init__(self, system: System, loop: StepLoop) -> None:
         super().__init__(system, loop)
         self._choosing = True
+        self.renew, self._renewing = False, False
 
     def evaluated(self, t: float) -> None:
         """Count an evaluation at t; those that choose the first step are no attempts, so none of them is rejected."""
@@ -168,7 +172,16 @@ class _Callbacks(Callbacks):
         return [*super().probe(t, y, yp), out]
 
     def rate(self, t: float, y: Array, out: Array) -> None:
-        """y' for CVODE."""
+        """y' for CVODE.
+
+        With `renew` it is not a number once, and wherever CVODE then asks for it at what is not a number: the only way to
+        make CVODE ask for a new Jacobian before its Newton iteration fails (it then repeats the same step).
+        """
+        if self.renew or (self._renewing and np.isnan(y[0])):
+            self.renew, self._renewing = False, True
+            out[:] = np.nan
+            return
+        self._renewing = False
         self.evaluated(t)
         self.call(self.system.rhs, t, y, out)
         self.y[:], self.values[:] = y, out
