@@ -20,6 +20,8 @@ from mbdae.system.base import Array, System
 APPROACH, IMPACT = 0.5, 0.2
 #: part by which the penetration may change in a step longer than IMPACT: what lies at rest costs nothing
 REST = 0.1
+#: part by which a penetration may change before the Jacobian is of no use
+CHANGE = 0.2
 #: a minimum between two points apart below this part of the smaller gap may be a contact
 MARGIN = 0.1
 #: largest weight of a slope in a cubic Hermite polynomial on [0, 1]
@@ -58,6 +60,7 @@ class ContactSteps:
         inside = self._start.gap < 0
         self._inside = np.where(inside, 1, 0)  # accepted points inside the present contact
         self._entered = np.zeros(len(inside), dtype=bool)  # and whether its beginning was seen
+        self._stiff = np.minimum(self._start.gap, 0.0)  # penetrations the Jacobian in use is of
         self._retries = 0
 
     def _point(self, t: float, y: Array) -> Point:
@@ -145,10 +148,16 @@ class ContactSteps:
         self._entered = (self._entered | made) & now
         self._inside = np.where(now, self._inside + 1, 0)
 
-    @property
-    def touching(self) -> bool:
-        """Whether something is in contact at an end of the last step."""
-        return bool((self._start.gap < 0).any() or (self._before.gap < 0).any())
+    def stiffness_changed(self) -> bool:
+        """Whether a penetration has changed since this was last true: a Jacobian from before serves no more.
+
+        The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
+        """
+        now, was = np.minimum(self._start.gap, 0.0), self._stiff
+        if not (np.abs(now - was) > CHANGE * np.maximum(-now, -was)).any():
+            return False
+        self._stiff = now
+        return True
 
     def nearest(self) -> str:
         """The contact a failure is about: the one that is reached first or is deepest in terms of its own speed."""

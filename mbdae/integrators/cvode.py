@@ -83,7 +83,7 @@ class CVODE(Solver):
         method = _create(self, callbacks, atol, h0)
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
-            going, jacobians, contacts = True, 0, SundialsContacts.of(loop)
+            going, contacts = True, SundialsContacts.of(loop)
             while going:
                 result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
                 if not result.success or not result.t > loop.t:
@@ -95,9 +95,7 @@ class CVODE(Solver):
                     callbacks.restart()
                     going = loop.guard()
                     continue
-                # the Jacobian of a contact, kept beyond its end, stops the Newton iteration at once, far from its solution
-                callbacks.renew = contacts is not None and contacts.touching and int(result.njev) == jacobians
-                jacobians = int(result.njev)
+                callbacks.renew = contacts is not None and contacts.stiffness_changed()
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
                 inner = _cubic(loop, t, y, yp)

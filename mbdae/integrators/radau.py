@@ -201,6 +201,8 @@ class _Adaptive:
         shorter = self.contacts.shorter(h, self.step.inside)
         if shorter is None:
             self.contacts.keep()
+            if self.contacts.stiffness_changed():
+                self.step.renew()
             return False
         self.landing = shorter
         self.loop.stats.rejected += 1

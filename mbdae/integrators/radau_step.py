@@ -135,6 +135,10 @@ class RadauStep:
         self._previous, self._fresh = (h, Z), False
         return t1, self.y, self.yp, Z[:-1]
 
+    def renew(self) -> None:
+        """Evaluate the Jacobian anew for the next step."""
+        self._stale = True
+
     def reached(self) -> Array:
         """y (n,) at the end of the step just solved."""
         return np.asarray(self.y + self.newton.Z[-1])
