@@ -16,10 +16,15 @@ from scipy.optimize import brentq
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
-#: part of the way to the surface one step may go, and part of an impact one step may cover
-APPROACH, IMPACT = 0.5, 0.2
+#: part of the way to the surface one step may go
+APPROACH = 0.5
+#: part of an impact one step may cover; with 0.1 Radau needs up to twice the steps for the same error
+IMPACT = 0.2
 #: part of the penetration that may come or go in a step longer than that: what lies at rest costs nothing
 REST = 0.1
+#: durations of an impact after which a contact is no impact any more, but lasts: its motion is smooth, and the error test alone
+#: decides. With a bound there the higher orders of BDF keep what rests on a contact trembling: 2 to 3 times the evaluations
+LASTING = 3.0
 #: part by which a penetration may change before a Jacobian is of no use
 CHANGE = 0.2
 #: a minimum between two points apart that is below this part of the smaller gap may be a contact
@@ -94,11 +99,15 @@ class ContactSteps:
     one, and what is accepted it announces by `keep`.
     """
 
+    #: part of an impact one step may cover
+    impact: float = IMPACT
+
     def __init__(self, system: System, stats: Stats) -> None:
         self.system, self.stats = system, stats
         self._t = self._t_end = float(system.t0)
         self._here = self._before = self._end = self._contacts(system.t0, system.y0)
         self._inside = [0] * len(self._here)  # accepted steps that ended inside the present contact, if it began in this run
+        self._lasting = [self._t + LASTING * c.duration for c in self._here]  # times (s) after which the contact is no impact
         self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps the Jacobian in use belongs to
         self._retries = 0
 
@@ -108,12 +117,13 @@ class ContactSteps:
         return [Contact(*values) for values in zip(*parts, strict=True)]
 
     def bound(self) -> float:
-        """Largest step from the last accepted point, s: half the way to the surface or a fifth of an impact."""
+        """Largest step from the last accepted point, s: half the way to the surface, or a small part of an impact."""
         bound = inf
-        for here, before in zip(self._here, self._before, strict=True):
-            short = IMPACT * min(here.duration, before.duration)  # where an impact turns, it has no speed
+        for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
+            short = self.impact * min(here.duration, before.duration)  # where an impact turns, it has no speed
             if here.gap < 0:
-                bound = min(bound, max(short, REST * min(here.calm, before.calm)))
+                if self._t < lasting:
+                    bound = min(bound, max(short, REST * min(here.calm, before.calm)))
             elif here.rate < 0:
                 bound = min(bound, max(short, APPROACH * here.calm))
         return max(bound, ROUND * abs(self._t))
@@ -139,7 +149,7 @@ class ContactSteps:
     def _hidden(self, i: int) -> tuple[float, bool] | None:
         """Part of the step after which contact i may be made, unseen at its end or too early, and whether it surely is."""
         here, end, cubic = self._here[i], self._end[i], self._cubic(i)
-        short = IMPACT * min(here.duration, end.duration)
+        short = self.impact * min(here.duration, end.duration)
         if not (here.gap > 0 and cubic.h > short):
             return None
         if end.gap < 0:
@@ -197,6 +207,7 @@ class ContactSteps:
                 if before.gap >= 0:
                     self.stats.contacts += 1
                     self._inside[i] = 1
+                    self._lasting[i] = self._t + LASTING * min(before.duration, here.duration)
                 elif self._inside[i]:
                     self._inside[i] += 1
             elif self._inside[i]:

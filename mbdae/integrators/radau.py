@@ -152,9 +152,8 @@ class _Adaptive:
         while not self.loop.interrupted:
             width = self._fit(h if self.contacts is None else self._beside_contacts(h))
             if not self.step.t + width > self.step.t:
-                where = "" if self.contacts is None else self.contacts.nearest()
                 raise self.loop.failure(
-                    f"the step fell below the round-off of the time (h = {width:.2e} s){where}", self.step.fastest()
+                    f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
                 )
             try:
                 error = self._try(width, rejected)
@@ -255,8 +254,11 @@ class _Adaptive:
         """Stop on a vanishing step; wall clock and Ctrl-C are seen here too."""
         t = self.step.t
         if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
-            raise self.loop.failure(message, culprit)
+            raise self.loop.failure(message + self._where(), culprit)
         self.loop.guard()
+
+    def _where(self) -> str:
+        return "" if self.contacts is None else self.contacts.nearest()
 
     def _next(self, h: float, error: float, rejected: bool) -> float:
         """Step proposed after an accepted one, kept where the change would not pay."""

@@ -18,6 +18,9 @@ from mbdae.integrators.contact_steps import ROUND, ContactSteps
 from mbdae.integrators.loop import StepLoop
 from mbdae.system.base import Array, System
 
+#: part of an impact one step may cover. At 0.2 a tolerance too coarse for an impact loses 45 % of its speed, at 0.1 28 %, and
+#: what should come to rest at rtol 1e-3 made 250 contacts instead of 37, at 0.1 28; with finer tolerances the cost is the same
+IMPACT = 0.1
 #: how scikit-sundae begins a report: the function of SUNDIALS and its error code
 REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
@@ -61,6 +64,8 @@ class SundialsContacts(ContactSteps):
 
     jacobians  evaluations before the last new beginning; SUNDIALS then counts from 0
     """
+
+    impact = IMPACT
 
     def __init__(self, loop: StepLoop) -> None:
         super().__init__(loop.system, loop.stats)
