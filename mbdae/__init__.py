@@ -39,16 +39,16 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "CVODE": "mbdae.integrators.cvode", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction",
-    "Friction": "mbdae.friction", "Hertz": "mbdae.contact", "LuGre": "mbdae.friction", "Normal": "mbdae.contact",
-    "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
-    "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
-    "GGL": "mbdae.formulations", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
-    "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "ODE": "mbdae.formulations",
-    "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
-    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage",
-    "params": "mbdae.symbolic.law", "selftest": "mbdae.contracts.selftest",
+    "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
+    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
+    "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
+    "GGL": "mbdae.formulations", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
+    "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction",
+    "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
+    "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
+    "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
+    "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [

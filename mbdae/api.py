@@ -18,6 +18,8 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
+from mbdae.results.reliability import doubts_of_run, doubts_of_steps
+from mbdae.results.resolution import refuse_unresolved
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.results.waves import lost_amplitude, with_amplitude
 from mbdae.scene.scene import SceneData
@@ -71,7 +73,7 @@ class Scene(SceneData):
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time; with beams positions and angles alone, because their
-        velocities ring); the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or
+        velocities ring, and where pin and race of a clearance joint touch too, because an impact a moment later is no error); the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or
         step of its own is run once, as it is.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
@@ -103,6 +105,7 @@ class _Job:
 
     def run(self, solver: Solver) -> Controlled:
         """One solver: to the accuracy, or as its own tolerance or step says."""
+        refuse_unresolved(self.prepared, solver)
         system = system_for(self.prepared, self.form, solver.highest_index)
         try:
             if solver.fixed or solver.rtol is not None:
@@ -184,11 +187,14 @@ class _Job:
         controlled = not math.isnan(run.estimate)
         asked = self.accuracy if controlled or verified is not None else None
         known = Accuracy(asked, run.estimate if controlled else None, verified)
-        notes = _warnings(self.prepared, run, known)
-        info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, tuple(notes), self.choice)
+        info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
+        times = self.times[self.times <= run.solution.t[-1]]
+        found = Result(self.prepared, run.solution, info, times)
+        notes = _warnings(self.prepared, run, known) + doubts_of_steps(run) + doubts_of_run(found, run)
+        info = replace(info, warnings=tuple(notes))
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
-        return Result(self.prepared, run.solution, info, self.times[self.times <= run.solution.t[-1]])
+        return Result(self.prepared, run.solution, info, times)
 
     def _attach(self, error: SolverError, solver: Solver) -> None:
         """Give a failed run's solution the shape of a Result: nothing computed is lost."""

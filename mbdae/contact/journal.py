@@ -48,8 +48,9 @@ class JournalContact(Force):
 
     u = l.r - k.r, d its length normal to k.z, n = u / d, penetration d - (outer - inner). Normal force f_n along -n on l,
     friction force -coefficient(v) f_n along t = k.z x n; both act at one point, outer n from the centre of the race, so that
-    moments balance (of a mass point, which takes no moment, where it is). v is the sliding velocity of the material points there: leaving out the rotation of the race
-    creates energy. With `length` the pin touches at both ends of a bearing that long and may tilt.
+    moments balance (on a mass point, which takes no moment, where it is). v is the sliding velocity of the material points
+    there: leaving out the rotation of the race creates energy. With `length` the pin touches at both ends of a bearing that
+    long and may tilt; a friction law with states then acts along t alone.
     """
 
     params = params(
@@ -129,9 +130,12 @@ class JournalContact(Force):
         if self.friction is None:
             return ZERO
         if self.length is None or self.friction.states:
-            return at.tangent * (-self._friction_of(end).coefficient(at.slip) * force)
-        speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
-        return at.sliding * (-self.friction.coefficient(speed) / speed * force)
+            along, coefficient = at.tangent, self._friction_of(end).coefficient(at.slip)
+        else:
+            speed = let(se.sqrt(at.sliding @ at.sliding + RESTING))
+            along, coefficient = at.sliding, self.friction.coefficient(speed) / speed
+        rubbing: Vec = along * (-coefficient * force)
+        return rubbing
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         return self._equal(k, l) * sum((self.normal.energy(at.overlap) for at, _ in self._stations(k, l)), se.Integer(0))
@@ -147,7 +151,7 @@ class JournalContact(Force):
     # -- friction states
 
     def _of_states(self, k: Frame, l: Frame, what: str) -> dict[str, Expr]:
-        out = {}
+        out: dict[str, Expr] = {}
         for at, end in self._stations(k, l):
             stated = getattr(self._friction_of(end), what)(at.slip)
             out |= {name + end: e for name, e in stated.items()}
@@ -164,18 +168,30 @@ class JournalContact(Force):
     def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
         return [(-at.penetration, -at.rate) for at, _ in self._stations(k, l)]
 
+    def approach(self, k: Frame, l: Frame) -> list[Expr]:
+        u = l.r - k.r
+        return [u[0], u[1], u[2]]
+
+    def contact_duration(self, mass: float, speed: Any) -> Any:
+        return self.normal.impact(mass, speed)[1]
+
     def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
-        stations, equal, u = self._stations(k, l), self._equal(k, l), l.r - k.r
-        forces = [self._normal_force(at) for at, _ in stations]
-        frictions = [self._friction(at, end, f) for (at, end), (f, _) in zip(stations, forces, strict=True)]
-        sections = [at for at, _ in stations]
-        return {
-            "orbit": [k.x @ u, k.y @ u],
-            "gap": [-at.penetration for at in sections],
-            "gap_rate": [-at.rate for at in sections],
-            "normal_force": [equal * f for f, _ in forces],
-            "friction_force": [equal * (f @ at.tangent) for at, f in zip(sections, frictions, strict=True)],
-            "slip": [at.slip for at in sections],
-            "impact_power": [equal * damped * at.rate for at, (_, damped) in zip(sections, forces, strict=True)],
-            "friction_power": [-equal * (f @ at.sliding) for at, f in zip(sections, frictions, strict=True)],
-        }
+        equal, u = self._equal(k, l), l.r - k.r
+        seen: dict[str, list[Expr]] = {"orbit": [k.x @ u, k.y @ u]}
+        for at, end in self._stations(k, l):
+            force, _ = self._normal_force(at)
+            rubbing = self._friction(at, end, force)
+            own = {"gap": -at.penetration, "gap_rate": -at.rate, "normal_force": equal * force, "slip": at.slip,
+                   "friction_force": equal * (rubbing @ at.tangent),
+                   "friction_power": -equal * (rubbing @ at.sliding)}  # fmt: skip
+            for name, e in own.items():
+                seen.setdefault(name, []).append(e)
+        return seen
+
+    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        total = {"impact": se.Integer(0), "friction": se.Integer(0)}
+        for at, end in self._stations(k, l):
+            force, damped = self._normal_force(at)
+            total["impact"] += self._equal(k, l) * damped * at.rate
+            total["friction"] -= self._equal(k, l) * (self._friction(at, end, force) @ at.sliding)
+        return total

@@ -179,7 +179,9 @@ def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
 
 def _moved_multipliers(case: Case, values: Values) -> Values:
     """The multipliers that after the rigid motion of `invariance` do the work they did before: rows may lie in inertial axes."""
-    d, before, after = case.d, [], []
+    d = case.d
+    before: list[Array] = []
+    after: list[Array] = []
     for _ in d.rows:
         u = {str(s): case.rng.normal(size=values[str(s)].shape) for f in d.frames for s in f.u}
         for state, table_ in ((values | u, before), (rigidly_moved(d, values | u, np.random.default_rng(30)), after)):
@@ -194,7 +196,8 @@ def _at_rest(case: Case, values: Values) -> Values:
 
 
 def power(case: Case) -> Iterator[Measured]:
-    """Covector . velocity = dV/dt + dissipated - work (joints: and the power of their rows); nothing dissipative delivers energy."""
+    """Covector . velocity = dV/dt + dissipated - work (joints: and the power of their rows), and nothing dissipative delivers
+    energy."""
     d = case.d
     if not (isinstance(d.law, Force) or d.reactive):
         return

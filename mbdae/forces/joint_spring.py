@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.law import Force, Parameter, Structure, params
 from mbdae.symbolic.variation import nearest_turn, rate
@@ -38,7 +36,7 @@ class JointSpring(_OnCoordinate):
         stiffness=("N m/rad or N/m", "stiffness"), rest=("rad or m", "coordinate without force"),
         turns=("rad", "whole turns of the start angle"),
     )  # fmt: skip
-    states: ClassVar[dict[str, Parameter]] = {"followed": Parameter("rad", "angle followed through all turns")}
+    states = {"followed": Parameter("rad", "angle followed through all turns")}  # noqa: RUF012
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         c = self._coordinate(k, l)

@@ -29,7 +29,14 @@ class SlideFriction(Force):
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec] | None:
         if self.friction is None:
             return None
-        return k.z * let(-self.friction.coefficient(self._sliding(k, l)) * self.normal_force), ZERO
+        return k.z * self._force(k, l), ZERO
+
+    def _force(self, k: Frame, l: Frame) -> Expr:
+        """Friction force on l along k.z, N."""
+        return let(-self.friction.coefficient(self._sliding(k, l)) * self.normal_force)
+
+    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return {} if self.friction is None else {"friction": -self._force(k, l) * self._sliding(k, l)}
 
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return dict(self.friction.rate(self._sliding(k, l)))

@@ -89,6 +89,6 @@ class LuGre(Friction):
             found.append(f"LuGre: sigma1 v_s = {sigma1 * self.v_s:.2g} exceeds 4 sqrt(2 e) mu_k = {bound:.2g}, the bound below "
                          f"which it cannot create energy: take sigma1 at most {bound / self.v_s:.3g} s/m")  # fmt: skip
         if self.mu_s / self.sigma0 > 1e-3:
-            found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by mu_s / sigma0 = "
-                         f"{self.mu_s / self.sigma0:.2g} m before they slip: sigma0 is a stiffness over the normal force, 1/m")  # fmt: skip
+            found.append(f"LuGre: sigma0 = {self.sigma0:g} 1/m lets the bristles deflect by {self.mu_s / self.sigma0:.2g} m "
+                         f"before they slip (mu_s / sigma0): sigma0 is a stiffness over the normal force, 1/m")  # fmt: skip
         return found

@@ -39,6 +39,8 @@ class Solver(ABC):
     error_fall: ClassVar[float] = 0.6
     #: tolerance of the companion run that measures the error, over that of the run
     companion: ClassVar[float] = 10.0
+    #: tolerance of positions over the penetration of a contact at which it is resolved to some per cent
+    penetration_share: ClassVar[float] = 0.01
     #: highest index of an unknown this method takes
     highest_index: ClassVar[int] = 1
     #: what to use instead below it

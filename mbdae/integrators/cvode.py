@@ -14,7 +14,7 @@ from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, watched
 from mbdae.system.base import Array, System
 
 #: order a method may reach
@@ -83,13 +83,19 @@ class CVODE(Solver):
         method = _create(self, callbacks, atol, h0)
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
-            going = True
+            going, contacts = True, SundialsContacts.of(loop)
             while going:
-                result = method.step(loop.t_end, method="onestep", tstop=loop.t_end)
+                result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
                 if not result.success or not result.t > loop.t:
-                    raise _failure(loop, callbacks, result, self, atol)
-                loop.stats.jacobians = loop.stats.factorisations = int(result.njev)
+                    raise _failure(loop, callbacks, result, self, atol, "" if contacts is None else contacts.nearest())
+                loop.stats.jacobians = loop.stats.factorisations = int(result.njev) + (contacts.jacobians if contacts else 0)
                 loop.stats.newton_iterations = loop.stats.residuals
+                if contacts is not None and contacts.refuses(result):
+                    method.init_step(loop.t, loop.state[0])
+                    callbacks.restart()
+                    going = loop.guard()
+                    continue
+                callbacks.renew = contacts is not None and contacts.stiffness_changed()
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
                 inner = _cubic(loop, t, y, yp)
@@ -146,11 +152,16 @@ class _Callbacks(Callbacks):
     def __init__(self, system: System, loop: StepLoop) -> None:
         super().__init__(system, loop)
         self._choosing = True
+        self.renew, self._renewing = False, False
 
     def evaluated(self, t: float) -> None:
         """Count an evaluation at t; those that choose the first step are no attempts, so none of them is rejected."""
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
+
+    def restart(self) -> None:
+        """The method begins anew: it chooses its first step again."""
+        self._choosing = True
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
         """F(t, y, y'), whose rows tell more, then f(t, y)."""
@@ -159,7 +170,16 @@ class _Callbacks(Callbacks):
         return [*super().probe(t, y, yp), out]
 
     def rate(self, t: float, y: Array, out: Array) -> None:
-        """y' for CVODE."""
+        """y' for CVODE.
+
+        With `renew` it is not a number once, and wherever CVODE then asks for it at what is not a number: the only way to
+        make CVODE ask for a new Jacobian before its Newton iteration fails (it then repeats the same step).
+        """
+        if self.renew or (self._renewing and np.isnan(y[0])):
+            self.renew, self._renewing = False, True
+            out[:] = np.nan
+            return
+        self._renewing = False
         self.evaluated(t)
         self.call(self.system.rhs, t, y, out)
         self.y[:], self.values[:] = y, out
@@ -184,11 +204,11 @@ def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
         ) from error
 
 
-def _failure(loop: StepLoop, last: _Callbacks, result: Any, solver: CVODE, atol: Array) -> BaseException:
+def _failure(loop: StepLoop, last: _Callbacks, result: Any, solver: CVODE, atol: Array, where: str) -> BaseException:
     """The exception raised inside a callback, or a SolverError that names what resists."""
     if last.error is not None:
         return last.error
-    message = reason(result)
+    message = reason(result) + where
     undefined = not_finite(loop, last, message)
     if undefined is not None:
         return undefined

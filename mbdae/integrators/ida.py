@@ -13,7 +13,7 @@ from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, watched
 from mbdae.system.base import Array, System
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
@@ -76,13 +76,18 @@ class IDA(Solver):
             self._run(method, loop, callbacks, atol)
 
     def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
-        going = True
+        going, contacts = True, SundialsContacts.of(loop)
         while going:
-            result = method.step(loop.t_end, method="onestep", tstop=loop.t_end)
+            result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
             if not result.success or not result.t > loop.t:
-                raise _failure(loop, callbacks, result, self.tolerance, atol)
-            loop.stats.jacobians = loop.stats.factorisations = int(result.njev)
+                where = "" if contacts is None else contacts.nearest()
+                raise _failure(loop, callbacks, result, self.tolerance, atol, where)
+            loop.stats.jacobians = loop.stats.factorisations = int(result.njev) + (contacts.jacobians if contacts else 0)
             loop.stats.newton_iterations = loop.stats.residuals
+            if contacts is not None and contacts.refuses(result):
+                method.init_step(loop.t, *loop.state)
+                going = loop.guard()
+                continue
             going = loop.accept(float(result.t), result.y, result.yp)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
@@ -129,11 +134,11 @@ class _Callbacks(Callbacks):
         self.call(self.system.jacobian, t, y, yp, cj, out)
 
 
-def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array) -> BaseException:
+def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array, where: str) -> BaseException:
     """The exception raised inside a callback, or a SolverError that names what resists."""
     if last.error is not None:
         return last.error
-    message, names = reason(result), last.system.names
+    message, names = reason(result) + where, last.system.names
     undefined = not_finite(loop, last, message)
     if undefined is not None:
         return undefined

@@ -14,6 +14,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.contact_steps import contact_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
@@ -24,6 +25,8 @@ from mbdae.system.base import Array, System
 #: a change of the step inside this band does not pay for a new factorisation
 KEEP = (0.9, 1.2)
 SHRINK, GROW = 0.2, 8.0
+#: factors of a step this much shorter than what a contact allows are used again
+KEEP_FACTORS = 0.6
 #: an error estimate above SUSPECT is compared with round-off; if it is round-off, the step grows as after an
 #: estimate of ESCAPE, because shorter steps only make it worse (eps |q| / h in velocities)
 SUSPECT, ESCAPE = 0.8, 0.05
@@ -53,6 +56,7 @@ class RadauIIA(Solver):
         "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "ODE": 0.01, "DAE": 0.01},
     }
     highest_index: ClassVar[int] = 3
+    penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
     alternative: ClassVar[str] = "; round-off keeps index 3 above 1e-9, the GGL form reaches 1e-11"
 
@@ -103,6 +107,7 @@ def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> Non
     step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
     t0 = float(system.t0)
     count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
+    contacts = contact_steps(system, loop.stats)
     for k in range(1, count + 1):
         last = k == count
         rest = loop.t_end - step.t
@@ -113,7 +118,12 @@ def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> Non
             raise loop.failure(
                 f"Newton's method fails with step = {h:g} s, try a smaller one: {error}", error.culprit
             ) from error
-        if not loop.accept(*step.advance(width, loop.t_end if last else t0 + k * h)):
+        t1 = loop.t_end if last else t0 + k * h
+        if contacts is not None:
+            contacts.look(t1, step.reached())
+            contacts.count_hidden([(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]])
+            contacts.keep()
+        if not loop.accept(*step.advance(width, t1)):
             return
 
 
@@ -132,6 +142,8 @@ class _Adaptive:
         self.accepted_h, self.accepted_error = 0.0, 1.0
         self.smallest = 0.0
         self.diverged = self.warned = False
+        self.contacts = contact_steps(system, loop.stats)
+        self.landing = inf
 
     def run(self, h0: float | None) -> None:
         """Step until the end or until the loop says stop."""
@@ -139,10 +151,10 @@ class _Adaptive:
         self.smallest = 1e-12 * h
         rejected = True  # the first step is treated with the care of one after a rejection
         while not self.loop.interrupted:
-            width = self._fit(h)
+            width = self._fit(h if self.contacts is None else self._beside_contacts(h))
             if not self.step.t + width > self.step.t:
                 raise self.loop.failure(
-                    f"the step fell below the round-off of the time (h = {width:.2e} s)", self.step.fastest()
+                    f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
                 )
             try:
                 error = self._try(width, rejected)
@@ -154,8 +166,12 @@ class _Adaptive:
             if not error < 1.0:  # not a number counts as failed too
                 h, rejected = self._after_rejection(width, error), True
                 continue
-            proposed = self._next(width, error, rejected)
             t1 = self.loop.t_end if self._reaches_end(width) else self.step.t + width
+            if self.contacts is not None and self._ends_wrong(width, t1):
+                continue
+            proposed = self._next(width, error, rejected)
+            if self.landing < inf:  # that step was short for its end, not for its error
+                proposed, self.landing = max(proposed, h), inf
             if not self.loop.accept(*self.step.advance(width, t1)):
                 return
             h, rejected, self.diverged = proposed, False, False
@@ -168,6 +184,30 @@ class _Adaptive:
         rate = float(np.max(np.abs(system.yp0)[slow] / size[slow], initial=0.0))
         share = 0.1 * float(self.rtol**self.exponent)
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
+
+    def _beside_contacts(self, h: float) -> float:
+        """h, no longer than the contacts allow; the factors at hand are used where that shortens it little."""
+        assert self.contacts is not None
+        bound = self.contacts.bound()
+        if bound < h:
+            factored = self.step.factored_h
+            h = factored if KEEP_FACTORS * bound <= factored <= bound else bound
+        return min(h, self.landing)
+
+    def _ends_wrong(self, h: float, t1: float) -> bool:
+        """Whether the step hides a contact or has the kink of one inside: the next attempt then ends there."""
+        assert self.contacts is not None
+        self.contacts.look(t1, self.step.reached())
+        shorter = self.contacts.shorter(h, self.step.inside)
+        if shorter is None:
+            self.contacts.keep()
+            if self.contacts.stiffness_changed():
+                self.step.renew()
+            return False
+        self.landing = shorter
+        self.loop.stats.rejected += 1
+        self.loop.guard()
+        return True
 
     def _reaches_end(self, h: float) -> bool:
         return self.step.t + h * (1 + 1e-9) >= self.loop.t_end
@@ -215,8 +255,11 @@ class _Adaptive:
         """Stop on a vanishing step; wall clock and Ctrl-C are seen here too."""
         t = self.step.t
         if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
-            raise self.loop.failure(message, culprit)
+            raise self.loop.failure(message + self._where(), culprit)
         self.loop.guard()
+
+    def _where(self) -> str:
+        return "" if self.contacts is None else self.contacts.nearest()
 
     def _next(self, h: float, error: float, rejected: bool) -> float:
         """Step proposed after an accepted one, kept where the change would not pay."""

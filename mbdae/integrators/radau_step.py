@@ -44,7 +44,7 @@ class Demand:
 class RadauStep:
     """The state (t, y, yp) of a Radau IIA integration and what it takes to go one step further.
 
-    estimate: whether `error` will be asked for.
+    estimate: whether `error` will be asked for; factored_h: step (s) the factors at hand belong to, 0 without.
     """
 
     def __init__(self, system: System, table: RadauTable, stats: Stats, demand: Demand, estimate: bool) -> None:
@@ -55,7 +55,7 @@ class RadauStep:
         self.matrix = iteration_matrix(system, real, table.pairs)
         self.newton = StageNewton(system, table, self.matrix, stats)
         self._order = np.asarray(system.index) - 1.0
-        self._factored_h = 0.0
+        self.factored_h = 0.0
         self._stale, self._fresh = True, False
         self._previous: tuple[float, Array] | None = None
         self._ratio, self._extrapolation = 0.0, np.empty(0)
@@ -107,12 +107,12 @@ class RadauStep:
         if self._stale:
             self.matrix.refresh(self.t, self.y, self.yp)
             self.stats.jacobians += 1
-            self._stale, self._fresh, self._factored_h = False, True, 0.0
-        if h != self._factored_h:
-            self._factored_h = 0.0
+            self._stale, self._fresh, self.factored_h = False, True, 0.0
+        if h != self.factored_h:
+            self.factored_h = 0.0
             self.matrix.factor(h)
             self.stats.factorisations += 1
-            self._factored_h = h
+            self.factored_h = h
             self.newton.forget_rate()
 
     def _predict(self, h: float) -> None:
@@ -134,6 +134,18 @@ class RadauStep:
         self.t, self.y, self.yp = t1, self.y + Z[-1], self.newton.Yp[-1].copy()
         self._previous, self._fresh = (h, Z), False
         return t1, self.y, self.yp, Z[:-1]
+
+    def renew(self) -> None:
+        """Evaluate the Jacobian anew for the next step."""
+        self._stale = True
+
+    def reached(self) -> Array:
+        """y (n,) at the end of the step just solved."""
+        return np.asarray(self.y + self.newton.Z[-1])
+
+    def inside(self, part: float) -> Array:
+        """y (n,) on the polynomial of the step just solved, after `part` of it."""
+        return np.asarray(self.y + self.table.values(np.array(part)) @ self.newton.Z)
 
     def error(self, h: float, careful: bool) -> float:
         """Filtered embedded error in units of the tolerance; filtered once more where it matters."""
@@ -180,7 +192,7 @@ class RadauStep:
         """Full Newton from given increments (s, n)."""
         weights = self.weights(h, self.y)
         self.newton.Z[:] = start
-        self._stale, self._factored_h = True, 0.0
+        self._stale, self.factored_h = True, 0.0
         outcome = self.newton.solve_full(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
         self.iterations = outcome.iterations
         if not outcome.converged:
@@ -201,7 +213,7 @@ class RadauStep:
                 self._stale = True
         finally:
             self.t, self.y, self.yp, self._previous = saved
-            self._stale, self._factored_h = True, 0.0
+            self._stale, self.factored_h = True, 0.0
         return start
 
     def _solve_or_divide(self, h: float, depth: int) -> None:

@@ -20,6 +20,9 @@ class Stats:
     a kept Jacobian anew when its step changes and does not report that: its `factorisations` count new Jacobians only.
     Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
+    Where a system has contacts: contacts made, as seen at accepted steps; dips: steps taken back because they may hide a
+    contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
+    ended inside one complete contact (0: there was none).
     """
 
     steps: int = 0
@@ -33,6 +36,10 @@ class Stats:
     wall_s: float = 0.0
     h_min: float = 0.0
     h_max: float = 0.0
+    contacts: int = 0
+    dips: int = 0
+    missed_dips: int = 0
+    shortest_contact: int = 0
 
 
 class Interpolant(Protocol):

@@ -61,7 +61,8 @@ class _Bearing(_Rubbing):
 
     def pressing(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> Vec:
         reaction = Vec(*(reactions[row] for row in ("x", "y", "z")))
-        return reaction - k.z * (k.z @ reaction)
+        along: Vec = k.z * (k.z @ reaction)
+        return reaction - along
 
     def sliding(self, k: Frame, l: Frame) -> Expr:
         return self.radius * (k.z @ (l.w - k.w))
@@ -96,13 +97,13 @@ class _Slide(_Rubbing):
 class RubbingRevolute(_Bearing, Revolute):
     """The kinematic revolute joint with friction in its bearing (see `_Bearing`)."""
 
-    params = Revolute.params | RADIUS  # type: ignore[operator]
+    params = Revolute.params | RADIUS
 
 
 class RubbingClassicalRevolute(_Bearing, ClassicalRevolute):
     """The classical revolute joint with friction in its bearing (see `_Bearing`)."""
 
-    params = ClassicalRevolute.params | RADIUS  # type: ignore[operator]
+    params = ClassicalRevolute.params | RADIUS
 
 
 class RubbingPrismatic(_Slide, Prismatic):

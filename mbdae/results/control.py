@@ -19,13 +19,20 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
+from mbdae.results.resolution import largest_tolerance
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
+from mbdae.system.contacts import gap_outputs
+from mbdae.system.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 
 LOOSEST = 1e-2
 ATTEMPTS = 5
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
+#: runs with contact whose estimate falls by less than CHAOTIC from one tolerance to the next are not repeated any more
+CHAOTIC = 2.0
+CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
+         "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
@@ -46,13 +53,15 @@ Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
 def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
     """(nt,) difference of two motions: positions over the scene's length, angles in rad; without beams also velocities
-    over the largest of length / characteristic time and the speed reached (those of beams ring)."""
+    over the largest of length / characteristic time and the speed reached (those of beams ring), except where one of the
+    motions is in contact: an impact a moment later is no error of the speed it leaves with."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
+    apart = ~(touching(m, *a) | touching(m, *b)) if prepared.contacts else np.ones(len(q_a), dtype=bool)
     for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
         if mask.any() and not m.model.lines:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
-            worst = np.maximum(worst, np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
+            worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
         n, last = node.kind.translations, node.q + node.kind.sizes[0]
         p_a, p_b = q_a[:, node.q : last], q_b[:, node.q : last]
@@ -63,6 +72,14 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
         elif p_a.shape[1] == 7:
             worst = np.maximum(worst, _angle_between(p_a[:, 3:], p_b[:, 3:]))
     return worst
+
+
+def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
+    """(nt,) bool: whether any contact of a scene is made."""
+    made = np.zeros(len(q), dtype=bool)
+    for _, p, values in mechanics.evaluate(gap_outputs, np.zeros(len(q)), q, u):
+        made |= np.any(values[:, :, [i for i, target in enumerate(p.targets) if target[0] == "gap"]] < 0, axis=(1, 2))
+    return made
 
 
 def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:
@@ -120,6 +137,8 @@ def _controlled(system: System, measure: Measure, solver: Solver, accuracy: floa
                 outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
+    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
+    tight = _with_rtol(tight, min(tight.tolerance, max(ceiling, limit)))
     loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
     coarse = loose.solve(system, t_end, begin=begin, **options)
     best = Controlled(coarse, loose, float("inf"), 1, coarse.stats.cpu_s)
@@ -142,9 +161,11 @@ def _controlled(system: System, measure: Measure, solver: Solver, accuracy: floa
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(times, coarse(times), fine(times))))
-        best = Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
+        before, best = best.estimate, Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
         if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
             return best
+        if system.guards is not None and best.estimate > before / CHAOTIC:
+            return replace(best, notes=(*best.notes, CHAOS.format(before, best.estimate)))
         wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))
         loose, coarse, tight = tight, fine, _with_rtol(tight, max(wanted, limit))
     return best

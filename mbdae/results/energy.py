@@ -16,6 +16,7 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+TRANSFERS = ("dissipated", "work", "impact", "friction")  #: energies that are integrals over time
 _CHUNK = 3000  #: states evaluated at once, where there are no beams
 _ELEMENTS = 20_000  #: elements of beams evaluated at once
 
@@ -28,19 +29,32 @@ def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Dissipated power and power of applied loads."""
+    """Dissipated power, power of applied loads, and what of the dissipated power goes into impacts and friction."""
     parts = [(("dissipated",), d.dissipated_power), (("work",), d.work_power)]
+    if isinstance(d.law, Force):
+        parts += [((cause,), d.variation.resolve(d.variation.name(e))) for cause, e in d.law.losses(*d.sides).items()]
+    if d.reactive:
+        parts.append((("friction",), d.dissipated_power))
     return [(target, e) for target, e in parts if e != 0]
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Energies over the result's times, J. `balance` is what the run lost or gained without a cause."""
+    """Energies over the result's times, J. `balance` is what the run lost or gained without a cause.
+
+    impact, friction: the parts of `dissipated` lost in contacts normal and tangential to them; other: the rest."""
 
     kinetic: Array
     potential: Array
     dissipated: Array
     work: Array
+    impact: Array
+    friction: Array
+
+    @property
+    def other(self) -> Array:
+        """Dissipated by dampers and the like (nt,)."""
+        return self.dissipated - self.impact - self.friction
 
     @property
     def total(self) -> Array:
@@ -93,14 +107,14 @@ def has_power(mechanics: Mechanics) -> bool:
 
 
 def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
-    """(nt, 2): dissipated power; power of loads and of prescribed motions, W."""
+    """(nt, 4): dissipated power; power of loads and of prescribed motions; power lost in impacts, in friction, W."""
     q, u, s, z = states(t)
-    out = np.zeros((len(t), 2))
+    out = np.zeros((len(t), len(TRANSFERS)))
     driven = any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances)
     multipliers = mechanics.accelerations(t, q, u, s, z)[1] if driven or mechanics.reactive else None
     for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s, multipliers):
         for o, target in enumerate(p.targets):
-            out[:, 0 if target[0] == "dissipated" else 1] += values[:, :, o].sum(axis=1)
+            out[:, TRANSFERS.index(target[0])] += values[:, :, o].sum(axis=1)
     for line in mechanics.model.lines:
         out[:, 0] += line.energy(q, u)[1]
     out[:, 1] += mechanics.power_of_loads(t, q, u)
@@ -111,20 +125,20 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
 
 
 def integrated(mechanics: Mechanics, steps: Array, at: Array, states: States) -> Array:
-    """(len(at), 2): dissipated energy and work since the first step, by Gauss quadrature over the steps."""
+    """(len(at), 4): `TRANSFERS` since the first step, by Gauss quadrature over the steps."""
     grid = np.union1d(steps, at)
     width, middle = np.diff(grid) / 2, (grid[1:] + grid[:-1]) / 2
     points = (middle[:, None] + width[:, None] * _NODES).ravel()
     values = np.concatenate([powers(mechanics, points[part], states) for part in _parts(mechanics, len(points))]
-                            or [np.zeros((0, 2))])  # fmt: skip
-    per_step = np.einsum("ijk,j->ik", values.reshape(-1, 3, 2), _WEIGHTS) * width[:, None]
-    sums = np.vstack([np.zeros((1, 2)), np.cumsum(per_step, axis=0)])
+                            or [np.zeros((0, len(TRANSFERS)))])  # fmt: skip
+    per_step = np.einsum("ijk,j->ik", values.reshape(-1, 3, len(TRANSFERS)), _WEIGHTS) * width[:, None]
+    sums = np.vstack([np.zeros((1, len(TRANSFERS))), np.cumsum(per_step, axis=0)])
     return sums[np.searchsorted(grid, at)]
 
 
 def energy(mechanics: Mechanics, steps: Array, at: Array, states: Any) -> Energy:
     """The energies of a run at times `at`, its steps given."""
     kinetic, potential = stored(mechanics, at, states)
-    zero = np.zeros((len(at), 2))
+    zero = np.zeros((len(at), len(TRANSFERS)))
     transferred = integrated(mechanics, steps, at, states) if has_power(mechanics) else zero
-    return Energy(kinetic, potential, transferred[:, 0], transferred[:, 1])
+    return Energy(kinetic, potential, *transferred.T)

@@ -158,7 +158,7 @@ class Result:
             item, where = placed(self.prepared.model.scene, key)
             if isinstance(item, BeamLoad):
                 raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
-            sensor = body_sensor(self, item) if isinstance(item, Body) else ConnectionSensor(self, item)
+            sensor = body_sensor(self, item) if isinstance(item, Body) else _connection_sensor(self, item)
             self._sensors[key] = sensor if where is None else sensor.at(where)  # type: ignore[union-attr]
         return self._sensors[key]
 
@@ -201,6 +201,10 @@ class Result:
 
             return float(expression(item.prescribed).subs({"t": self.solution.t[0]}))
         return item.hold or 0.0
+
+    def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
+        """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""
+        return self._one_coordinate(self.prepared.model.scene[item], t)
 
     def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
         for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
@@ -279,6 +283,12 @@ class Result:
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
                 f"{self.info.form}, {s.steps} steps, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, estimated error {known}"
                 f"{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")  # fmt: skip
+
+
+def _connection_sensor(result: Result, item: Connection) -> ConnectionSensor:
+    from mbdae.results.clearance import ClearanceSensor
+
+    return ClearanceSensor(result, item) if item.loose else ConnectionSensor(result, item)
 
 
 def _unwrapped(t: Array, principal: Array, rate: Array, start: float) -> Array:

@@ -53,8 +53,8 @@ def rubbing(kind: str, name: str, friction: Any, option: str, value: Any, model:
     """The friction of a joint and what is wrong with it; option: "radius" (m) or "normal_force" (N) with its value."""
     head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"
     if friction is None:
-        return Rubbing(), [] if value is None else [f"{head}{option} = {value!r} {unit} without friction; give friction=, such as "
-                                                    f"mb.Coulomb(mu, v_c), or omit it"]  # fmt: skip
+        idle = f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c) or another, or omit it"
+        return Rubbing(), [] if value is None else [idle]
     problems = _wrong(head, friction, option, value, unit)
     if isinstance(model, Clearance):
         problems.append(f"{head}friction of a joint with clearance belongs to its model: omit friction= and {option}=, say "

@@ -8,6 +8,7 @@ A law declares its parameters with units and states one or more of
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
     resistance(k, l, reactions) -> (force, torque) joints only: the same, by the joint's own reactions; it dissipates
     observed(k, l)     -> {name: expressions}      what a sensor shows of it beside force, torque and power
+    losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
@@ -29,6 +30,8 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
 from mbdae.symbolic.vectors import Expr, Vec
+
+__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "params"]
 
 #: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
@@ -182,12 +185,20 @@ class Force(Law):
         """Force (N) on l at l.r and torque (N m) on l, inertial frame."""
         return None
 
-    def observed(self, k: Frame, l: Frame) -> dict[str, Sequence[Expr]]:
+    def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
         """Quantities a sensor shows beside force, torque and power, by name."""
+        return {}
+
+    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Its dissipated power by cause ("impact", "friction"), W; what is not named counts as other."""
         return {}
 
     def gaps(self, k: Frame, l: Frame) -> Sequence[tuple[Expr, Expr]]:
         """Of a one-sided law: gaps (m, it acts where one is negative) and their rates (m/s)."""
+        return ()
+
+    def approach(self, k: Frame, l: Frame) -> Sequence[Expr]:
+        """Of a one-sided law: relative displacements (m) along which it may act."""
         return ()
 
     def contact_duration(self, mass: float, speed: Any) -> Any:

@@ -254,28 +254,29 @@ class SceneSystem(System):
     def _batches(self) -> dict[int, Batch]:
         return {}
 
-    def _batch(self, count: int) -> Batch:
+    def batch(self, count: int) -> Batch:
+        """The evaluation of the residual at so many points."""
         if count not in self._batches:
             self._batches[count] = Batch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
         return self._batches[count]
 
     @cached_property
     def _derivative(self) -> Evaluation:
-        return Evaluation(self._batch(1).W, self._jacobian.gathers, self._jacobian.kernels)
+        return Evaluation(self.batch(1).W, self._jacobian.gathers, self._jacobian.kernels)
 
     @cached_property
     def _tree_derivative(self) -> Evaluation:
-        return Evaluation(self._batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
+        return Evaluation(self.batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        out[:] = self._batch(1).residual(np.array([t]), y, yp)
+        out[:] = self.batch(1).residual(np.array([t]), y, yp)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
-        out[:] = self._batch(len(t)).residual(t, y, yp)
+        out[:] = self.batch(len(t)).residual(t, y, yp)
 
     def _values(self, t: float, y: Array, yp: Array) -> Array:
         """Varying values of the Jacobian."""
-        batch = self._batch(1)
+        batch = self.batch(1)
         if not batch.staged:
             batch.fill(np.array([t]), y, yp)
             return self._derivative.values()
@@ -303,7 +304,7 @@ class SceneSystem(System):
 
     @cached_property
     def _mass_values(self) -> Evaluation:
-        return Evaluation(self._batch(1).W, self._mass.gathers, self._mass.kernels)
+        return Evaluation(self.batch(1).W, self._mass.gathers, self._mass.kernels)
 
     @cached_property
     def _mass_place(self) -> NDArray[np.intp]:

@@ -45,7 +45,12 @@ class System:
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     partition: Any = None
-    guards: Any = None
+    #: contacts: (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time derivative in
+    #: m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive solvers keep
+    #: their steps short where a contact is near and never step over one
+    guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
+    #: name of each contact (used in messages); "contact[i]" where there are fewer
+    guard_names: tuple[str, ...] = ()
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 

@@ -31,6 +31,8 @@ class DAE(System):
     names     name of each unknown, default y[0], y[1], ...
     scale     typical magnitude of each unknown, default max(1, |y0|)
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
+    guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
+    guard_names  name of each contact, default contact[0], contact[1], ...
     """
 
     label = "DAE"
@@ -47,6 +49,8 @@ class DAE(System):
         t0: float = 0.0,
         scale: ArrayLike | None = None,
         sparsity: Any = None,
+        guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None,
+        guard_names: Sequence[str] | None = None,
     ) -> None:
         self.t0 = float(t0)
         self.y0 = finite_vector("y0", y0)
@@ -64,6 +68,8 @@ class DAE(System):
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
         self.kinds = tuple("lambda" if found else "y" for found in algebraic)
+        self.guards = guards
+        self.guard_names = self._checked_guards(guard_names)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
@@ -137,6 +143,29 @@ class DAE(System):
         if len(names) != self.n or len(set(names)) != self.n:
             raise OptionError(f"names = {list(names)}: give {self.n} different names, one per unknown")
         return tuple(names)
+
+    def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
+        """Names (nc,) of the contacts, whose guards are tried at the start."""
+        if self.guards is None:
+            if names is not None:
+                raise OptionError(f"guard_names = {list(names)} without guards: give guards too")
+            return ()
+        try:
+            gap, rate, duration = (np.asarray(part, dtype=float) for part in self.guards(self.t0, self.y0.copy()))
+        except (TypeError, ValueError) as error:
+            raise OptionError("guards returns no three arrays: return (gap, gap rate, duration), each (nc,)") from error
+        if gap.ndim != 1 or not gap.shape == rate.shape == duration.shape:
+            raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three times (nc,)")
+        chosen = tuple(f"contact[{i}]" for i in range(len(gap))) if names is None else tuple(names)
+        if len(chosen) != len(gap) or len(set(chosen)) != len(gap):
+            raise OptionError(f"guard_names = {list(chosen)}: give {len(gap)} different names, one per contact")
+        for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
+            if not (np.isfinite(g) and np.isfinite(r) and d > 0):
+                raise OptionError(
+                    f"guards of {name} at the start t = {self.t0}: gap {g}, gap rate {r}, duration {d}: "
+                    "gap and rate have to be finite, the duration positive (inf: no impact)"
+                )
+        return chosen
 
     def _check_residual(self) -> None:
         out = np.full(self.n, np.nan)

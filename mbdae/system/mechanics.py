@@ -115,8 +115,8 @@ class Mechanics:
         return np.where(self.rotational, 1.0, self.model.length)
 
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
-        """f (nt, nu): all forces but those of constraints and of their friction; M u' + G^T lambda = f. z (nt, nz): stresses of the beams, by
-        default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
+        """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
+        the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(_loads, t, q, u, s):
             for i in range(values.shape[1]):

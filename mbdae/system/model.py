@@ -12,7 +12,7 @@ from mbdae.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.errors import LawError, SceneError
 from mbdae.forces import Gravity
 from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Array, Beam, Body, Connection, Station
+from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -131,6 +131,8 @@ def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
     points = [p for b in scene.bodies for p in (b.position, *b.outline)]
     points += [law.at for c in scene.connections for law in c.laws]
+    races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
+    points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
     points += [law.at_l for c in scene.connections for law in c.laws if getattr(law, "at_l", None) is not None]
     extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
     return extent if extent > 0 else 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,8 +13,10 @@ from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, too_large
+from mbdae.system.contacts import Contacts, Expected, expected_contacts
 from mbdae.system.expansion import Expansion, TreeMechanics
 from mbdae.system.explicit import partition_of, rhs_of, state_rates
+from mbdae.system.ideal import ideal_start
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
@@ -39,6 +41,7 @@ class Prepared:
     start: Start
     time: float  #: characteristic time, s
     expansion: Expansion
+    contacts: list[Expected] = field(default_factory=list)  #: what is expected of the contacts of the scene
 
     @cached_property
     def everything(self) -> Mechanics:
@@ -83,18 +86,27 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
     everything = Mechanics(model, constraint_rows(model))
-    starter = Starter(everything, start.t if start is not None else t0)
-    q = start.q if start is not None else starter.close(starter.placed())
+    loose = start is None and any(c.loose for c in scene.joints)
+    ideal = ideal_start(scene, model.kept, t0) if loose else None
+    starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
+    q = start.q if start is not None else ideal.q if ideal else starter.close(starter.placed())
     rank = analyse(everything, starter, q)
     problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
     mechanics = mechanics_of(model, rank.kept, expansion)
-    begin = _continued(mechanics, start) if start is not None else Starter(mechanics, t0, changes=starter.changes).run(q)
+    begin = (_continued(mechanics, start) if start is not None else
+             Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
     problems = _contradictions(everything, rank, begin) or _later_contradictions(everything, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
-    return Prepared(model, mechanics, rank, begin, characteristic_time(mechanics, begin), expansion)
+    T = characteristic_time(mechanics, begin)
+    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {}, T)
+    problems = [problem for contact in touching for problem in contact.problems()]
+    if problems:
+        raise StartError(problems)
+    begin.changes += [change for contact in touching for change in contact.changes()]
+    return Prepared(model, mechanics, rank, begin, T, expansion, touching)
 
 
 def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:
@@ -189,6 +201,9 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
     system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
     system.t0 = start.t
+    if prepared.contacts:
+        system.guards = Contacts(system, {contact.item: contact.mass for contact in prepared.contacts})
+        system.guard_names = system.guards.names
     if prepared.model.lines:
         system.vibration = lambda: _vibration(prepared)
     assert len(system.y0) == nb.n

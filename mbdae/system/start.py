@@ -76,10 +76,10 @@ class Starter:
         self.rigid = RigidMotions(self.model)
         self._roots: tuple[Any, Array] | None = None
 
-    def run(self, q: Array) -> Start:
-        """From closed positions: velocities, states; then accelerations and multipliers."""
+    def run(self, q: Array, u: Array | None = None) -> Start:
+        """From closed positions and velocities, by default those of the tree: states, accelerations and multipliers."""
         self.check_branches(q)
-        u = self.project_velocities(q, self.carried(q))
+        u = self.project_velocities(q, self.carried(q) if u is None else u)
         s = self.states(q, u)
         a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
@@ -270,7 +270,9 @@ class Starter:
         for root in self.tree.roots:
             twist[root] = (root.velocity, root.angular_velocity)
         for parent, joint, child in self.tree.edges:
-            twist[child] = self._carry(twist[parent], parent, joint, child, place)
+            by_itself = joint.loose and child.given_velocity
+            twist[child] = (child.velocity, child.angular_velocity) if by_itself else (
+                self._carry(twist[parent], parent, joint, child, place))  # fmt: skip
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
             v, w = twist[body.owner]

@@ -1,0 +1,246 @@
+"""Steps around contacts: none is stepped over, none is entered by a step that is long against the impact.
+
+Nothing of this exists where a system has no guards. A contact is apart where its gap is positive, made where it is negative.
+Contacts are few and steps many: plain numbers are four times faster here than arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from mbdae.integrators.solution import Stats
+from mbdae.system.base import Array, System
+
+#: part of the way to the surface one step may go
+APPROACH = 0.5
+#: part of an impact one step may cover; with 0.1 Radau needs up to twice the steps for the same error
+IMPACT = 0.2
+#: part of the penetration that may come or go in a step longer than that: what lies at rest costs nothing
+REST = 0.1
+#: durations of an impact after which a contact is no impact any more, but lasts: its motion is smooth, and the error test alone
+#: decides. With a bound there the higher orders of BDF keep what rests on a contact trembling: 2 to 3 times the evaluations
+LASTING = 3.0
+#: part by which a penetration may change before a Jacobian is of no use
+CHANGE = 0.2
+#: a minimum between two points apart that is below this part of the smaller gap may be a contact
+MARGIN = 0.1
+#: largest weight of a slope in a cubic Hermite polynomial on [0, 1]
+SLOPE = 4 / 27
+#: steps taken back at one place before what is found is taken as it is
+RETRIES = 4
+#: part of a step at either end within which a zero counts as met
+MET = 1e-2
+#: a step shorter than ROUND times the time is none
+ROUND = 1e3 * float(np.finfo(float).eps)
+
+
+class Contact(NamedTuple):
+    """One contact at one time: gap (m), its rate (m/s), duration (s) of an impact at this speed."""
+
+    gap: float
+    rate: float
+    duration: float
+
+    @property
+    def calm(self) -> float:
+        """Time (s) in which the gap would change by itself at this rate."""
+        return abs(self.gap / self.rate) if self.rate else inf
+
+
+class Cubic(NamedTuple):
+    """Cubic of a gap over a step: width (s), gaps (m) and rates (m/s) at both ends."""
+
+    h: float
+    g0: float
+    g1: float
+    r0: float
+    r1: float
+
+    def value(self, s: float) -> float:
+        """Gap (m) after the part s of the step."""
+        bend = self.h * s * (1 - s) * ((1 - s) * self.r0 - s * self.r1)
+        return self.g0 + s * s * (3 - 2 * s) * (self.g1 - self.g0) + bend
+
+    def suspect(self, margin: float) -> bool:
+        """Whether it can come below margin times the smaller gap inside: a cheap test, false for nearly every step."""
+        drop = max(-self.r0, 0.0) + max(self.r1, 0.0)
+        return (1 - margin) * min(self.g0, self.g1) < SLOPE * self.h * drop
+
+    def minimum(self) -> tuple[float, float]:
+        """Part of the step and gap (m) of the lowest point inside; the lower end where there is none."""
+        d0, d1, rise = self.h * self.r0, self.h * self.r1, self.g1 - self.g0
+        a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
+        square = b * b - 3 * a * d0
+        if square > 0:
+            root = sqrt(square)
+            s = -d0 / (b + root) if b > 0 else (root - b) / (3 * a) if a else 0.0
+            if 0 < s < 1:
+                return s, self.value(s)
+        return (0.0, self.g0) if self.g0 < self.g1 else (1.0, self.g1)
+
+    def zero(self, upto: float) -> float:
+        """Part of the step after which the gap, positive at the start and negative at `upto`, vanishes."""
+        low, high = 0.0, upto
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.value(middle) > 0 else (low, middle)
+        return high
+
+
+class ContactSteps:
+    """The contacts of one run: how far the next step may go, and whether the step just made may be kept.
+
+    A solver asks `bound` before a step and takes a `look` at its end; `hidden` (or `shorter`) then says whether to try a shorter
+    one, and what is accepted it announces by `keep`.
+    """
+
+    #: part of an impact one step may cover
+    impact: float = IMPACT
+
+    def __init__(self, system: System, stats: Stats) -> None:
+        self.system, self.stats = system, stats
+        self._t = self._t_end = float(system.t0)
+        self._here = self._before = self._end = self._contacts(system.t0, system.y0)
+        self._inside = [0] * len(self._here)  # accepted steps that ended inside the present contact, if it began in this run
+        self._lasting = [self._t + LASTING * c.duration for c in self._here]  # times (s) after which the contact is no impact
+        self._stiff = [min(c.gap, 0.0) for c in self._here]  # gaps the Jacobian in use belongs to
+        self._retries = 0
+
+    def _contacts(self, t: float, y: Array) -> list[Contact]:
+        assert self.system.guards is not None
+        parts = (np.asarray(part).tolist() for part in self.system.guards(t, y))
+        return [Contact(*values) for values in zip(*parts, strict=True)]
+
+    def bound(self) -> float:
+        """Largest step from the last accepted point, s: half the way to the surface, or a small part of an impact."""
+        bound = inf
+        for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
+            short = self.impact * min(here.duration, before.duration)  # where an impact turns, it has no speed
+            if here.gap < 0:
+                if self._t < lasting:
+                    bound = min(bound, max(short, REST * min(here.calm, before.calm)))
+            elif here.rate < 0:
+                bound = min(bound, max(short, APPROACH * here.calm))
+        return max(bound, ROUND * abs(self._t))
+
+    def look(self, t: float, y: Array) -> None:
+        """Take the end of a step that was just made."""
+        self._t_end, self._end = t, self._contacts(t, y)
+
+    def hidden(self) -> float | None:
+        """Time (s) at which the step should have ended: it hides a contact, or went deep into one. None: keep it."""
+        found = [place for i in range(len(self._end)) if (place := self._hidden(i)) is not None]
+        if not found:
+            return None
+        part, surely = min(found)
+        h = self._t_end - self._t
+        if self._retries >= RETRIES or part * h <= ROUND * abs(self._t):
+            self.stats.missed_dips += surely
+            return None
+        self._retries += 1
+        self.stats.dips += 1
+        return self._t + part * h
+
+    def _hidden(self, i: int) -> tuple[float, bool] | None:
+        """Part of the step after which contact i may be made, unseen at its end or too early, and whether it surely is."""
+        here, end, cubic = self._here[i], self._end[i], self._cubic(i)
+        short = self.impact * min(here.duration, end.duration)
+        if not (here.gap > 0 and cubic.h > short):
+            return None
+        if end.gap < 0:
+            part = cubic.zero(1.0)
+            return (part, True) if (1 - part) * cubic.h > short else None
+        if not cubic.suspect(MARGIN):
+            return None
+        part, least = cubic.minimum()
+        if least < 0:
+            return cubic.zero(part), True
+        return (part, False) if 0 < part < 1 and least < MARGIN * min(here.gap, end.gap) else None
+
+    def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
+        """Count the contacts that came and went inside a constant step; inner: times (s) and states between its ends."""
+        between = [self._contacts(t, y) for t, y in inner]
+        for i, (here, end) in enumerate(zip(self._here, self._end, strict=True)):
+            if here.gap >= 0 and end.gap >= 0:
+                cubic = self._cubic(i)
+                dips = cubic.suspect(0.0) and cubic.minimum()[1] < 0
+                self.stats.missed_dips += dips or any(contacts[i].gap < 0 for contacts in between)
+
+    def shorter(self, h: float, inside: Callable[[float], Array]) -> float | None:
+        """Width (s) the step of width h should have had, to end at what it hides or where a contact is made or lost.
+
+        inside: y (n,) on the polynomial of the step after a part of it. None: keep the step.
+        """
+        when = self.hidden()
+        if when is not None:
+            return when - self._t
+        crossed = [i for i, end in enumerate(self._end) if (end.gap < 0) != (self._here[i].gap < 0)]
+        if not crossed or self._retries >= RETRIES:
+            return None
+        parts = (self._zero(i, h, inside) for i in crossed)
+        part = min((p for p in parts if MET < p < 1 - MET), default=None)
+        if part is None:
+            return None
+        self._retries += 1
+        return part * h
+
+    def _zero(self, i: int, h: float, inside: Callable[[float], Array]) -> float:
+        """Part of the step after which contact i is made or lost, on the polynomial of the step."""
+
+        def gap(part: float) -> float:
+            if part in (0.0, 1.0):
+                return (self._end if part else self._here)[i].gap
+            return self._contacts(self._t + part * h, inside(part))[i].gap
+
+        return 0.0 if gap(0.0) == 0.0 else float(brentq(gap, 0.0, 1.0, xtol=0.01 * MET, rtol=1e-12))
+
+    def keep(self) -> None:
+        """The step is accepted: count."""
+        self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
+        for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
+            if here.gap < 0:
+                if before.gap >= 0:
+                    self.stats.contacts += 1
+                    self._inside[i] = 1
+                    self._lasting[i] = self._t + LASTING * min(before.duration, here.duration)
+                elif self._inside[i]:
+                    self._inside[i] += 1
+            elif self._inside[i]:
+                self.stats.shortest_contact = min(self._inside[i], self.stats.shortest_contact or self._inside[i])
+                self._inside[i] = 0
+
+    def stiffness_changed(self) -> bool:
+        """Whether a penetration has changed since this was last true: a Jacobian from before serves no more.
+
+        The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
+        """
+        for here, was in zip(self._here, self._stiff, strict=True):
+            now = min(here.gap, 0.0)
+            if abs(now - was) > -CHANGE * min(now, was):
+                self._stiff = [min(c.gap, 0.0) for c in self._here]
+                return True
+        return False
+
+    def nearest(self) -> str:
+        """For a message: the contact that is made, or will be made first."""
+        if not self._here:
+            return ""
+        remaining = [c.gap if c.gap < 0 else c.calm if c.rate < 0 else inf for c in self._here]
+        i = int(np.argmin(remaining))
+        names = self.system.guard_names
+        name = names[i] if i < len(names) else f"contact[{i}]"
+        return f"; nearest contact: {name}, gap {self._here[i].gap:.2e} m, changing by {self._here[i].rate:.2e} m/s"
+
+    def _cubic(self, i: int) -> Cubic:
+        here, end = self._here[i], self._end[i]
+        return Cubic(self._t_end - self._t, here.gap, end.gap, here.rate, end.rate)
+
+
+def contact_steps(system: System, stats: Stats) -> ContactSteps | None:
+    """The contacts of a run, None where the system has none."""
+    return None if system.guards is None else ContactSteps(system, stats)

@@ -1,0 +1,104 @@
+"""What is not to be trusted of a run with contact or friction.
+
+Measured: every run that left the true motion, although its solver reported success, had an energy error above a tenth of
+what it dissipated.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbdae.results.clearance import ClearanceSensor
+from mbdae.results.control import Controlled
+from mbdae.results.resolution import RESOLVED, slowest_velocities, typical_speed
+from mbdae.results.result import Result
+from mbdae.system.prepare import Prepared
+
+COARSE = 0.1  #: tolerance of positions over the penetration where a result is doubtful
+ALARM, MOVING = 0.1, 1e-3  #: energy error over what was dissipated, or over MOVING times the largest kinetic energy
+THIN = 3  #: steps in the shortest contact below which it was not resolved
+FASTER, PRESSED = 5.0, 0.9  #: a whirl that many times faster than the spin, in contact for that share of the time
+
+
+def doubts_of_run(result: Result, run: Controlled) -> list[str]:
+    """What is not to be trusted of a run with contact or friction."""
+    prepared = result.prepared
+    if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
+        return []
+    found = [doubt for contact in prepared.contacts for doubt in _of_contact(result, run, contact)]
+    return _of_energy(result) + found + _of_friction(prepared, run)
+
+
+def _of_energy(result: Result) -> list[str]:
+    e = result.energy
+    off = float(np.max(np.abs(e.balance), initial=0.0))
+    lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
+    if off <= ALARM * max(lost, MOVING * moving):
+        return []
+    return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for a "
+            f"smaller accuracy, or rtol"]  # fmt: skip
+
+
+def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
+    """Penetrations against the tolerance and the clearance, resolution of impacts, whirl."""
+    prepared, law, item = result.prepared, expected.law, expected.item
+    sensor: ClearanceSensor = result[item]
+    contacts = sensor.contacts
+    if not len(contacts):
+        return []
+    found = []
+    typical, deepest = float(np.median(contacts.peak)), contacts.deepest
+    tolerance = (run.solver.rtol or 0.0) * prepared.length
+    if typical > 0 and tolerance > COARSE * typical:
+        found.append(f"'{item}' penetrates by {typical:.2g} m (median), {run.solver.label} resolves {tolerance:.2g} m: use "
+                     f"rtol = {run.solver.penetration_share * typical / prepared.length:.1g}")  # fmt: skip
+    limit = law.inner / 10 if law.outer == law.inner else min(law.outer - law.inner, law.inner / 10)
+    if deepest > limit:
+        found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the pin's "
+                     f"radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
+    return found + _whirl(result, sensor, item)
+
+
+def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
+    """Dry friction that drives the pin backwards around the race."""
+    t = result.solution.t
+    late = t[t >= t[0] + 0.5 * (t[-1] - t[0])]
+    if len(late) < 20:
+        return []
+    times = late[:: len(late) // 2000 + 1]
+    seen = sensor.at_times(times)
+    found = result.coordinate_at(item, times)
+    if found is None:
+        return []
+    spin = float(np.median(found[1]))
+    pressed = float(np.mean(seen["gap"].min(axis=1) < 0))
+    x, y = seen["orbit"].T
+    turning = float(np.median(_rate(times, np.unwrap(np.arctan2(y, x)))))
+    if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin):
+        return []
+    return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} rad/s, "
+            f"driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
+
+
+def _rate(t: Any, angle: Any) -> Any:
+    return np.diff(angle) / np.diff(t)
+
+
+def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:
+    rtol = run.solver.rtol or 0.0
+    resolved = rtol * typical_speed(prepared)
+    return [f"friction of '{item}' changes within {velocity:.2g} m/s, {run.solver.label} resolves {resolved:.2g} m/s: use rtol = "
+            f"{RESOLVED * velocity / typical_speed(prepared):.1g}"
+            for item, _, velocity in slowest_velocities(prepared) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
+
+
+def doubts_of_steps(run: Controlled) -> list[str]:
+    """Contacts that the steps did not resolve."""
+    stats, found = run.solution.stats, []
+    if stats.missed_dips:
+        found.append(f"{stats.missed_dips} contacts may have been stepped over: use a solver with error control, or a smaller step")
+    if 0 < stats.shortest_contact < THIN:
+        found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
+    return found

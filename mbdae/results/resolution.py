@@ -1,0 +1,61 @@
+"""What a run with contact or friction needs of its tolerance.
+
+Measured: below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, the motion is right to a
+few per cent of clearance and penetration; above ten times the penetration it is not, and solvers report success.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from mbdae.errors import OptionError
+from mbdae.integrators.base import Solver
+from mbdae.system.prepare import Prepared
+
+RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above
+WRONG = 10.0  #: tolerance of positions over the penetration where a result is none
+
+
+def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:
+    """(item, friction law, velocity in m/s over which its coefficient changes) of every friction law of a scene."""
+    for _, _, instance in prepared.model.instances():
+        friction = getattr(instance.law, "friction", None)
+        velocity = friction.smallest_velocity() if friction is not None else None
+        if velocity is not None:
+            yield instance.item, friction, velocity
+
+
+def typical_speed(prepared: Prepared) -> float:
+    """Typical velocity of the scene, m/s: what velocity tolerances are relative to."""
+    return prepared.length / prepared.time
+
+
+def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
+    """The largest rtol with which a solver resolves the contacts and the friction of a scene; inf where there are none."""
+    limits = [float("inf")]
+    limits += [solver.penetration_share * contact.depth / prepared.length for contact in prepared.contacts]
+    limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
+    return min(limits)
+
+
+def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
+    """Refuse a tolerance that cannot resolve contact or friction, with the value that can."""
+    wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
+    tightest = solver.tightest.get("GGL", solver.tightest[""])
+    for contact in prepared.contacts:
+        if rtol is not None and rtol * prepared.length > WRONG * contact.depth:
+            raise OptionError(
+                f"rtol = {rtol:g} in {solver.label} means {rtol * prepared.length:.2g} m, '{contact.item}' is expected to "
+                f"penetrate by {contact.depth:.2g} m: contact would be lost silently; use rtol = {wanted:.1g} or an accuracy"
+            )
+    for item, friction, velocity in slowest_velocities(prepared):
+        limit = RESOLVED * velocity / typical_speed(prepared)
+        name = type(friction).__name__
+        if (rtol is not None and rtol > 100 * limit) or limit < tightest:
+            means = max(rtol or 0.0, tightest) * typical_speed(prepared)
+            raise OptionError(
+                f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at best "
+                f"with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or the step crawl; raise it to "
+                f"{means / RESOLVED:.1g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
+            )

@@ -1,0 +1,171 @@
+"""One-sided laws of a scene: their gaps during a run, what is known of them before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.kernels import plan
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.evaluation import Evaluation
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.start import Start
+
+DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused
+
+
+def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Gap (m) and rate (m/s) of every place where a one-sided law may act."""
+    if not isinstance(d.law, Force):
+        return []
+    pairs = d.law.gaps(*d.sides)
+    resolve, name = d.variation.resolve, d.variation.name
+    return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
+
+
+def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Gradients of the relative displacements along which a one-sided law may act."""
+    if not isinstance(d.law, Force):
+        return []
+    out: list[tuple[Target, Expr]] = []
+    for i, e in enumerate(d.law.approach(*d.sides)):
+        for f in d.sides:
+            move, turn = d.variation.gradient(f, d.variation.name(e))
+            pair = tuple(type(part)(*map(d.variation.resolve, part)) for part in (move, turn))
+            out += [(("A", i, *t[1:]), entry) for t, entry in scatter_pair(f, pair)]  # type: ignore[arg-type]
+    return out
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of contact: the item it belongs to, its law with numbers, its effective mass (kg)."""
+
+    item: str
+    law: Any
+    mass: float
+
+
+def effective_masses(mechanics: Mechanics, t: Array, q: Array) -> dict[str, tuple[Any, float]]:
+    """By item: its one-sided law, and the smallest mass (kg) that meets an impact along any direction, joints left out."""
+    found: dict[str, tuple[Any, float]] = {}
+    for g, p, values in mechanics.evaluate(approach_outputs, t, q[None], np.zeros((1, mechanics.nu))):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            rows = np.zeros((1 + max(target[1] for target in p.targets), mechanics.nu))
+            for o, (_, r, side, column) in enumerate(p.targets):
+                rows[r, mechanics.numbering.velocity(("u", side, column), g, i)] += values[0, i, o]
+            rows = rows[np.any(rows != 0, axis=1)]
+            mobility = float(np.max(mechanics.mobility(rows), initial=0.0))
+            found[instance.item] = instance.law, 1 / mobility if mobility > 0 else np.inf
+    return found
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is known of a contact before the run. SI units.
+
+    depth: penetration expected, m; penetration: at the start, with the force (N) and elastic energy (J) it means;
+    slowest: velocity over which friction changes, m/s, None without friction.
+    """
+
+    item: str
+    law: Any
+    mass: float
+    depth: float
+    penetration: float
+
+    @property
+    def slowest(self) -> float | None:
+        """Velocity over which the friction coefficient changes, m/s."""
+        return None if self.law.friction is None else self.law.friction.smallest_velocity()
+
+    def _held(self) -> str:
+        p = self.penetration
+        force, energy = (float(e) for e in (self.law.normal.elastic_force(p), self.law.normal.energy(p)))
+        return f"penetration of {p:.3g} m ({force:.3g} N, {energy:.3g} J)"
+
+    def problems(self) -> list[str]:
+        """Starts that cannot be meant."""
+        if self.penetration <= self.law.inner / DEEP:
+            return []
+        return [f"'{self.item}' starts with a {self._held()}, more than {1 / DEEP:g} of the pin's radius {self.law.inner:g} m: "
+                f"draw the pin inside the race, or give the clearance that is meant"]  # fmt: skip
+
+    def changes(self) -> list[str]:
+        """What the user should know of the start."""
+        return [f"'{self.item}' starts with a {self._held()}"] if self.penetration > 0 else []
+
+
+def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float], time: float) -> list[Expected]:
+    """What to expect of every contact: penetration under the reaction of the ideal joint, else that of an impact."""
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    masses = effective_masses(mechanics, t, start.q)
+    gaps: dict[str, tuple[float, float]] = {}
+    for g, p, values in mechanics.evaluate(gap_outputs, t, q, u) if masses else []:
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            pairs = values[0, i].reshape(-1, 2)
+            gaps[instance.item] = float(pairs[:, 0].min()), float(np.abs(pairs[:, 1]).max())
+            assert len(p.targets) == pairs.size
+    found = []
+    for item, (law, mass) in masses.items():
+        gap, rate = gaps[item]
+        force = reactions.get(item, 0.0)
+        if force > 0:
+            depth = law.normal.penetration(force)
+        else:  # no load at the start: an impact at the speed of the start, or a typical one
+            speed = _relative_speed(mechanics, item, start) or rate or mechanics.model.length / time
+            depth = float(law.normal.impact(mass, speed)[0])
+        found.append(Expected(item, law, mass, depth, max(0.0, -gap)))
+    return found
+
+
+def _relative_speed(mechanics: Mechanics, item: str, start: Start) -> float:
+    """Speed (m/s) of the points of an item relative to each other."""
+    t, q = np.array([start.t]), start.q[None]
+    for g, p, values in mechanics.evaluate(approach_outputs, t, q, np.zeros((1, mechanics.nu))):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            if instance.item == item:
+                speed = np.zeros(1 + max(target[1] for target in p.targets))
+                for o, (_, r, side, column) in enumerate(p.targets):
+                    speed[r] += values[0, i, o] * start.u[mechanics.numbering.velocity(("u", side, column), g, i)]
+                return float(np.linalg.norm(speed))
+    return 0.0
+
+
+class Contacts:
+    """The guards of a system: gap, gap rate and duration of an impact at every place of contact."""
+
+    def __init__(self, system: SceneSystem, masses: dict[str, float]) -> None:
+        self._system, model = system, system.model
+        gathers, kernels = [], []
+        self.places: list[Place] = []
+        for g, group in enumerate(model.groups):
+            p = plan(group.derived, gap_outputs)
+            if not p.targets:
+                continue
+            gathers.append(system.numbering.gather(g, p.all_inputs))
+            kernels.append(p.kernel)
+            self.places += [Place(instance.item, instance.law, masses[instance.item])
+                            for instance in group.instances for _ in p.targets[::2]]  # fmt: skip
+        self._batch = system.batch(1)
+        self._evaluation = Evaluation(self._batch.W, gathers, kernels)
+        self._zero = np.zeros(system.n)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joint of every place."""
+        return tuple(place.item for place in self.places)
+
+    def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
+        """Gap (m), its rate (m/s) and the duration (s) of an impact at that rate, (places,) each."""
+        self._batch.fill(np.array([t]), y, self._zero)
+        pairs = self._evaluation.values().reshape(-1, 2)
+        gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
+        duration = [float(p.law.contact_duration(p.mass, v)) for p, v in zip(self.places, rate, strict=True)]
+        return gap, rate, np.array(duration)
