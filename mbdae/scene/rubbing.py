@@ -53,7 +53,7 @@ def rubbing(kind: str, name: str, friction: Any, option: str, value: Any, model:
     """The friction of a joint and what is wrong with it; option: "radius" (m) or "normal_force" (N) with its value."""
     head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"
     if friction is None:
-        idle = f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c) or another, or omit it"
+        idle = f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or omit it"
         return Rubbing(), [] if value is None else [idle]
     problems = _wrong(head, friction, option, value, unit)
     if isinstance(model, Clearance):
