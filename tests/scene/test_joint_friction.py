@@ -179,16 +179,14 @@ def test_start_satisfies_the_equations() -> None:
 
 
 def test_solvers_forms_and_models_agree() -> None:
-    angles = {}
+    """To 2e-7 rad with Radau GGL, 2e-6 with IDA, 4e-5 at index 3 (two orders less at rtol = 1e-11: measured)."""
+    exact = slider_crank().simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-10), outputs=26)["A"].angle
     for model in (mb.Kinematic(), mb.Classical()):
-        for solver, form in SOLVED:
+        for (solver, form), bound in zip(SOLVED, (6e-6, 1e-6, 1e-4), strict=True):
             r = slider_crank(model=model).simulate(0.5, solver=solver, form=form, outputs=26)
-            angles[model, solver.label, form.label] = r["A"].angle
-            assert np.max(np.abs(r.energy.balance)) < 1e-5 * r.energy.kinetic[0]  # index 3 measures 4e-6
-            assert r.energy.dissipated[-1] > 0.1 * r.energy.kinetic[0]
-    first = angles.popitem()[1]
-    for name, other in angles.items():
-        np.testing.assert_allclose(other, first, atol=2e-6, err_msg=str(name))
+            np.testing.assert_allclose(r["A"].angle, exact, rtol=0, atol=bound)
+            assert np.max(np.abs(r.energy.balance)) < 0.5 * bound * r.energy.kinetic[0]
+            assert r.energy.friction[-1] > 0.1 * r.energy.kinetic[0]
 
 
 def test_friction_of_a_loop_closed_beside_recursive_joints() -> None:
