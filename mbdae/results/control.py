@@ -57,7 +57,9 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
     motions is in contact: an impact a moment later is no error of the speed it leaves with."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
-    apart = ~(touching(m, *a) | touching(m, *b)) if prepared.contacts else np.ones(len(q_a), dtype=bool)
+    apart = np.ones(len(q_a), dtype=bool)
+    if prepared.contacts:
+        apart = ~np.logical_or(touching(m, *a), touching(m, *b))
     for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
         if mask.any() and not m.model.lines:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
@@ -129,15 +131,15 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     begin = time.perf_counter() if begin is None else begin
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, begin, options)
+        ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
+        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, begin, options, ceiling)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
 def _controlled(system: System, measure: Measure, solver: Solver, accuracy: float, t_end: float,
-                outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
+                outputs: Array, begin: float, options: dict[str, Any], ceiling: float) -> Controlled:  # fmt: skip
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
-    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     tight = _with_rtol(tight, min(tight.tolerance, max(ceiling, limit)))
     loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
     coarse = loose.solve(system, t_end, begin=begin, **options)
