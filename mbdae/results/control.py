@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
-from mbdae.results.resolution import largest_tolerance
+from mbdae.results.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.contacts import gap_outputs
@@ -33,6 +33,7 @@ CRAWL = 10  #: residual evaluations of a run over those of its companion at whic
 CHAOTIC = 2.0
 CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
+COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
 BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
@@ -131,13 +132,14 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     begin = time.perf_counter() if begin is None else begin
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
-        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, begin, options, ceiling)
+        run = _controlled(system, prepared, solver, accuracy, t_end, outputs, begin, options)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
-def _controlled(system: System, measure: Measure, solver: Solver, accuracy: float, t_end: float,
-                outputs: Array, begin: float, options: dict[str, Any], ceiling: float) -> Controlled:  # fmt: skip
+def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float,
+                outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
+    measure = measure_of(system, prepared)
+    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, max(ceiling, limit)))
@@ -164,8 +166,13 @@ def _controlled(system: System, measure: Measure, solver: Solver, accuracy: floa
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(times, coarse(times), fine(times))))
         before, best = best.estimate, Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
-        if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
+        ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
+        too_coarse = tight.tolerance > COARSE * ceiling
+        if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return best
+        if too_coarse:
+            loose, coarse, tight = tight, fine, _with_rtol(tight, ceiling)
+            continue
         if system.guards is not None and best.estimate > before / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(before, best.estimate)))
         wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))

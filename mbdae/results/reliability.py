@@ -98,7 +98,7 @@ def doubts_of_steps(run: Controlled) -> list[str]:
     """Contacts that the steps did not resolve."""
     stats, found = run.solution.stats, []
     if stats.missed_dips:
-        found.append(f"{stats.missed_dips} contacts may have been stepped over: use a solver with error control, or smaller steps")
+        found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
     if 0 < stats.shortest_contact < THIN:
         found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
     return found
