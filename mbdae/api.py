@@ -73,8 +73,9 @@ class Scene(SceneData):
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time; with beams positions and angles alone, because their
-        velocities ring, and where pin and race of a clearance joint touch too, because an impact a moment later is no error); the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or
-        step of its own is run once, as it is.
+        velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
+        the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or step of its own is
+        run once, as it is.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
         """

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbdae.results.contacts import Contacts, contacts_of
 from mbdae.results.sensors import ConnectionSensor
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
@@ -25,30 +25,6 @@ def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
         return []
     v = d.variation
     return [((name, i), v.resolve(v.name(e))) for name, parts in d.law.observed(*d.sides).items() for i, e in enumerate(parts)]
-
-
-@dataclass(frozen=True)
-class Contacts:
-    """Every contact of a run in order of time, whatever times the result shows: begin, end (s), peak penetration (m), (n,).
-
-    A contact that lasts at the end of the run ends there; where the bearing touches at both ends, both are counted."""
-
-    begin: Array
-    end: Array
-    peak: Array
-
-    def __len__(self) -> int:
-        return len(self.begin)
-
-    @property
-    def first(self) -> float:
-        """Time of the first contact, s; nan where there is none."""
-        return float(self.begin[0]) if len(self.begin) else float("nan")
-
-    @property
-    def deepest(self) -> float:
-        """Largest penetration, m; 0 where there is none."""
-        return float(np.max(self.peak, initial=0.0))
 
 
 class ClearanceSensor(ConnectionSensor):
@@ -138,44 +114,3 @@ def observed(result: Result, item: str, t: Array) -> dict[str, Array]:
                 for o, (name, _) in enumerate(p.targets):
                     columns.setdefault(name, []).append(values[:, i, o])
     return {name: np.stack(parts, axis=1) for name, parts in columns.items()}
-
-
-def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]:
-    """Begin, end and peak penetration (n,) of the contacts of one place, by cubic interpolation of gap and rate on steps."""
-    touching = gap < 0
-    change = np.flatnonzero(np.diff(touching.astype(int)))
-    times = np.array([_zero(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]) for i in change])
-    begin = np.r_[t[:1] if touching[0] else [], times[touching[change + 1]]] if len(change) else t[:1] if touching[0] else t[:0]
-    end = times[~touching[change + 1]] if len(change) else t[:0]
-    end = np.r_[end, t[-1:]] if touching[-1] else end
-    depth = _deepest(t, gap, rate)
-    peak = [np.max(depth[max(np.searchsorted(t, a, "right") - 1, 0) : max(np.searchsorted(t, b, "left"), 1)], initial=0.0)
-            for a, b in zip(begin, end, strict=True)]  # fmt: skip
-    return begin, end, np.array(peak)
-
-
-def _hermite(t: Array, g: Array, r: Array) -> Array:
-    """Coefficients (4,) of the cubic through values and rates at both ends, highest power first, over 0..1."""
-    h = t[1] - t[0]
-    a, b = r[0] * h, r[1] * h
-    return np.array([2 * (g[0] - g[1]) + a + b, 3 * (g[1] - g[0]) - 2 * a - b, a, g[0]])
-
-
-def _zero(t: Array, g: Array, r: Array) -> float:
-    """Where the gap changes sign between two steps, s."""
-    roots = np.roots(_hermite(t, g, r))
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    inside = real[(real >= 0) & (real <= 1)]
-    share = float(inside[0]) if len(inside) else float(g[0] / (g[0] - g[1]))
-    return float(t[0] + share * (t[1] - t[0]))
-
-
-def _deepest(t: Array, gap: Array, rate: Array) -> Array:
-    """(steps,) largest penetration inside every step."""
-    depth = np.maximum(-gap[:-1], -gap[1:])
-    for i in np.flatnonzero((rate[:-1] < 0) & (rate[1:] > 0) & (np.minimum(gap[:-1], gap[1:]) < 0)):
-        c = _hermite(t[i : i + 2], gap[i : i + 2], rate[i : i + 2])
-        turning = np.roots(np.polyder(c))
-        inside = turning[(np.abs(turning.imag) < 1e-9) & (turning.real > 0) & (turning.real < 1)].real
-        depth[i] = max(depth[i], -float(np.min(np.polyval(c, inside), initial=0.0)))
-    return np.maximum(depth, 0.0)

@@ -19,7 +19,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
-from mbdae.results.resolution import largest_tolerance
+from mbdae.results.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.contacts import gap_outputs
@@ -33,6 +33,7 @@ CRAWL = 10  #: residual evaluations of a run over those of its companion at whic
 CHAOTIC = 2.0
 CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
+COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
 BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
@@ -57,7 +58,9 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
     motions is in contact: an impact a moment later is no error of the speed it leaves with."""
     m, (q_a, u_a), (q_b, u_b) = prepared.mechanics, a, b
     worst = np.zeros(len(q_a))
-    apart = ~(touching(m, *a) | touching(m, *b)) if prepared.contacts else np.ones(len(q_a), dtype=bool)
+    apart = np.ones(len(q_a), dtype=bool)
+    if prepared.contacts:
+        apart = ~np.logical_or(touching(m, *a), touching(m, *b))
     for mask, unit in ((~m.rotational, prepared.length), (m.rotational, 1.0)):
         if mask.any() and not m.model.lines:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
@@ -129,15 +132,16 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     begin = time.perf_counter() if begin is None else begin
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _controlled(system, measure_of(system, prepared), solver, accuracy, t_end, outputs, begin, options)
+        run = _controlled(system, prepared, solver, accuracy, t_end, outputs, begin, options)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
-def _controlled(system: System, measure: Measure, solver: Solver, accuracy: float, t_end: float,
+def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float,
                 outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
+    measure = measure_of(system, prepared)
+    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
-    ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     tight = _with_rtol(tight, min(tight.tolerance, max(ceiling, limit)))
     loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
     coarse = loose.solve(system, t_end, begin=begin, **options)
@@ -162,8 +166,13 @@ def _controlled(system: System, measure: Measure, solver: Solver, accuracy: floa
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(times, coarse(times), fine(times))))
         before, best = best.estimate, Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
-        if best.estimate <= accuracy or tight.tolerance <= limit * (1 + 1e-9):
+        ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
+        too_coarse = tight.tolerance > COARSE * ceiling
+        if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return best
+        if too_coarse:
+            loose, coarse, tight = tight, fine, _with_rtol(tight, ceiling)
+            continue
         if system.guards is not None and best.estimate > before / CHAOTIC:
             return replace(best, notes=(*best.notes, CHAOS.format(before, best.estimate)))
         wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))

@@ -37,8 +37,8 @@ def _of_energy(result: Result) -> list[str]:
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
     if off <= ALARM * max(lost, MOVING * moving):
         return []
-    return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for a "
-            f"smaller accuracy, or rtol"]  # fmt: skip
+    return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
+            f"a smaller accuracy, or rtol"]  # fmt: skip
 
 
 def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
@@ -56,8 +56,8 @@ def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
                      f"rtol = {run.solver.penetration_share * typical / prepared.length:.1g}")  # fmt: skip
     limit = law.inner / 10 if law.outer == law.inner else min(law.outer - law.inner, law.inner / 10)
     if deepest > limit:
-        found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the pin's "
-                     f"radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
+        found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the "
+                     f"pin's radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
     return found + _whirl(result, sensor, item)
 
 
@@ -78,8 +78,8 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     turning = float(np.median(_rate(times, np.unwrap(np.arctan2(y, x)))))
     if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin):
         return []
-    return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} rad/s, "
-            f"driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
+    return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
+            f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
 
 
 def _rate(t: Any, angle: Any) -> Any:
@@ -98,7 +98,7 @@ def doubts_of_steps(run: Controlled) -> list[str]:
     """Contacts that the steps did not resolve."""
     stats, found = run.solution.stats, []
     if stats.missed_dips:
-        found.append(f"{stats.missed_dips} contacts may have been stepped over: use a solver with error control, or a smaller step")
+        found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
     if 0 < stats.shortest_contact < THIN:
         found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
     return found

@@ -9,8 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
+from mbdae.integrators.solution import Solution
+from mbdae.results.contacts import contacts_of
+from mbdae.system.contacts import gap_outputs
 from mbdae.system.prepare import Prepared
 
 RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above
@@ -39,6 +44,23 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
     return min(limits)
 
 
+def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
+    """The largest rtol that resolves the contacts a run has found: that of their median penetration; the ceiling before where
+    it has found none."""
+    if prepared is None or not prepared.contacts:
+        return ceiling
+    q, u, s = prepared.states(run.t, run.y)
+    peaks = []
+    for _, _, values in prepared.mechanics.evaluate(gap_outputs, run.t, q, u, s):
+        places = values.reshape(len(run.t), -1, 2)
+        for gap, rate in np.moveaxis(places, (1, 2), (0, 1)):
+            found = contacts_of(run.t, gap, rate)[2]
+            peaks += [float(np.median(found))] if len(found) else []
+    peaks = [peak for peak in peaks if peak > 0]
+    limits = [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
+    return min([solver.penetration_share * min(peaks) / prepared.length, *limits]) if peaks else ceiling
+
+
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
     """Refuse a tolerance that cannot resolve contact or friction, with the value that can."""
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
@@ -55,7 +77,7 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
         if (rtol is not None and rtol > 100 * limit) or limit < tightest:
             means = max(rtol or 0.0, tightest) * typical_speed(prepared)
             raise OptionError(
-                f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at best "
-                f"with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or the step crawl; raise it to "
+                f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at "
+                f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or the step crawl; raise it to "
                 f"{means / RESOLVED:.1g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
             )

@@ -230,4 +230,5 @@ def insert(d: Derived, expressions: list[Expr]) -> list[Expr]:
     table = d.variation.insertion(shared=True)
     if not expressions or not table:
         return expressions
-    return list(se.Matrix(1, len(expressions), expressions).subs(table))
+    used = set().union(*(se.sympify(e).free_symbols for e in expressions))
+    return list(se.Matrix(1, len(expressions), expressions).subs({x: table[x] for x in used if x in table}))

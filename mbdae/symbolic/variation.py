@@ -46,6 +46,8 @@ class Variation:
         self._named: dict[Expr, Expr] = {}
         self._gradients: dict[tuple[str, str, Expr], tuple[Vec, Vec]] = {}
         self._partials: dict[tuple[Expr, Expr], Expr] = {}
+        self._tables: dict[bool, dict[Expr, Expr]] = {}
+        self._inserted = {False: 0, True: 0}
         self._structure = {symbol: value for f in frames for symbol, value in f.structure.items()}
 
     def resolve(self, e: Any) -> Expr:
@@ -177,14 +179,20 @@ class Variation:
 
         shared: names stay one node each, an unevaluated expression: flattened into their users they would make the
         compilation of a large law explode."""
-        table: dict[Expr, Expr] = {}
-        for f in self.frames:
+        table = self._tables.setdefault(shared, {})
+        for f in self.frames if not table else ():
             for symbol, value in f.meaning.items():
                 table[symbol] = value.subs(table)
-        for name, value in self.values.items():
-            e = self.resolve(value).subs(table)
+        for name, value in list(self.values.items())[self._inserted[shared] :]:
+            e = _replaced(self.resolve(value), table)
             table[name] = se.UnevaluatedExpr(e) if shared and not e.is_Number and not isinstance(e, se.Symbol) else e
+        self._inserted[shared] = len(self.values)
         return table
+
+
+def _replaced(e: Expr, table: dict[Expr, Expr]) -> Expr:
+    """e with those symbols replaced that it contains."""
+    return e.subs({x: table[x] for x in e.free_symbols if x in table})
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:

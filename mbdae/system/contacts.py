@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,8 @@ from mbdae.system.evaluation import Evaluation
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.start import Start
 
+#: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
+PLAY, PIN = 1e-2, 1e-6
 DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused
 
 
@@ -52,17 +55,29 @@ class Place:
     mass: float
 
 
-def effective_masses(mechanics: Mechanics, t: Array, q: Array) -> dict[str, tuple[Any, float]]:
-    """By item: its one-sided law, and the smallest mass (kg) that meets an impact along any direction, joints left out."""
-    found: dict[str, tuple[Any, float]] = {}
-    for g, p, values in mechanics.evaluate(approach_outputs, t, q[None], np.zeros((1, mechanics.nu))):
+@dataclass(frozen=True)
+class Approach:
+    """Of a one-sided law: its numbers, the smallest mass (kg) that meets an impact along any direction with the joints left
+    out, and the speed (m/s) of its two points relative to each other."""
+
+    law: Any
+    mass: float
+    speed: float
+
+
+def approaches(mechanics: Mechanics, start: Start) -> dict[str, Approach]:
+    """By item."""
+    found: dict[str, Approach] = {}
+    t, q = np.array([start.t]), start.q[None]
+    for g, p, values in mechanics.evaluate(approach_outputs, t, q, np.zeros((1, mechanics.nu))):
         for i, instance in enumerate(mechanics.model.groups[g].instances):
             rows = np.zeros((1 + max(target[1] for target in p.targets), mechanics.nu))
             for o, (_, r, side, column) in enumerate(p.targets):
                 rows[r, mechanics.numbering.velocity(("u", side, column), g, i)] += values[0, i, o]
             rows = rows[np.any(rows != 0, axis=1)]
             mobility = float(np.max(mechanics.mobility(rows), initial=0.0))
-            found[instance.item] = instance.law, 1 / mobility if mobility > 0 else np.inf
+            mass = 1 / mobility if mobility > 0 else np.inf
+            found[instance.item] = Approach(instance.law, mass, float(np.linalg.norm(rows @ start.u)))
     return found
 
 
@@ -102,40 +117,26 @@ class Expected:
         return [f"'{self.item}' starts with a {self._held()}"] if self.penetration > 0 else []
 
 
-def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float], time: float) -> list[Expected]:
-    """What to expect of every contact: penetration under the reaction of the ideal joint, else that of an impact."""
+def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float]) -> list[Expected]:
+    """What to expect of every contact of a scene."""
+    found = approaches(mechanics, start)
+    gaps: dict[str, float] = {}
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
-    masses = effective_masses(mechanics, t, start.q)
-    gaps: dict[str, tuple[float, float]] = {}
-    for g, p, values in mechanics.evaluate(gap_outputs, t, q, u) if masses else []:
+    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u) if found else []:
         for i, instance in enumerate(mechanics.model.groups[g].instances):
-            pairs = values[0, i].reshape(-1, 2)
-            gaps[instance.item] = float(pairs[:, 0].min()), float(np.abs(pairs[:, 1]).max())
-            assert len(p.targets) == pairs.size
-    found = []
-    for item, (law, mass) in masses.items():
-        gap, rate = gaps[item]
-        force = reactions.get(item, 0.0)
-        if force > 0:
-            depth = law.normal.penetration(force)
-        else:  # no load at the start: an impact at the speed of the start, or a typical one
-            speed = _relative_speed(mechanics, item, start) or rate or mechanics.model.length / time
-            depth = float(law.normal.impact(mass, speed)[0])
-        found.append(Expected(item, law, mass, depth, max(0.0, -gap)))
-    return found
+            gaps[instance.item] = float(values[0, i, ::2].min())
+    depth = {item: _depth(a, reactions.get(item, 0.0)) for item, a in found.items()}
+    return [Expected(item, a.law, a.mass, depth[item], max(0.0, -gaps[item])) for item, a in found.items()]
 
 
-def _relative_speed(mechanics: Mechanics, item: str, start: Start) -> float:
-    """Speed (m/s) of the points of an item relative to each other."""
-    t, q = np.array([start.t]), start.q[None]
-    for g, p, values in mechanics.evaluate(approach_outputs, t, q, np.zeros((1, mechanics.nu))):
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            if instance.item == item:
-                speed = np.zeros(1 + max(target[1] for target in p.targets))
-                for o, (_, r, side, column) in enumerate(p.targets):
-                    speed[r] += values[0, i, o] * start.u[mechanics.numbering.velocity(("u", side, column), g, i)]
-                return float(np.linalg.norm(speed))
-    return 0.0
+def _depth(a: Approach, force: float) -> float:
+    """Penetration (m) of an impact at the speed of the start; without one that under the force (N) of the ideal joint, or after
+    a fall through the play under it, at least a small part of the play."""
+    normal, play = a.law.normal, a.law.outer - a.law.inner
+    if a.speed * play > 0:
+        return float(normal.impact(a.mass, a.speed)[0])
+    fall = float(normal.impact(a.mass, math.sqrt(2 * force * play / a.mass))[0]) if force * play > 0 else 0.0
+    return max(float(normal.penetration(force)), fall, float(PLAY * play), float(PIN * a.law.inner))
 
 
 class Contacts:
