@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scenes import data, stick_slip
 
 import mbdae as mb
 
-VALIDATION = Path(__file__).resolve().parents[2] / "validation"
 G = 9.81
 DRY = mb.Coulomb(0.3, 1e-3)
 SOLVED = [(mb.IDA(rtol=1e-9), mb.GGL()), (mb.RadauIIA(3, rtol=1e-9), mb.GGL()), (mb.RadauIIA(3, rtol=1e-9), mb.Index3())]
@@ -95,7 +93,7 @@ def test_axis_of_any_direction() -> None:
 
 
 def test_pendulum_loses_amplitude() -> None:
-    """Half a swing of a mass on a rod L in a bearing of radius r costs mu r m g (6 sin A - 4 A cos A), to first order in mu r / L."""
+    """Half a swing of a mass at L in a bearing of radius r costs mu r m g (6 sin A - 4 A cos A), to first order in mu r / L."""
     L, r_pin, mu, A = 1.0, 0.01, 0.02, 0.5
     s = mb.Scene("pendulum", gravity=(0, -G, 0))
     body = s.rigid_body("bob", 3.0, 0.0, at=(0, -L))
@@ -110,27 +108,15 @@ def test_pendulum_loses_amplitude() -> None:
 # ---- stick and slip ----------------------------------------------------------------------------------------------------
 
 
-def stick_slip(model: Any = None) -> mb.Scene:
-    """A mass on a rail with LuGre friction, pulled by a spring whose other end moves at 0.1 m/s."""
-    s = mb.Scene("stick-slip")
-    mass, hand = s.rigid_body("mass", 1.0, 0.1, at=(0, 0)), s.rigid_body("hand", 1.0, 0.1, at=(1, 0))
-    with pytest.warns(mb.AccuracyWarning, match="damping_decay=True"):
-        friction = mb.LuGre(1.0, 1.5, 1e-3, 1e5, np.sqrt(1e5), 0.4, damping_decay=False)
-    s.prismatic("slide", s.ground, mass, at=(0, 0), axis=(1, 0, 0), friction=friction, normal_force=1.0, model=model)
-    s.prismatic("guide", s.ground, hand, at=(1, 0), axis=(1, 0, 0), position=0.1 * mb.t)
-    s.spring("spring", mass, hand, at_k=(0, 0), at_l=(1, 0), stiffness=2.0)
-    return s
-
-
 @pytest.mark.parametrize(("solver", "model"), [(mb.IDA(rtol=1e-9), None), (mb.RadauIIA(3, rtol=1e-8), mb.Recursive())], ids=repr)
 def test_stick_slip(solver: Any, model: Any) -> None:
     """Positions, velocities and the deflection of the bristles against an independent integration."""
-    data = json.loads((VALIDATION / "lugre_stick_slip" / "reference.json").read_text())
-    r = stick_slip(model).simulate(25.0, solver=solver, outputs=data["t"])
+    given = data("lugre_stick_slip")
+    r = stick_slip(model).simulate(25.0, solver=solver, outputs=given["t"])
     z = r.states(r.t)[2][:, 0]
-    np.testing.assert_allclose(r["slide"].displacement, data["x"], atol=2e-6)
-    np.testing.assert_allclose(r["slide"].rate, data["v"], atol=4e-6)
-    np.testing.assert_allclose(z, data["z"], atol=1e-4 * 1.5e-5)
+    np.testing.assert_allclose(r["slide"].displacement, given["x"], atol=2e-6)
+    np.testing.assert_allclose(r["slide"].rate, given["v"], atol=4e-6)
+    np.testing.assert_allclose(z, given["z"], atol=1e-4 * 1.5e-5)
     assert abs(r.energy.balance[-1]) < 1e-5 * r.energy.dissipated[-1]
 
 
@@ -166,7 +152,8 @@ def test_jacobian_knows_how_friction_follows_from_multipliers(form: Any) -> None
         step = h * np.eye(system.n)[j]
         system.residual(0.0, y + step, yp + 3 * step, plus)
         system.residual(0.0, y - step, yp - 3 * step, minus)
-        np.testing.assert_allclose(exact[:, j], (plus - minus) / (2 * h), atol=2e-6 * np.abs(exact).max(), err_msg=system.names[j])
+        slope = (plus - minus) / (2 * h)
+        np.testing.assert_allclose(exact[:, j], slope, atol=2e-6 * np.abs(exact).max(), err_msg=system.names[j])
 
 
 def test_start_satisfies_the_equations() -> None:
@@ -273,7 +260,7 @@ def test_self_locking_is_named() -> None:
 def test_reaction_that_is_shared_is_refused() -> None:
     s = block()
     s.prismatic("second", s.ground, s["block"], at=(0.1, 0), axis=(1, 0, 0))
-    with pytest.raises(mb.SceneError, match=r"joint 'slide': its friction follows from its reaction, but redundant .*slide.offset_y"):
+    with pytest.raises(mb.SceneError, match=r"'slide': its friction follows from its reaction, but redundant .*slide.offset_y"):
         s.check()
 
 
@@ -284,8 +271,8 @@ def test_reaction_that_is_shared_is_refused() -> None:
         ({"friction": DRY}, "radius = None: friction in a bearing needs the radius of its pin"),
         ({"friction": DRY, "radius": -0.1}, "radius = -0.1: friction in a bearing needs"),
         ({"radius": 0.1}, "radius = 0.1 m does nothing without friction="),
-        ({"friction": DRY, "radius": 0.1, "model": mb.Recursive()}, "a recursive joint has none among its unknowns; use model=mb.Kin"),
-        ({"friction": DRY, "radius": 0.1, "model": mb.Clearance(0.11, 0.1, mb.Hertz(1e8))}, r"say model=mb.Clearance\(.*friction="),
+        ({"friction": DRY, "radius": 0.1, "model": mb.Recursive()}, "a recursive joint has none among .* use model=mb.Kin"),
+        ({"friction": DRY, "radius": 0.1, "model": mb.Clearance(0.11, 0.1, mb.Hertz(1e8))}, r"say model=mb.Clear.*friction="),
     ],
 )  # fmt: skip
 def test_bad_friction_of_a_revolute(said: dict[str, Any], words: str) -> None:
