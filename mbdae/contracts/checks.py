@@ -179,20 +179,17 @@ def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
 
 def _moved_multipliers(case: Case, values: Values) -> Values:
     """The multipliers that after the rigid motion of `invariance` do the work they did before: rows may lie in inertial axes."""
-    d = case.d
-    before: list[Array] = []
-    after: list[Array] = []
-    for _ in d.rows:
-        u = {str(s): case.rng.normal(size=values[str(s)].shape) for f in d.frames for s in f.u}
-        for state, table_ in ((values | u, before), (rigidly_moved(d, values | u, np.random.default_rng(30)), after)):
-            table_.append(case.evaluate(velocity, state).real - case.evaluate(velocity, _at_rest(case, state)).real)
-    power_ = np.einsum("jpr,pr->pj", np.array(before), columns(d.multipliers, values))
-    moved_ = np.linalg.solve(np.array(after).transpose(1, 0, 2), power_[..., None])[..., 0]
+    d, m = case.d, len(case.d.rows)
+    many = {name: np.tile(value, m) for name, value in values.items()}
+    many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
+    speeds = []  # of the rows (points, velocities, rows), before and after
+    for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
+        still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
+        moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
+        speeds.append(moving.reshape(m, -1, m).transpose(1, 0, 2))
+    power_ = speeds[0] @ columns(d.multipliers, values)[..., None]
+    moved_ = np.linalg.solve(speeds[1], power_)[..., 0]
     return {str(s): moved_[:, i] for i, s in enumerate(d.multipliers)}
-
-
-def _at_rest(case: Case, values: Values) -> Values:
-    return values | {str(s): np.zeros_like(values[str(s)]) for f in case.d.frames for s in f.u}
 
 
 def power(case: Case) -> Iterator[Measured]:
