@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
@@ -110,12 +111,12 @@ class Check:
     def friction(self) -> dict[str, str]:
         """Friction law of every ideal joint that has one: its name, what presses it, and its internal states."""
         found = {}
-        for _, _, instance in self.prepared.model.instances():
-            law, item = instance.law, self.prepared.model.scene[instance.item]
+        for g, _, instance in self.prepared.model.instances():
+            law, own = instance.law, self.prepared.model.groups[g].derived.reactive
             friction = getattr(law, "friction", None)
-            if friction is None or item.loose:
+            if friction is None or not (own or isinstance(law, SlideFriction)):
                 continue
-            pressed = "its reaction" if item.rubs else f"{law.normal_force:g} N"
+            pressed = "its reaction" if own else f"{law.normal_force:g} N"
             states = f", state {', '.join(friction.states)}" if friction.states else ""
             found[instance.item] = f"{type(friction).__name__}, pressed by {pressed}{states}"
         return found

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+import symengine as se
 
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from mbdae.system.redundancy import RankReport
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of the multipliers over their largest: one more iteration would change them by its square
+SETTLED = 1e-10  #: change of the multipliers over the largest of them and of the loads: the next one would be its square
+SMALLEST = 1e-6  #: N or N m, of what counts as a load
 STEPS = 8  #: in which friction is brought in where Newton's method fails at once
 
 State = tuple[Array, Array, Array, Array | None]  #: t, q, u, s of many states
@@ -67,7 +69,7 @@ def _newton(mechanics: Mechanics, state: State, f: Array, solve: Solve, multipli
     for _ in range(ITERATIONS):
         R, slope = of_reactions(mechanics, state, multipliers)
         acceleration, new = solve(f + share * (R - np.einsum("tij,tj->ti", slope, multipliers)), share * slope)
-        size = np.max(np.abs(new), axis=1, keepdims=True, initial=1e-300)
+        size = np.maximum(np.max(np.abs(new), axis=1, keepdims=True, initial=SMALLEST), np.max(np.abs(f), axis=1, keepdims=True))
         left, multipliers = ~(np.abs(new - multipliers) <= SETTLED * size), new
         if not np.any(left):
             break
@@ -91,6 +93,8 @@ def pressing_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     if not d.reactive:
         return []
     v = d.variation
+    if not hasattr(d.law, "pressing"):  # a law of one's own: all its reactions count
+        return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
     pressing = [v.name(c) for c in d.law.pressing(*d.sides, d.reactions)]
     return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]
 

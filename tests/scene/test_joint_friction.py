@@ -105,6 +105,29 @@ def test_pendulum_loses_amplitude() -> None:
     assert np.max(np.abs(r.energy.balance)) < 1e-3 * r.energy.dissipated[-1]
 
 
+def driven_disk() -> mb.Scene:
+    s = mb.Scene("driven")
+    body = s.rigid_body("disk", 2.0, 0.1, at=(0, 0))
+    s.revolute("pin", s.ground, body, at=(0, 0), angle=10 * mb.t, friction=DRY, radius=0.05)
+    s.force("side load", body, (40, 0, 0))
+    return s
+
+
+def test_drive_overcomes_friction() -> None:
+    """The drive does the work that friction loses, mu F r per radian; together they give the joint no torque."""
+    r = driven_disk().simulate(1.0, solver=mb.IDA(rtol=1e-8), outputs=3)
+    np.testing.assert_allclose(r["pin"].torque, 0, atol=1e-12)
+    assert r.energy.work[-1] == pytest.approx(6.0, rel=1e-12)
+    assert r.energy.friction[-1] == pytest.approx(6.0, rel=1e-12)
+
+
+def test_equilibrium_of_a_turning_frame_has_friction() -> None:
+    s = driven_disk()
+    found = s.equilibrium(frame=s["disk"])
+    assert found.residual < 1e-12
+    assert found.multipliers[0, -1] == pytest.approx(0.6, rel=1e-12)
+
+
 # ---- stick and slip ----------------------------------------------------------------------------------------------------
 
 
@@ -227,6 +250,28 @@ class Viscous(mb.Friction):
 def test_friction_of_ones_own() -> None:
     r = block(Viscous(rate=0.4)).simulate(1.0, solver=mb.IDA(rtol=1e-10), outputs=3)
     assert r["slide"].rate[-1] == pytest.approx(3 * np.exp(-0.4 * G), rel=1e-7)
+
+
+class Clamp(mb.Joint):
+    """A point on a line along k.z with dry friction stated by hand: all reactions of a law of one's own count."""
+
+    def constraints(self, k: Any, l: Any) -> dict[str, Any]:
+        d = l.r - k.r
+        return {"x": k.x @ d, "y": k.y @ d}
+
+    def resistance(self, k: Any, l: Any, reactions: Any) -> Any:
+        return k.z * (-0.1 * (l.v - k.v) @ k.z * reactions["y"]), 0 * k.z
+
+
+def test_resistance_of_ones_own() -> None:
+    """-0.1 v lambda with lambda = - m g: the mass gains 0.1 g per second and m/s."""
+    s = mb.Scene("own", gravity=(0, -G, 0), space="spatial")
+    bead = s.point_mass("bead", 2.0, at=(0, 0, 0), velocity=(0, 0, 1))
+    s.add(Clamp("clamp", s.ground, bead, at=(0, 0, 0)))
+    r = s.simulate(1.0, solver=mb.IDA(rtol=1e-9), outputs=2)
+    sign = np.sign(r["bead"].velocity[-1, 2] - 1)
+    assert r["bead"].velocity[-1, 2] == pytest.approx(np.exp(sign * 0.1 * G), rel=1e-6)
+    mb.selftest(Clamp)
 
 
 # ---- what is refused ---------------------------------------------------------------------------------------------------
