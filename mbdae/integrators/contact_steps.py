@@ -214,17 +214,17 @@ class ContactSteps:
                 self.stats.shortest_contact = min(self._inside[i], self.stats.shortest_contact or self._inside[i])
                 self._inside[i] = 0
 
+    def jacobian_at(self, t: float, y: Array) -> None:
+        """The Jacobian in use is of (t, y)."""
+        self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
+
     def stiffness_changed(self) -> bool:
-        """Whether a penetration has changed since this was last true: a Jacobian from before serves no more.
+        """Whether a penetration at the last accepted point is another than where the Jacobian was evaluated.
 
         The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
         """
-        for here, was in zip(self._here, self._stiff, strict=True):
-            now = min(here.gap, 0.0)
-            if abs(now - was) > -CHANGE * min(now, was):
-                self._stiff = [min(c.gap, 0.0) for c in self._here]
-                return True
-        return False
+        gaps = (min(here.gap, 0.0) for here in self._here)
+        return any(abs(now - was) > -CHANGE * min(now, was) for now, was in zip(gaps, self._stiff, strict=True))
 
     def nearest(self) -> str:
         """For a message: the contact that is made, or will be made first."""

@@ -132,7 +132,8 @@ def test_every_impact(name, far):
         errors = np.array([f[0] for f in found])
         print(f"{name:7s} {'far' if far else 'near':5s} rtol {rtol:.0e}: error / rtol {np.median(errors):6.2f} (max "
               f"{errors.max():6.2f} at v0, height, damping, after = {max(found)[2]}), "
-              f"above 10: {np.sum(errors > 10):3d} of {len(errors)}, evaluations {np.median([f[1] for f in found]):.0f}")  # fmt: skip
+              f"above 10: {np.sum(errors > 10):3d} of {len(errors)}, "
+              f"evaluations {np.median([f[1] for f in found]):.0f}")  # fmt: skip
     check_impacts(name, cells)
 
 
