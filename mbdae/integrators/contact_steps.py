@@ -139,7 +139,7 @@ class ContactSteps:
             return None
         part, surely = min(found)
         h = self._t_end - self._t
-        if self._retries >= RETRIES or part * h <= ROUND * abs(self._t):
+        if self._retries >= RETRIES or part * h <= ROUND * max(abs(self._t), abs(self._t_end)):
             self.stats.missed_dips += surely
             return None
         self._retries += 1
