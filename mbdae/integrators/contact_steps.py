@@ -153,14 +153,15 @@ class ContactSteps:
         if not (here.gap > 0 and cubic.h > short):
             return None
         if end.gap < 0:
-            part = cubic.zero(1.0)
+            part = max(cubic.zero(1.0), short / cubic.h)
             return (part, True) if (1 - part) * cubic.h > short else None
         if not cubic.suspect(MARGIN):
             return None
         part, least = cubic.minimum()
-        if least < 0:
-            return cubic.zero(part), True
-        return (part, False) if 0 < part < 1 and least < MARGIN * min(here.gap, end.gap) else None
+        if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
+            return None
+        part = cubic.zero(part) if least < 0 else part
+        return max(part, short / cubic.h), least < 0  # a step as short as this is never taken back: none has to be shorter
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
         """Count the contacts that came and went inside a constant step; inner: times (s) and states between its ends."""

@@ -4,6 +4,7 @@ from math import inf, log1p, pi, sqrt
 
 import numpy as np
 import pytest
+from dae_problems import pendulum, pendulum_exact
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -266,6 +267,26 @@ def test_dips_are_taken_back_in_equations_that_are_no_ode(monkeypatch):
         assert solution.stats.contacts == 5
         assert solution.stats.dips >= 1
         assert 0.5 * solution.y[-1, :2] @ solution.y[-1, :2] == pytest.approx(0.5, abs=1e-4)
+
+
+@pytest.mark.parametrize("bounded", [True, False], ids=["bounded", "dips alone"])
+@pytest.mark.parametrize(
+    ("form", "solver"),
+    [("ggl_rates", mb.IDA(1e-7)), ("ggl", mb.RadauIIA(3, rtol=1e-6)), ("index3", mb.RadauIIA(3, rtol=1e-6))],
+    ids=["IDA, multipliers as rates", "Radau, index 2", "Radau, index 3"],
+)
+def test_constrained_motion_is_not_disturbed(form, solver, bounded, monkeypatch):
+    """A pendulum dips 10 um below a surface that exerts no force, 8 times in 10 s: as exact as without the surface."""
+    if not bounded:
+        monkeypatch.setattr(ContactSteps, "bound", lambda self: inf)
+    system, errors = pendulum(form), []
+    for guards in (None, lambda t, y: (np.array([y[1] + 1 - 1e-5]), y[3:4], np.array([1e-5]))):
+        system.guards = guards
+        solution = solver.solve(system, 10.0)
+        errors.append(np.abs(solution.y[:, :4] - pendulum_exact(solution.t, 10.0)).max())
+    assert solution.stats.contacts == 8
+    assert (solution.stats.dips > 0) != bounded
+    assert errors[1] < 5 * errors[0]
 
 
 # -- at rest
