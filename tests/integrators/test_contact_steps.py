@@ -4,7 +4,18 @@ from math import inf, pi
 
 import numpy as np
 import pytest
-from contact_problems import K, ball, between_walls, duration, exit_speed, law, oscillator, oscillator_period, penetration, point_mass
+from contact_problems import (
+    K,
+    ball,
+    between_walls,
+    duration,
+    exit_speed,
+    law,
+    oscillator,
+    oscillator_period,
+    penetration,
+    point_mass,
+)
 from dae_problems import pendulum, pendulum_exact
 
 import mbdae as mb
