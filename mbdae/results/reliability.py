@@ -21,6 +21,10 @@ ALARM, MOVING = 0.1, 1e-3  #: energy error over what was dissipated, or over MOV
 THIN = 3  #: steps in the shortest contact below which it was not resolved
 FASTER, PRESSED = 5.0, 0.9  #: a whirl that many times faster than the spin, in contact for that share of the time
 
+SEEN = 1.0  #: step times frequency up to which an unstable oscillation grows in a run as it should
+GROWN = 5.0  #: logarithm of the growth that must have been lost before it is told
+DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
+
 
 def doubts_of_run(result: Result, run: Controlled) -> list[str]:
     """What is not to be trusted of a run with contact or friction."""
@@ -58,7 +62,7 @@ def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
     if deepest > limit:
         found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the "
                      f"pin's radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
-    return found + _whirl(result, sensor, item)
+    return found + (_whirl(result, sensor, item) or _flutter(result, sensor, expected))
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
@@ -80,6 +84,44 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
             f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
+
+
+def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str]:
+    """Dry friction that makes a contact unstable, where the steps are too long to see it: implicit methods damp it away.
+
+    With k = df/da and f/d, the stiffnesses along the normal and, at the distance d of the centres, across it, a friction mu couples
+    both directions; they flutter where (k - f/d)^2 < 4 mu^2 k f/d, as long as the damping of the contact lets them."""
+    law, t = expected.law, result.solution.t
+    if law.friction is None or len(t) < 3:
+        return []
+    seen = sensor.at_times(t)
+    step, grown, fast = np.diff(t, append=t[-1]), 0.0, 0.0
+    for gap, force, rub in zip(seen["gap"].T, seen["normal_force"].T, seen["friction_force"].T, strict=True):
+        growth, rate = _instability(law, expected.mass, -gap, force, np.abs(rub))
+        unseen = (growth > 0) & (step * rate > SEEN)
+        grown += float(np.sum((growth * step)[unseen]))
+        fast = max(fast, float(np.max(rate[unseen], initial=0.0)))
+    if grown < GROWN:
+        return []
+    return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s and "
+            f"grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
+            f"{SEEN / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
+
+
+def _instability(law: Any, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any]:
+    """Growth rate (1/s, at most 0 where stable) and frequency (rad/s) of small motions across a contact, (nt,) each."""
+    growth, rate = np.zeros(len(depth)), np.zeros(len(depth))
+    for i in np.flatnonzero((depth > 0) & (force > 0)):
+        a, f = float(depth[i]), float(force[i])
+        elastic = [float(law.normal.elastic_force(a * (1 + e))) for e in (-DIFFERENCE, DIFFERENCE)]
+        normal, across = (elastic[1] - elastic[0]) / (2 * DIFFERENCE * a), f / (law.outer - law.inner + a)
+        coupled = (float(rub[i]) / f) ** 2 * normal * across - (normal - across) ** 2 / 4
+        if coupled > 0:
+            slow = 1e-3 * a * np.sqrt(normal / mass)
+            damping = float(law.normal.damping_force(a, slow)) / slow
+            rate[i] = np.sqrt((normal + across) / (2 * mass))
+            growth[i] = np.sqrt(coupled) / (2 * mass * rate[i]) - damping / (4 * mass)
+    return growth, rate
 
 
 def _rate(t: Any, angle: Any) -> Any:
