@@ -17,7 +17,7 @@ bearings, 22.5 and 24.6 rad/s without play, so that the whirl grows for seconds 
 
 Options: `friction` "coulomb" (mu = 0.3 tanh(v / 0.01 m/s)), "lugre", None or a law; `clearance` c, None for an ideal
 joint; `stiffness` k and `damping` lambda of the contact; `bearing` and `bearing_damping`, the springs along y and z and the
-dampers; `eccentricity` e; `speed` Omega; `elements` of the shaft. The paper takes shaft and disk from elsewhere and gives
+dampers; `eccentricity` e; `speed` Omega; `elements` of the shaft, their `order` and `section`. The paper takes shaft and disk from elsewhere and gives
 neither k nor the friction; those above are ours.
 
 Sliding at 1.9 m/s cannot tell Coulomb's law from LuGre's: bristles that slide so fast are bent by mu_k / sigma0 = 3 micrometres
@@ -49,7 +49,8 @@ measure = "T.penetration"
 
 
 def scene(friction="coulomb", clearance=CLEARANCE, stiffness=STIFFNESS, damping=DAMPING, bearing=BEARING,
-          bearing_damping=BEARING_DAMPING, eccentricity=ECCENTRICITY, speed=OMEGA, elements=6, order=2, section=TUBE):  # fmt: skip
+          bearing_damping=BEARING_DAMPING, eccentricity=ECCENTRICITY, speed=OMEGA, elements=6, order=2,
+          section=TUBE):  # fmt: skip
     """Shaft along x from R to T, the disk in its middle. Housings are held against turning about the shaft by a stiff spring;
     they may tilt. The pin spins in the race from the start."""
     s = mb.Scene(f"clearance rotor, friction {friction}" if clearance is not None else "rotor in ideal bearings")
@@ -135,7 +136,6 @@ def _draw_friction(runs, path):
         first.plot(near, r(near)["T"].friction_force, **LINES[name])
     coulomb, lugre = runs.values()
     difference.plot(coulomb.t, lugre["T"].friction_force - coulomb["T"].friction_force, color="black", linewidth=0.7)
-    difference.set_ylim(np.array(whole.get_ylim()) - np.mean(whole.get_ylim()))
     for axis, label in ((whole, "friction force [N]"), (first, "friction force [N]"), (difference, "LuGre - Coulomb [N]")):
         axis.set_ylabel(label)
     difference.set_xlabel("time [s]")

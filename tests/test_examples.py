@@ -139,3 +139,44 @@ def test_flexible_blades_differ_in_their_lag_nearly_as_rigid_ones():
     assert ground_resonance.scene(flexible=True).check().beams == dict.fromkeys([f"blade {i}" for i in range(1, 5)], 3)
     print(np.max(np.abs(differences[0] - differences[1])))
     np.testing.assert_allclose(*differences, atol=1e-3)
+
+
+def test_clearance_rotor_runs_on_the_orbit_of_its_reference_with_either_friction_law():
+    import clearance_rotor
+
+    times = np.array(reference("clearance_rotor")["orbit"]["coulomb"]["t"][:7])
+    orbits = []
+    for friction in clearance_rotor.LAWS:
+        r = clearance_rotor.scene(friction).simulate(times[-1], solver=mb.RadauIIA(3, rtol=3e-7), outputs=times)
+        known = np.array(reference("clearance_rotor")["orbit"][friction]["rel_yz"][:7])
+        orbits.append(clearance_rotor.orbit(r))
+        np.testing.assert_allclose(orbits[-1], known, atol=1e-5)  # m
+        assert np.max(np.abs(r.energy.balance)) < 1e-3 * r.energy.friction[-1]
+        assert r.warnings == ()
+    np.testing.assert_allclose(*orbits, atol=2e-6)  # sliding at 1.9 m/s does not tell them apart
+
+
+def test_clearance_rotor_draws_its_pictures(tmp_path):
+    import clearance_rotor
+
+    clearance_rotor.pictures(tmp_path / "out", accuracy=1e-2, t_end=0.12)
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"rotor.png", "orbits.png", "friction_force.png", "friction_coefficient.png"}
+
+
+def test_stick_slip_breaks_away_at_the_force_of_static_friction():
+    import stick_slip
+
+    lugre, coulomb = stick_slip.runs(outputs=5001).values()
+    assert stick_slip.pull(lugre).max() == pytest.approx(1.5, rel=0.01)  # N: mu_s N
+    assert stick_slip.pull(coulomb).max() == pytest.approx(stick_slip.largest_pull_coulomb(), rel=0.01)
+    known = np.array(reference("lugre_stick_slip")["slip_events_v_cross_0p01"])
+    np.testing.assert_allclose(stick_slip.slips(lugre), known, atol=0.02)  # s
+    assert stick_slip.slips(coulomb)[0] < 5.5
+
+
+def test_stick_slip_draws_its_pictures(tmp_path):
+    import stick_slip
+
+    stick_slip.pictures(tmp_path / "out", accuracy=1e-3)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"motion.png", "hysteresis.png"}

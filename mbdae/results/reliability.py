@@ -89,8 +89,8 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
 def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str]:
     """Dry friction that makes a contact unstable, where the steps are too long to see it: implicit methods damp it away.
 
-    With k = df/da and f/d, the stiffnesses along the normal and, at the distance d of the centres, across it, a friction mu couples
-    both directions; they flutter where (k - f/d)^2 < 4 mu^2 k f/d, as long as the damping of the contact lets them."""
+    With k = df/da and f/d, the stiffnesses along the normal and, at the distance d of the centres, across it, a friction mu
+    couples both directions; they flutter where (k - f/d)^2 < 4 mu^2 k f/d, as long as the damping of the contact lets them."""
     law, t = expected.law, result.solution.t
     if law.friction is None or len(t) < 3:
         return []
@@ -103,8 +103,8 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str
         fast = max(fast, float(np.max(rate[unseen], initial=0.0)))
     if grown < GROWN:
         return []
-    return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s and "
-            f"grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
+    return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s "
+            f"and grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
             f"{SEEN / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
 
 

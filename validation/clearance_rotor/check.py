@@ -89,7 +89,7 @@ def orbit(law: str) -> list[Found]:
     return [Found(abs(float(found.max() / radius.max()) - 1), quantity="largest radius of the orbit"),
             Found(abs(float(found.mean() / radius.mean()) - 1), quantity="mean radius of the orbit"),
             Found(max(beyond, 0.0), 1e-9, "m", "radius beyond clearance and indentation"),
-            Found(float(np.max(np.abs(e.balance)) / e.friction[-1]), BALANCE, quantity="energy error over friction loss")]  # fmt: skip
+            Found(float(np.max(np.abs(e.balance)) / e.friction[-1]), BALANCE, quantity="energy error over friction")]
 
 
 def cases() -> list[Case]:
