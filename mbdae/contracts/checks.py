@@ -179,6 +179,8 @@ def power(case: Case) -> Iterator[Measured]:
     expected = dV + parts.get("dissipated", zero) - parts.get("work", zero)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
+    if "losses" in parts:  # told by cause: a velocity that is not that of the forces shows here
+        yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
     yield "dissipated power below zero", float(max(0.0, -np.min(dissipated))) / max(1.0, float(np.max(np.abs(dissipated))))
