@@ -161,7 +161,7 @@ def invariance(case: Case) -> Iterator[Measured]:
         return
     values = case.on_manifold if isinstance(d.law, Joint) else case.values
     other = rigidly_moved(d, values, np.random.default_rng(30))
-    if d.reactive:
+    if d.reactive and d.rows:
         other |= _moved_multipliers(case, values)
     before, after = (table(case, scalars, v) for v in (values, other))
     for name, value in before.items():
