@@ -146,7 +146,7 @@ class SceneData(BeamStatements):
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
         one's own) of a pin of `radius` m is pressed by the joint's reaction normal to the axis."""
-        rubs = self._rubbing("revolute", name, friction, "radius", radius, model)
+        rubs = rubbing(self.problems, "revolute", name, friction, "radius", radius, model)
         return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque, rubs)
 
     @statement
@@ -157,7 +157,7 @@ class SceneData(BeamStatements):
         """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
         `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's own) is
         pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count)."""
-        rubs = self._rubbing("prismatic", name, friction, "normal_force", normal_force, model)
+        rubs = rubbing(self.problems, "prismatic", name, friction, "normal_force", normal_force, model)
         given = model, position, position0, rate0, spring, damper, force, rubs
         return self._joint("prismatic", Prismatic, name, k, l, at, axis, *given)
 
@@ -225,11 +225,6 @@ class SceneData(BeamStatements):
             item.laws.append(JournalContact(name, outer=float(model.outer), inner=float(model.inner), normal=model.normal,
                                             friction=model.friction, length=model.length, **place))  # fmt: skip
         return self._connect(item)
-
-    def _rubbing(self, kind: str, name: str, friction: Any, option: str, value: Any, model: Any) -> Rubbing:
-        found, problems = rubbing(kind, name, friction, option, value, model)
-        self.problems += problems
-        return found
 
     def _modelled(self, kind: str, name: str, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
         """The law of a joint model, and what Eq. 2 adds to it where it is used."""
@@ -359,9 +354,9 @@ class SceneData(BeamStatements):
                 if isinstance(law, JointTorque | AppliedTorque):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
                                          f"use s.rigid_body")  # fmt: skip
-                if getattr(law, "friction", None) is not None and (item.kind == "revolute" or side == "k"):
+                if item.rubs and (item.kind == "revolute" or side == "k"):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
-                                         f"'{body.name}' has none; use s.rigid_body") if not item.loose else None
+                                         f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
                 if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
