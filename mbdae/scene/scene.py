@@ -354,7 +354,7 @@ class SceneData(BeamStatements):
                 if isinstance(law, JointTorque | AppliedTorque):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
                                          f"use s.rigid_body")  # fmt: skip
-                if item.rubs and (item.kind == "revolute" or side == "k"):
+                if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
                                          f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at

@@ -93,6 +93,16 @@ def test_axis_of_any_direction() -> None:
     np.testing.assert_allclose(r["pin"].torque[-1], -0.6 * axis, atol=1e-8)
 
 
+@pytest.mark.parametrize("point", [True, False])
+def test_both_reactions_of_a_slide_press(point: bool) -> None:
+    """Gravity (3, 4) m/s^2 across the axis presses with 5 m/s^2; a mass point slides like a body."""
+    s = mb.Scene("slide", gravity=(0, -3, -4))
+    body = s.point_mass("bead", 2.0, at=(0, 0, 0)) if point else s.rigid_body("block", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
+    s.prismatic("wire", s.ground, body, at=(0, 0, 0), axis=(1, 0, 0), friction=mb.LuGre(0.2, 0.2, 1e-3, 1e5, 0), force=10.0)
+    r = s.simulate(1.0, solver=mb.RadauIIA(3, rtol=1e-9), outputs=2)
+    assert r[body.name].velocity[-1, 0] == pytest.approx(5 - 0.2 * 5, abs=1e-3)  # bristles bend for 1 ms
+
+
 def test_pendulum_loses_amplitude() -> None:
     """Half a swing of a mass at L in a bearing of radius r costs mu r m g (6 sin A - 4 A cos A), to first order in mu r / L."""
     L, r_pin, mu, A = 1.0, 0.01, 0.02, 0.5
