@@ -50,6 +50,7 @@ from mbdae.scene.components import (
     Recursive,
 )
 from mbdae.scene.record import Statement, statement
+from mbdae.scene.rubbing import Rubbing, rubbing
 from mbdae.scene.variants import MODELS, replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
@@ -138,20 +139,27 @@ class SceneData(BeamStatements):
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
-                 damper: float | None = None, torque: Any = None) -> Connection:  # fmt: skip
+                 damper: float | None = None, torque: Any = None, friction: Any = None,
+                 radius: float | None = None) -> Connection:  # fmt: skip
         """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
-        `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis."""
-        return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque)
+        `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
+        one's own) of a pin of `radius` m is pressed by the joint's reaction normal to the axis."""
+        rubs = rubbing(self.problems, "revolute", name, friction, "radius", radius, model)
+        return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque, rubs)
 
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
-                  force: Any = None, model: Any = None) -> Connection:  # fmt: skip
+                  force: Any = None, model: Any = None, friction: Any = None,
+                  normal_force: float | None = None) -> Connection:  # fmt: skip
         """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
-        `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis."""
-        return self._joint("prismatic", Prismatic, name, k, l, at, axis, model, position, position0, rate0, spring, damper, force)
+        `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's own) is
+        pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count)."""
+        rubs = rubbing(self.problems, "prismatic", name, friction, "normal_force", normal_force, model)
+        given = model, position, position0, rate0, spring, damper, force, rubs
+        return self._joint("prismatic", Prismatic, name, k, l, at, axis, *given)
 
     @statement
     def spherical(self, name: str, k: Any, l: Any, at: Any) -> Connection:
@@ -182,7 +190,7 @@ class SceneData(BeamStatements):
 
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
                start: float | None, rate0: float | None, spring: float | None, damper: float | None,
-               load: Any) -> Connection:  # fmt: skip
+               load: Any, rubs: Rubbing) -> Connection:  # fmt: skip
         modelled, extra = self._modelled(kind, name, law, model)
         where, direction = self._vector(name, "at", at, "m"), self._axis(name, axis)
         place: dict[str, Any] = {"k": k, "l": l, "at": where, "axis": direction}
@@ -204,10 +212,11 @@ class SceneData(BeamStatements):
         if load is not None:
             what = "torque" if unit == "rad" else "force"
             forces.append((JointTorque if unit == "rad" else JointForce, {what: self._timed(name, what, load)}))
+        forces += rubs.forces
 
         def laws(cls: type[Joint]) -> list[Law]:
-            options = {"joint": cls}
-            return [cls(name, drive=prescribed, **(extra if cls is modelled else {}), **place),
+            options, own = {"joint": cls}, rubs.values(cls)
+            return [rubs.joint(cls)(name, drive=prescribed, **(extra if cls is modelled else {}), **own, **place),
                     *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]
 
         item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, prescribed, model or Kinematic())
@@ -345,6 +354,9 @@ class SceneData(BeamStatements):
                 if isinstance(law, JointTorque | AppliedTorque):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
                                          f"use s.rigid_body")  # fmt: skip
+                if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
+                    self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
+                                         f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
                 if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
