@@ -91,7 +91,7 @@ def test_slip_without_the_rotation_of_the_race_is_caught_by_the_energy(monkeypat
         return float(np.abs(e.other[-1]) / np.abs(e.friction[-1]))
 
     assert other_over_friction() < 1e-10
-    monkeypatch.setattr("mbdae.scene.scene.JournalContact", WithoutRotation)
+    monkeypatch.setattr("mbdae.scene.joints.JournalContact", WithoutRotation)
     assert other_over_friction() > 0.1
 
 
