@@ -1,4 +1,4 @@
-"""Two ways to integrate the bristle of LuGre friction inside the stages of Radau IIA with 2 stages, its sliding velocity given."""
+"""Two ways to integrate the bristle of LuGre friction inside the 2 stages of Radau IIA, its sliding velocity given."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ STAGES = np.array([1 / 3, 1.0])
 END, SPACING = 0.5, 1e-3  # s
 TIMES = np.linspace(0.0, END, round(END / SPACING) + 1)
 
-claim = Claim("lugre_bristle", "the bristle as a stage unknown has order 3, paper Eq. 55 corrected order 2, as printed none", 0.25,
-              "order", "LSODA at 1e-12; the order between halved steps")  # fmt: skip
+claim = Claim("lugre_bristle", "the bristle as a stage unknown has order 3, paper Eq. 55 corrected order 2, as printed none",
+              0.25, "order", "LSODA at 1e-12; the order between halved steps")  # fmt: skip
 
 
 def velocity(t: Any) -> Any:
