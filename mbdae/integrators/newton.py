@@ -95,6 +95,11 @@ class StageNewton:
     def _slopes(self, h: float) -> None:
         np.matmul(self.table.A_inv / h, self.Z, out=self.Yp)
 
+    def predicted(self, i: int, y0: Array, h: float) -> tuple[Array, Array]:
+        """y and y' (n,) of stage i at the starting values."""
+        self._slopes(h)
+        return y0 + self.Z[i], self.Yp[i]
+
     def iterate(self, times: Array, y0: Array, h: float, weights: Array) -> float:
         """One correction of Z; returns its weighted root mean square."""
         self._evaluate(times, y0, h)

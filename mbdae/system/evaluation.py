@@ -31,15 +31,15 @@ class Evaluation:
         for g, kernel in zip(gathers, kernels, strict=True):
             points, outputs = count * g.shape[0], kernel.width
             x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
-            self.calls.append((kernel, x.reshape(points, -1), v.reshape(points, outputs)))
+            self.calls.append(kernel.bound(x.reshape(points, -1), v.reshape(points, outputs)))
             a, b = a + g.size * count, b + points * outputs
         self.tail = (self.x[a:], self.v[b:])
 
     def values(self) -> Array:
         """All kernel values in one flat array, law by law."""
         self.W.take(self.index, out=self.x, mode="clip")
-        for kernel, x, v in self.calls:
-            kernel(x, v)
+        for call in self.calls:
+            call()
         return self.v
 
 
