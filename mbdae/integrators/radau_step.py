@@ -7,14 +7,15 @@ from math import sqrt
 
 import numpy as np
 
-from mbdae.integrators.linear import SingularMatrixError, iteration_matrix
+from mbdae.integrators.iteration import SingularMatrixError
+from mbdae.integrators.linear import iteration_matrix
 from mbdae.integrators.newton import Outcome, StageNewton
 from mbdae.integrators.radau_tables import RadauTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
-#: a contraction better than this lets the Jacobian serve the next step too: with its factors, for new ones
-REUSE = (3e-2, 1e-2)
+#: a contraction better than this lets the Jacobian serve the next step too
+REUSE = 1e-2
 #: number of the stage where a new Jacobian is taken
 AMID = 1
 #: halvings that may be used to find starting values for a constant step
@@ -57,18 +58,19 @@ class RadauStep:
         self.matrix = iteration_matrix(system, real, table.pairs)
         self.newton = StageNewton(system, table, self.matrix, stats)
         self._order = np.asarray(system.index) - 1.0
-        self._factored_h = 0.0
+        self._factored_h = self._power_h = 0.0
+        self._power: Array = np.ones(system.n)
         self._stale, self._fresh, self._at_start = True, False, False
         self._previous: tuple[float, Array] | None = None
         self._ratio, self._extrapolation = 0.0, np.empty(0)
         self._error = self._scaled_error = np.zeros(system.n)
-        self._singular, self._contraction = -1, 0.0
+        self._singular = -1
 
     def weights(self, h: float, y: Array) -> Array:
         """(n,) h^(k-1) / tolerance for unknowns of index k."""
-        weights = 1.0 / self._tolerance(y)
-        weights *= h**self._order
-        return np.asarray(weights)
+        if h != self._power_h:
+            self._power_h, self._power = h, np.asarray(h**self._order)
+        return np.asarray(self._power / self._tolerance(y))
 
     def _tolerance(self, y: Array) -> Array:
         return self.demand.rtol * np.abs(y) + self.demand.atol
@@ -87,7 +89,8 @@ class RadauStep:
             self.stats.newton_failures += 1
             raise self._failed(h, weights, outcome)
         self.iterations = outcome.iterations
-        self._contraction = outcome.theta
+        if outcome.theta > REUSE:
+            self._stale = True
 
     def _simplified(self, h: float, weights: Array) -> Outcome:
         try:
@@ -105,16 +108,16 @@ class RadauStep:
 
     def _prepare(self, h: float) -> None:
         """Jacobian and factors for this step, reused as long as they serve."""
-        if self._stale or self._contraction > REUSE[h != self._factored_h]:
+        if self._stale:
             self._refresh(h)
             self.stats.jacobians += 1
-            self._stale, self._factored_h, self._contraction = False, 0.0, 0.0
+            self._stale, self._factored_h = False, 0.0
         if h != self._factored_h:
             self._factored_h = 0.0
             self.matrix.factor(h)
             self.stats.factorisations += 1
             self._factored_h = h
-            self.newton.forget_rate()
+            self.newton.matrix_changed()
 
     def _refresh(self, h: float) -> None:
         """Jacobian at a predicted stage: amid the steps it serves it serves more of them (a quarter to a half fewer were

@@ -36,7 +36,7 @@ class Kernel:
         level = self.level
         if level is None:
             level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
-        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)  # type: ignore[no-any-return]
+        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
 
     @cached_property
     def operations(self) -> int:
