@@ -13,8 +13,8 @@ from mbdae.integrators.radau_tables import RadauTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
-#: a first correction has shown no contraction of its own: that of an earlier step is believed with this margin only, because
-#: steps that end just below the target add up (error of 9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
+#: a first correction has shown no contraction of its own: that of an earlier step is believed only where it leaves this part
+#: of the tolerance, because steps that end just below it add up (9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
 UNSEEN = 0.1
 #: corrections that stopped shrinking are round-off; below this part of the tolerance they do no harm
 STAGNATION = 0.03
@@ -74,7 +74,7 @@ class StageNewton:
                 theta = norm / previous if previous else 0.0
                 smooth = theta if k == 2 else sqrt(theta * smooth)
                 factor = smooth / (1 - smooth) if smooth < 1 else inf
-            if norm == 0.0 or factor * norm <= (target if k > 1 else UNSEEN * target):
+            if norm == 0.0 or factor * norm <= (target if k > 1 else min(target, UNSEEN)):
                 self._rate = factor
                 return self._finish(True, k, smooth, norm, h)
             if k > 1 and norm > STAGNATION and self._hopeless(theta, smooth, norm, target, limit - k):
