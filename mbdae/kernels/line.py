@@ -101,13 +101,16 @@ class LineKernel(ElementKernel):
         X = self._buffer(len(x), False)
         inputs, unknowns = X[:, :, : base.shape[2]], np.empty((len(x), gather.shape[1]))
         shaped = unknowns.reshape(len(x), *base.shape[1:])
-        shift = np.tile(base, (len(x) // len(base), 1, 1)) if np.any(base) else np.zeros(())
+        shift = np.tile(base, (len(x) // len(base), 1, 1)) if np.any(base) else None
         values = np.empty((len(x) * self.points, kernel.width))
         point = kernel.bound(X.reshape(len(values), -1), values)
 
         def evaluate() -> None:
             np.matmul(x, gather, out=unknowns)
-            np.add(shaped, shift, out=inputs)
+            if shift is None:
+                inputs[...] = shaped
+            else:
+                np.add(shaped, shift, out=inputs)
             point()
 
         return evaluate, values
