@@ -11,6 +11,7 @@ from beam_scenes import slider_crank, steel_pendulum, steel_rod
 
 import mbdae as mb
 from mbdae.formulations import system_for
+from mbdae.integrators import condensed as module
 from mbdae.integrators.condensed import CondensedMatrix, plan_of
 from mbdae.integrators.linear import DenseMatrix, iteration_matrix
 from mbdae.integrators.radau_tables import radau_table
@@ -41,7 +42,9 @@ def matrices(scene: mb.Scene, h: float) -> tuple[Any, Any]:
 
 @pytest.mark.parametrize("h", [1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("make", [lambda: slider_crank(8, 1), lambda: slider_crank(8, 2), spatial_rod])
-def test_solutions_are_those_of_the_dense_matrix(make: Any, h: float) -> None:
+@pytest.mark.parametrize("product", [module.product, module.checked_product], ids=["fast", "public"])
+def test_solutions_are_those_of_the_dense_matrix(make: Any, h: float, product: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "product", product)
     condensed, dense = matrices(make(), h)
     assert isinstance(condensed, CondensedMatrix)
     assert condensed._plan is not None
