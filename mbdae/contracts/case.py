@@ -45,6 +45,9 @@ def statement(d: Derived) -> list[tuple[Target, Expr]]:
 def scalars(d: Derived) -> list[tuple[Target, Expr]]:
     """Energy, powers and coordinate."""
     named = {"energy": d.energy, "dissipated": d.dissipated_power, "work": d.work_power, "coordinate": d.coordinate}
+    if isinstance(d.law, Force) and d.law.losses(*d.sides):
+        v = d.variation
+        named["losses"] = v.resolve(v.name(sum(d.law.losses(*d.sides).values(), se.Integer(0))))
     return [((n,), e) for n, e in named.items() if e != 0]
 
 

@@ -161,7 +161,7 @@ def invariance(case: Case) -> Iterator[Measured]:
         return
     values = case.on_manifold if isinstance(d.law, Joint) else case.values
     other = rigidly_moved(d, values, np.random.default_rng(30))
-    if d.reactive:
+    if d.reactive and d.rows:
         other |= _moved_multipliers(case, values)
     before, after = (table(case, scalars, v) for v in (values, other))
     for name, value in before.items():
@@ -208,6 +208,8 @@ def power(case: Case) -> Iterator[Measured]:
         expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
+    if "losses" in parts:  # told by cause: a velocity that is not that of the forces shows here
+        yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
     yield "dissipated power below zero", float(max(0.0, -np.min(dissipated))) / max(1.0, float(np.max(np.abs(dissipated))))

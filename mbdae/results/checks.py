@@ -83,6 +83,7 @@ class Check:
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
         lines += self._of_beams()
         lines += self._of_recursive_joints()
+        lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
@@ -106,6 +107,11 @@ class Check:
         return [f"  beams: {'; '.join(meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
                 *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]  # fmt: skip
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Joints with clearance: their laws, and what they leave out."""
+        return tuple(contact.told() for contact in self.prepared.contacts)
 
     @property
     def friction(self) -> dict[str, str]:

@@ -49,26 +49,31 @@ class Rubbing:
         return [(SlideFriction, self.given)] if self.given else []
 
 
-def rubbing(kind: str, name: str, friction: Any, option: str, value: Any, model: Any) -> tuple[Rubbing, list[str]]:
-    """The friction of a joint and what is wrong with it; option: "radius" (m) or "normal_force" (N) with its value."""
+def rubbing(problems: list[str], kind: str, name: str, friction: Any, option: str, value: Any, model: Any) -> Rubbing:
+    """The friction of a joint; what is wrong with it is added to `problems`, and then there is none.
+
+    option: "radius" (m) or "normal_force" (N) with its value."""
     head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"
     if friction is None:
-        idle = f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or omit it"
-        return Rubbing(), [] if value is None else [idle]
-    problems = _wrong(head, friction, option, value, unit)
-    if isinstance(model, Clearance):
-        problems.append(f"{head}friction of a joint with clearance belongs to its model: omit friction= and {option}=, say "
-                        f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
+        if value is not None:
+            problems.append(f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or "
+                            f"omit it")  # fmt: skip
+        return Rubbing()
     own_reaction = option == "radius" or value is None
+    wrong = _wrong(head, friction, option, value, unit)
+    if isinstance(model, Clearance):
+        wrong.append(f"{head}friction of a joint with clearance belongs to its model: omit friction= and {option}=, say "
+                     f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
     if isinstance(model, Recursive) and own_reaction:
         remedy = " or a given normal_force" if option == "normal_force" else ""
-        problems.append(f"{head}its friction follows from its reaction, and a recursive joint has none among its unknowns; "
-                        f"use model=mb.Kinematic(){remedy}")  # fmt: skip
-    if problems:
-        return Rubbing(), problems
+        wrong.append(f"{head}its friction follows from its reaction, and a recursive joint has none among its unknowns; "
+                     f"use model=mb.Kinematic(){remedy}")  # fmt: skip
+    problems += wrong
+    if wrong:
+        return Rubbing()
     if not own_reaction:
-        return Rubbing(given={"friction": friction, "normal_force": float(value)}), []
-    return Rubbing(own={"friction": friction} | ({"radius": float(value)} if option == "radius" else {})), []
+        return Rubbing(given={"friction": friction, "normal_force": float(value)})
+    return Rubbing(own={"friction": friction} | ({"radius": float(value)} if option == "radius" else {}))
 
 
 def _wrong(head: str, friction: Any, option: str, value: Any, unit: str) -> list[str]:
