@@ -83,13 +83,13 @@ def agreement(coulomb, lugre):
     return float(np.max(np.linalg.norm(orbit(coulomb) - orbit(lugre), axis=1)))
 
 
-def pictures(out, accuracy=1e-4, t_end=t_end, **options):
+def pictures(out, accuracy=1e-4, t_end=t_end, solver=None, **options):
     """Our own versions of the paper's Figs. 10-12, as .png files in a folder: the rotor; the paths of pin and disk; friction
     force over time; friction coefficient over sliding velocity."""
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     scene(**options).draw(folder / "rotor.png")
-    runs = {name: scene(name, **options).simulate(t_end, accuracy=accuracy, outputs=20001) for name in LAWS}
+    runs = {name: scene(name, **options).simulate(t_end, accuracy, solver, outputs=20001) for name in LAWS}
     _draw_orbits(runs, options.get("clearance", CLEARANCE), folder / "orbits.png")
     _draw_friction(runs, folder / "friction_force.png")
     _draw_coefficient(runs, folder / "friction_coefficient.png")

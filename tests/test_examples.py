@@ -159,7 +159,7 @@ def test_clearance_rotor_runs_on_the_orbit_of_its_reference_with_either_friction
 def test_clearance_rotor_draws_its_pictures(tmp_path):
     import clearance_rotor
 
-    clearance_rotor.pictures(tmp_path / "out", accuracy=1e-2, t_end=0.12)
+    clearance_rotor.pictures(tmp_path / "out", t_end=0.12, solver=mb.RadauIIA(3, rtol=3e-7))
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"rotor.png", "orbits.png", "friction_force.png", "friction_coefficient.png"}
 
@@ -170,7 +170,7 @@ def test_stick_slip_breaks_away_at_the_force_of_static_friction():
     lugre, coulomb = stick_slip.runs(outputs=5001).values()
     assert stick_slip.pull(lugre).max() == pytest.approx(1.5, rel=0.01)  # N: mu_s N
     assert stick_slip.pull(coulomb).max() == pytest.approx(stick_slip.largest_pull_coulomb(), rel=0.01)
-    known = np.array(reference("lugre_stick_slip")["slip_events_v_cross_0p01"])
+    known = np.array(reference("lugre_stick_slip")["slip_events_v_cross_0p01"])[::2]  # those that begin a jump
     np.testing.assert_allclose(stick_slip.slips(lugre), known, atol=0.02)  # s
     assert stick_slip.slips(coulomb)[0] < 5.5
 
