@@ -89,7 +89,8 @@ def pictures(out, accuracy=1e-4, t_end=t_end, solver=None, **options):
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     scene(**options).draw(folder / "rotor.png")
-    runs = {name: scene(name, **options).simulate(t_end, accuracy, solver, outputs=20001) for name in LAWS}
+    runs = {name: scene(name, **options).simulate(t_end, accuracy, solver) for name in LAWS}
+    runs = {name: r(np.linspace(0.0, t_end, 20001)) for name, r in runs.items()}
     _draw_orbits(runs, options.get("clearance", CLEARANCE), folder / "orbits.png")
     _draw_friction(runs, folder / "friction_force.png")
     _draw_coefficient(runs, folder / "friction_coefficient.png")

@@ -60,7 +60,7 @@ def largest_pull_coulomb():
     return PRESS + PULL * np.sqrt(SPRING * MASS)
 
 
-def runs(accuracy=1e-5, outputs=20001):
+def runs(accuracy=1e-5, outputs=5001):
     """Both laws by name."""
     return {name: scene(name).simulate(t_end, accuracy=accuracy, outputs=outputs) for name in LAWS}
 
