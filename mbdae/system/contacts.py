@@ -21,7 +21,7 @@ from mbdae.system.start import Start
 
 #: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
 PLAY, PIN = 1e-2, 1e-6
-ROUNDOFF = 1e-9  #: speed over the speeds it is the difference of, below which it is none
+ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own, below which they move together
 DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused
 
 
@@ -78,8 +78,8 @@ def approaches(mechanics: Mechanics, start: Start) -> dict[str, Approach]:
             rows = rows[np.any(rows != 0, axis=1)]
             mobility = float(np.max(mechanics.mobility(rows), initial=0.0))
             mass = 1 / mobility if mobility > 0 else np.inf
-            speed, parts = float(np.linalg.norm(rows @ start.u)), float(np.linalg.norm(np.abs(rows) @ np.abs(start.u)))
-            found[instance.item] = Approach(instance.law, mass, speed if speed > ROUNDOFF * parts else 0.0)
+            speed, of_points = np.linalg.norm(rows @ start.u), np.linalg.norm(np.abs(rows) @ np.abs(start.u))
+            found[instance.item] = Approach(instance.law, mass, float(speed) if speed > ROUND_OFF * of_points else 0.0)
     return found
 
 
