@@ -139,7 +139,7 @@ class ContactSteps:
             return None
         part, surely = min(found)
         h = self._t_end - self._t
-        if self._retries >= RETRIES or part * h <= ROUND * abs(self._t):
+        if self._retries >= RETRIES or part * h <= ROUND * max(abs(self._t), abs(self._t_end)):
             self.stats.missed_dips += surely
             return None
         self._retries += 1
@@ -153,14 +153,15 @@ class ContactSteps:
         if not (here.gap > 0 and cubic.h > short):
             return None
         if end.gap < 0:
-            part = cubic.zero(1.0)
+            part = max(cubic.zero(1.0), short / cubic.h)
             return (part, True) if (1 - part) * cubic.h > short else None
         if not cubic.suspect(MARGIN):
             return None
         part, least = cubic.minimum()
-        if least < 0:
-            return cubic.zero(part), True
-        return (part, False) if 0 < part < 1 and least < MARGIN * min(here.gap, end.gap) else None
+        if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
+            return None
+        part = cubic.zero(part) if least < 0 else part
+        return max(part, short / cubic.h), least < 0  # a step as short as this is never taken back: none has to be shorter
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
         """Count the contacts that came and went inside a constant step; inner: times (s) and states between its ends."""
@@ -214,17 +215,17 @@ class ContactSteps:
                 self.stats.shortest_contact = min(self._inside[i], self.stats.shortest_contact or self._inside[i])
                 self._inside[i] = 0
 
+    def jacobian_at(self, t: float, y: Array) -> None:
+        """The Jacobian in use is of (t, y)."""
+        self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
+
     def stiffness_changed(self) -> bool:
-        """Whether a penetration has changed since this was last true: a Jacobian from before serves no more.
+        """Whether a penetration at the last accepted point is another than where the Jacobian was evaluated.
 
         The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
         """
-        for here, was in zip(self._here, self._stiff, strict=True):
-            now = min(here.gap, 0.0)
-            if abs(now - was) > -CHANGE * min(now, was):
-                self._stiff = [min(c.gap, 0.0) for c in self._here]
-                return True
-        return False
+        gaps = (min(here.gap, 0.0) for here in self._here)
+        return any(abs(now - was) > -CHANGE * min(now, was) for now, was in zip(gaps, self._stiff, strict=True))
 
     def nearest(self) -> str:
         """For a message: the contact that is made, or will be made first."""

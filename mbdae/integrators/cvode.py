@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.contact_steps import ContactSteps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
@@ -95,7 +96,7 @@ class CVODE(Solver):
                     callbacks.restart()
                     going = loop.guard()
                     continue
-                callbacks.renew = contacts is not None and contacts.stiffness_changed()
+                callbacks.renew = contacts is not None and callbacks.stiffness_changed(contacts)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
                 inner = _cubic(loop, t, y, yp)
@@ -153,11 +154,19 @@ class _Callbacks(Callbacks):
         super().__init__(system, loop)
         self._choosing = True
         self.renew, self._renewing = False, False
+        self._newest: tuple[float, Array] | None = None  # where the newest Jacobian was evaluated
 
     def evaluated(self, t: float) -> None:
         """Count an evaluation at t; those that choose the first step are no attempts, so none of them is rejected."""
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
+
+    def stiffness_changed(self, contacts: ContactSteps) -> bool:
+        """Whether the Jacobian in use is of other contacts than there are now; CVODE evaluates it at predicted states."""
+        if self._newest is not None:
+            contacts.jacobian_at(*self._newest)
+            self._newest = None
+        return contacts.stiffness_changed()
 
     def restart(self) -> None:
         """The method begins anew: it chooses its first step again."""
@@ -187,6 +196,7 @@ class _Callbacks(Callbacks):
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """df/dy for CVODE; asked for first in the first attempt."""
         self._choosing = False
+        self._newest = t, y.copy()
         out[...] = self.call(rate_jacobian, self.system, t, y, yp)
 
 

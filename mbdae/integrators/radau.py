@@ -203,6 +203,7 @@ class _Adaptive:
             self.contacts.keep()
             if self.contacts.stiffness_changed():
                 self.step.renew()
+                self.contacts.jacobian_at(t1, self.step.reached())
             return False
         self.landing = shorter
         self.loop.stats.rejected += 1

@@ -70,7 +70,7 @@ class SundialsContacts(ContactSteps):
     def __init__(self, loop: StepLoop) -> None:
         super().__init__(loop.system, loop.stats)
         self.loop, self.jacobians = loop, 0
-        self._until = inf
+        self._until = -inf
 
     @classmethod
     def of(cls, loop: StepLoop) -> Self | None:
@@ -80,7 +80,7 @@ class SundialsContacts(ContactSteps):
     def stop(self) -> float:
         """Time (s) the next step must not pass."""
         loop = self.loop
-        until = self._until if self._until > loop.t * (1 + ROUND) else inf
+        until = self._until if self._until - loop.t > ROUND * abs(self._until) else inf
         return float(min(loop.t_end, loop.t + self.bound(), until))
 
     def refuses(self, result: Any) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.control import Controlled
-from mbdae.results.resolution import RESOLVED, slowest_velocities, typical_speed
+from mbdae.results.resolution import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.results.result import Result
 from mbdae.system.prepare import Prepared
 
@@ -51,7 +51,7 @@ def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
     found = []
     typical, deepest = float(np.median(contacts.peak)), contacts.deepest
     tolerance = (run.solver.rtol or 0.0) * prepared.length
-    if typical > 0 and tolerance > COARSE * typical:
+    if typical > 0 and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
         found.append(f"'{item}' penetrates by {typical:.2g} m (median), {run.solver.label} resolves {tolerance:.2g} m: use "
                      f"rtol = {run.solver.penetration_share * typical / prepared.length:.1g}")  # fmt: skip
     limit = law.inner / 10 if law.outer == law.inner else min(law.outer - law.inner, law.inner / 10)
@@ -87,11 +87,10 @@ def _rate(t: Any, angle: Any) -> Any:
 
 
 def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:
-    rtol = run.solver.rtol or 0.0
-    resolved = rtol * typical_speed(prepared)
+    resolved = (run.solver.rtol or 0.0) * typical_speed(prepared)
     return [f"friction of '{item}' changes within {velocity:.2g} m/s, {run.solver.label} resolves {resolved:.2g} m/s: use rtol = "
             f"{RESOLVED * velocity / typical_speed(prepared):.1g}"
-            for item, _, velocity in slowest_velocities(prepared) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
+            for item, velocity in reversing(prepared, run.solution) if resolved > 10 * RESOLVED * velocity]  # fmt: skip
 
 
 def doubts_of_steps(run: Controlled) -> list[str]:

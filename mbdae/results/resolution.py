@@ -14,11 +14,13 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
+from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
 from mbdae.system.contacts import gap_outputs
 from mbdae.system.prepare import Prepared
 
 RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above
+SLOW = 10.0  #: sliding that many times faster than that velocity does not feel it
 WRONG = 10.0  #: tolerance of positions over the penetration where a result is none
 
 
@@ -45,8 +47,8 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
 
 
 def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
-    """The largest rtol that resolves the contacts a run has found: that of their median penetration; the ceiling before where
-    it has found none."""
+    """The largest rtol that resolves the contacts a run has found: that of their median penetration, and the velocities of
+    friction where it changes its sense; the ceiling before where it has found none."""
     if prepared is None or not prepared.contacts:
         return ceiling
     q, u, s = prepared.states(run.t, run.y)
@@ -57,8 +59,21 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
             found = contacts_of(run.t, gap, rate)[2]
             peaks += [float(np.median(found))] if len(found) else []
     peaks = [peak for peak in peaks if peak > 0]
-    limits = [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
+    limits = [RESOLVED * velocity / typical_speed(prepared) for _, velocity in reversing(prepared, run)]
     return min([solver.penetration_share * min(peaks) / prepared.length, *limits]) if peaks else ceiling
+
+
+def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
+    """(item, velocity in m/s over which its friction changes) where sliding becomes that slow while bodies touch."""
+    slowest: dict[str, float] = {}
+    for g, p, values in prepared.mechanics.evaluate(observed_outputs, run.t, *prepared.states(run.t, run.y)):
+        at = [[o for o, (name, _) in enumerate(p.targets) if name == wanted] for wanted in ("gap", "slip")]
+        for i, instance in enumerate(prepared.model.groups[g].instances):
+            gap, slip = (values[:, i, places] for places in at)
+            slowest[instance.item] = float(np.min(np.abs(slip[gap < 0]), initial=np.inf))
+    for item, _, velocity in slowest_velocities(prepared):
+        if slowest.get(item, 0.0) < SLOW * velocity:
+            yield item, velocity
 
 
 def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
@@ -79,5 +94,5 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
             raise OptionError(
                 f"friction of '{item}' ({name}) changes within {velocity:.2g} m/s, {solver.label} resolves {means:.2g} m/s at "
                 f"best with rtol = {max(rtol or 0.0, tightest):.1g}: sticking would be lost, or the step crawl; raise it to "
-                f"{means / RESOLVED:.1g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
+                f"{means / RESOLVED:.2g} m/s" + ("" if limit < tightest else f", or use rtol = {limit:.1g}")
             )

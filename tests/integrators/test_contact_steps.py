@@ -1,97 +1,43 @@
 """Contacts are never stepped over: impacts against their exact restitution, grazing contacts, a ball that comes to rest."""
 
-from math import inf, log1p, pi, sqrt
+from math import inf, pi
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.optimize import brentq
+from contact_problems import (
+    K,
+    ball,
+    between_walls,
+    duration,
+    exit_speed,
+    law,
+    oscillator,
+    oscillator_period,
+    penetration,
+    point_mass,
+)
+from dae_problems import pendulum, pendulum_exact
 
 import mbdae as mb
 from mbdae.integrators import contact_steps
 from mbdae.integrators.contact_steps import ContactSteps, Cubic
 from mbdae.integrators.solution import Stats
-
-K = 1e9  # N/m^1.5, stiffness of every contact here unless stated; masses are 1 kg
+from mbdae.results.control import run_controlled
 
 SOLVERS = {
     "IDA": lambda rtol, atol=None: mb.IDA(rtol, atol),
     "BDF": lambda rtol, atol=None: mb.CVODE(rtol, atol, method="BDF"),
+    "Adams": lambda rtol, atol=None: mb.CVODE(rtol, atol),
     "Radau3": lambda rtol, atol=None: mb.RadauIIA(3, rtol=rtol, atol=atol),
     "Radau2": lambda rtol, atol=None: mb.RadauIIA(2, rtol=rtol, atol=atol),
 }
 every_solver = pytest.mark.parametrize("name", SOLVERS)
 
 
-def duration(v, k=K):
-    """Duration (s) of an impact at v (m/s)."""
-    return 2.94 * (1.25 / k) ** 0.4 * abs(v) ** -0.2 if v else inf
-
-
-def penetration(v, k=K):
-    """Largest penetration (m) of an elastic impact at v (m/s)."""
-    return (1.25 * v * v / k) ** 0.4
-
-
-def law(a, rate, k=K, damping=0.0):
-    """Hunt and Crossley: force k a^1.5 (1 + damping rate) and its derivatives by a and rate."""
-    factor = 1 + damping * rate
-    if a <= 0 or factor <= 0:
-        return 0.0, 0.0, 0.0
-    return k * a**1.5 * factor, 1.5 * k * sqrt(a) * factor, k * a**1.5 * damping
-
-
-def point_mass(x0, v0, force, guards, scale, names=None):
-    """x' = v, v' = force(x, v), which comes with its derivatives by x and v."""
-
-    def rhs(t, y, out):
-        out[0], out[1] = y[1], force(*y)[0]
-
-    def residual(t, y, yp, out):
-        rhs(t, y, out)
-        out[:] = yp - out
-
-    def jacobian(t, y, yp, cj, out):
-        _, by_x, by_v = force(*y)
-        out[...] = [[cj, -1.0], [-by_x, cj - by_v]]
-
-    start = np.array([x0, v0])
-    rates = [v0, force(x0, v0)[0]]
-    system = mb.DAE(residual, start, rates, jacobian, names=["x", "v"], scale=scale, guards=guards, guard_names=names)
-    system.rhs = rhs
-    return system
-
-
-def ball(v0, height, damping=0.0, wall=0.0, gravity=0.0, guarded=True):
-    """A ball `height` above a wall, moving towards it with v0."""
-
-    def force(x, v):
-        f, by_a, by_rate = law(wall - x, -v, K, damping)
-        return f - gravity, -by_a, -by_rate
-
-    def guards(t, y):
-        return np.array([y[0] - wall]), y[1:], np.array([duration(y[1])])
-
-    return point_mass(wall + height, -v0, force, guards if guarded else None, [max(height, 1e-3), max(v0, 1e-3)])
-
-
-def exit_speed(v, damping):
-    """Exact speed (m/s) after an impact at v: v / c - ln(1 + c v) / c^2 is the same before and after, with -v after."""
-    if damping == 0:
-        return v
-
-    def H(v):
-        x = damping * v
-        series = sum((-x) ** n / n for n in range(2, 9))
-        return (series if abs(x) < 1e-3 else x - log1p(x)) / damping**2
-
-    return brentq(lambda w: H(-w) - H(v), 0, min(v, (1 - 1e-15) / damping), xtol=1e-18, rtol=1e-14)
-
-
 # -- one impact
 
-#: error over rtol that is allowed; measured over all cells: IDA 37, BDF 130, Radau 1.5
-BAR = {"IDA": 80, "BDF": 300, "Radau3": 4, "Radau2": 4}
+#: error over rtol that is allowed; largest over all cells: IDA 69, BDF 420, Adams 620, Radau3 2.2, Radau2 1.5
+BAR = {"IDA": 120, "BDF": 700, "Adams": 1000, "Radau3": 5, "Radau2": 5}
 
 
 def impacts(name, speeds, heights, tolerances, far=False, after=(0.1,)):
@@ -132,7 +78,8 @@ def test_every_impact(name, far):
         errors = np.array([f[0] for f in found])
         print(f"{name:7s} {'far' if far else 'near':5s} rtol {rtol:.0e}: error / rtol {np.median(errors):6.2f} (max "
               f"{errors.max():6.2f} at v0, height, damping, after = {max(found)[2]}), "
-              f"above 10: {np.sum(errors > 10):3d} of {len(errors)}, evaluations {np.median([f[1] for f in found]):.0f}")
+              f"above 10: {np.sum(errors > 10):3d} of {len(errors)}, "
+              f"evaluations {np.median([f[1] for f in found]):.0f}")  # fmt: skip
     check_impacts(name, cells)
 
 
@@ -142,39 +89,21 @@ def test_slow_impact_below_the_tolerance_still_bounces(name):
     for damping in (0.0, 1.0):
         solution = SOLVERS[name](1e-4, 1e-4).solve(ball(1e-3, 1e-3, damping), 1.1)
         assert solution.stats.contacts == 1
-        assert solution.y[-1, 1] == pytest.approx(1e-3, rel=0.35 if name in ("IDA", "BDF") else 0.02)
+        assert solution.y[-1, 1] == pytest.approx(1e-3, rel=0.02 if name.startswith("Radau") else 0.35)
+
+
+@pytest.mark.parametrize("solver", [mb.IDA(), mb.RadauIIA(3)], ids=lambda s: s.label)
+def test_accuracy_is_controlled(solver):
+    """Position and velocity relative to 1 m and 1 m/s, a tenth of a second after an impact."""
+    found = run_controlled(ball(1.0, 0.1, damping=0.3), None, solver, 1e-5, 0.2, np.linspace(0, 0.2, 21))
+    error = abs(found.solution.y[-1, 1] - exit_speed(1.0, 0.3))
+    print(f"{solver.label}: error {error:.1e}, estimated {found.estimate:.1e}")
+    assert found.estimate <= 1e-5
+    assert error < 1e-5
+    assert found.solution.stats.contacts == 1
 
 
 # -- grazing contacts
-
-
-def oscillator(phase, k, depth=1e-4, guarded=True):
-    """x'' = -x of amplitude 1 between the ground and a wall at 1 - depth; x = sin(phase) at the start."""
-    wall = 1 - depth
-
-    def force(x, v):
-        f, by_a, _ = law(x - wall, v, k)
-        return -x - f, -1 - by_a, 0.0
-
-    def guards(t, y):
-        return np.array([wall - y[0]]), -y[1:], np.array([duration(y[1], k)])
-
-    return point_mass(np.sin(phase), np.cos(phase), force, guards if guarded else None, None)
-
-
-def oscillator_period(k, depth=1e-4):
-    """Exact time (s) from contact to contact."""
-    wall = 1 - depth
-    kinetic = 0.5 * (1 - wall**2)
-
-    def energy(a):  # potential above the one at the wall
-        return a * (wall + 0.5 * a) + 0.4 * k * a**2.5
-
-    deepest = brentq(lambda a: energy(a) - kinetic, 0, depth * (1 + 1e-9), xtol=1e-20, rtol=1e-15)
-    # a = deepest (1 - s^2) takes the root out of the integrand
-    speed = lambda s: sqrt(2 * (energy(deepest) - energy(deepest * (1 - s * s)))) / (2 * deepest * s)  # noqa: E731
-    contact = 2 * quad(lambda s: 1 / speed(s), 1e-6, 1, limit=200)[0]
-    return 2 * pi - 2 * np.arctan2(sqrt(2 * kinetic), wall) + contact
 
 
 def graze(solver, k, phase):
@@ -192,7 +121,7 @@ def graze(solver, k, phase):
 
 
 #: phase error in contacts and energy error at rtol 1e-7, about three times those measured
-GRAZING = {"IDA": (6, 1e-4), "BDF": (8, 1e-4), "Radau3": (0.01, 1e-7), "Radau2": (0.5, 6e-6)}
+GRAZING = {"IDA": (6, 1e-4), "BDF": (8, 1e-4), "Adams": (6, 1e-4), "Radau3": (0.01, 1e-7), "Radau2": (0.5, 6e-6)}
 
 
 @every_solver
@@ -254,6 +183,26 @@ def test_dips_are_taken_back_in_equations_that_are_no_ode(monkeypatch):
         assert 0.5 * solution.y[-1, :2] @ solution.y[-1, :2] == pytest.approx(0.5, abs=1e-4)
 
 
+@pytest.mark.parametrize("bounded", [True, False], ids=["bounded", "dips alone"])
+@pytest.mark.parametrize(
+    ("form", "solver"),
+    [("ggl_rates", mb.IDA(1e-7)), ("ggl", mb.RadauIIA(3, rtol=1e-6)), ("index3", mb.RadauIIA(3, rtol=1e-6))],
+    ids=["IDA, multipliers as rates", "Radau, index 2", "Radau, index 3"],
+)
+def test_constrained_motion_is_not_disturbed(form, solver, bounded, monkeypatch):
+    """A pendulum dips 10 um below a surface that exerts no force, 8 times in 10 s: as exact as without the surface."""
+    if not bounded:
+        monkeypatch.setattr(ContactSteps, "bound", lambda self: inf)
+    system, errors = pendulum(form), []
+    for guards in (None, lambda t, y: (np.array([y[1] + 1 - 1e-5]), y[3:4], np.array([1e-5]))):
+        system.guards = guards
+        solution = solver.solve(system, 10.0)
+        errors.append(np.abs(solution.y[:, :4] - pendulum_exact(solution.t, 10.0)).max())
+    assert solution.stats.contacts == 8
+    assert (solution.stats.dips > 0) != bounded
+    assert errors[1] < 5 * errors[0]
+
+
 # -- at rest
 
 
@@ -283,19 +232,6 @@ def test_rest_is_cheap_at_loose_tolerances(name):
 
 
 # -- counts, names, refusals
-
-
-def between_walls(v0, width=1e-2):
-    """A ball that flies to and fro between walls at 0 and `width`."""
-
-    def force(x, v):
-        low, high = law(-x, -v), law(x - width, v)
-        return low[0] - high[0], -low[1] - high[1], 0.0
-
-    def guards(t, y):
-        return np.array([y[0], width - y[0]]), np.array([y[1], -y[1]]), np.full(2, duration(y[1]))
-
-    return point_mass(width / 2, v0, force, guards, [width, v0], ["left wall", "right wall"])
 
 
 @every_solver
