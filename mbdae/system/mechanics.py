@@ -209,13 +209,14 @@ class Mechanics:
 
     def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array) -> tuple[Array, Array]:
         out = np.empty((len(t), self.nu + self.m))
+        G, gamma, M = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), sp.coo_matrix(self.mass)
+        r, c = np.nonzero(np.any(G != 0, axis=0))
+        rows, columns = np.r_[M.row, self.nu + r, c], np.r_[M.col, c, self.nu + r]
         with one_thread():
             for i in range(len(t)):
-                at = slice(i, i + 1)
-                G = sp.csc_matrix(self.constraint_jacobian(t[at], q[at])[0])
-                gamma = self.acceleration_bias(t[at], q[at], u[at])[0]
-                K = sp.bmat([[self.mass, G.T], [G, None]], format="csc") if self.m else self.mass
-                out[i] = splu(K).solve(np.r_[f[i], -gamma])
+                entries = G[i, r, c]
+                K = sp.csc_matrix((np.r_[M.data, entries, entries], (rows, columns)), shape=(out.shape[1],) * 2)
+                out[i] = splu(K).solve(np.r_[f[i], -gamma[i]])
         return out[:, : self.nu], out[:, self.nu :]
 
     @cached_property
