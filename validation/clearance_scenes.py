@@ -1,4 +1,4 @@
-"""Scenes with joint clearance, for claims and benchmarks: a driven slider-crank, and two free bodies joined by a pin in a race."""
+"""Scenes with joint clearance, for claims and benchmarks: a driven slider-crank, and two free bodies joined by a loose pin."""
 
 from __future__ import annotations
 
