@@ -25,7 +25,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,11 @@ from recursive_joints import table
 
 REPEATS = 3
 LEVEL = 3e-3  #: error at which CPU is compared
+
+def show(rows: Iterable[Sequence[Any]], head: Sequence[str]) -> None:
+    """A table, line by line as it is measured."""
+    table((dict(zip(head, row, strict=True)) for row in rows), head)
+
 
 # -- beside exudyn
 
@@ -119,7 +124,7 @@ def beside(python: str | None) -> None:
         error = apart((np.array(run["slider"]), np.array(run["pin"])), motion(best, t))
         found.setdefault(name, []).append((error, run["cpu_s"]))
         lines.append((name, step, f"{error:.1e}", f"{run['cpu_s']:.3f}", round(HALF / run["h"])))
-    table(lines, ("solver", "tolerance or step", "error", "CPU s", "steps"))
+    show(lines, ("solver", "tolerance or step", "error", "CPU s", "steps"))
     cpu = {name: at_level(rows) for name, rows in found.items()}
     theirs = min((c for name, c in cpu.items() if name.startswith("exudyn")), default=float("nan"))
     print(f"\nCPU s at error {LEVEL:g}: " + ", ".join(f"{name} {c:.3f}" for name, c in cpu.items()))
@@ -129,7 +134,8 @@ def beside(python: str | None) -> None:
 # -- friction
 
 FRICTIONS: dict[str, Any] = {"none": None} | {f"tanh, v_c = {v:g} m/s": mb.Coulomb(0.1, v) for v in 10.0 ** -np.arange(7)} | {
-    "LuGre, sigma1 = 31": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 31.0), "LuGre, sigma1 = 0": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 0.0)}  # fmt: skip
+    "LuGre, sigma1 = 31 s/m": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 31.0),
+    "LuGre, sigma1 = 0": mb.LuGre(0.1, 0.15, 1e-2, 1e4, 0.0)}  # fmt: skip
 
 
 def frictions(stiffness: float, rtol: float) -> Iterator[tuple[Any, ...]]:
@@ -183,11 +189,11 @@ def main() -> None:
         head = [f"{s}: {what}" for s in ("RadauIIA(3)", "IDA") for what in ("evaluations", "CPU", "friction, J")]
         for name, k, rtol in (("soft", 1e9, 1e-8), ("steel", 6.6e10, 1e-8)):
             print(f"{name}, k = {k:g} N/m^1.5, rtol {rtol:g}, relative to no friction\n")
-            table(frictions(k, rtol), ("friction", *head))
+            show(frictions(k, rtol), ("friction", *head))
             print()
     if "limit" in chosen:
-        table(limits(mb.Coulomb(0.1, 0.1)), ("k", "c, m", "a, m", "deviation / (c + a)", "penetration / a", "contacts", "rtol",
-                                             "change / (c + a)", "energy error / dissipated", "steps", "CPU s"))  # fmt: skip
+        show(limits(mb.Coulomb(0.1, 0.1)), ("k", "c, m", "a, m", "deviation / (c + a)", "penetration / a", "contacts", "rtol",
+                                            "change / (c + a)", "energy error / dissipated", "steps", "CPU s"))  # fmt: skip
 
 
 if __name__ == "__main__":
