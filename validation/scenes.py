@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -143,4 +144,30 @@ def andrews() -> mb.Scene:
     s.revolute("P6", K[1], K[5], at=P)
     D = (p["xb"] + p["sd"] * c(ga) + p["sc"] * s_(ga), p["yb"] + p["sd"] * s_(ga) - p["sc"] * c(ga))
     s.spring("spring", s.ground, K[2], C, D, stiffness=p["c0"], length=p["l0"])
+    return s
+
+
+def _of_canudas() -> mb.LuGre:
+    """Parameters of Canudas de Wit et al. 1995, for a normal force of 1 N; sigma1 at every velocity, as there."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mb.AccuracyWarning)
+        return mb.LuGre(1.0, 1.5, 1e-3, 1e5, np.sqrt(1e5), 0.4, damping_decay=False)
+
+
+def stick_slip(model: Any = None) -> mb.Scene:
+    """1 kg on a rail with LuGre friction, pulled by a spring (2 N/m) whose other end moves at 0.1 m/s."""
+    s = mb.Scene("stick-slip")
+    mass, hand = s.rigid_body("mass", 1.0, 0.1, at=(0, 0)), s.rigid_body("hand", 1.0, 0.1, at=(1, 0))
+    s.prismatic("slide", s.ground, mass, at=(0, 0), axis=(1, 0, 0), friction=_of_canudas(), normal_force=1.0, model=model)
+    s.prismatic("guide", s.ground, hand, at=(1, 0), axis=(1, 0, 0), position=0.1 * mb.t)
+    s.spring("spring", mass, hand, at_k=(0, 0), at_l=(1, 0), stiffness=2.0)
+    return s
+
+
+def steady_sliding(velocity: float) -> mb.Scene:
+    """The same mass on its rail at a prescribed velocity (m/s)."""
+    s = mb.Scene("steady sliding")
+    mass = s.rigid_body("mass", 1.0, 0.1, at=(0, 0))
+    s.prismatic("slide", s.ground, mass, at=(0, 0), axis=(1, 0, 0), position=velocity * mb.t, friction=_of_canudas(),
+                normal_force=1.0)  # fmt: skip
     return s

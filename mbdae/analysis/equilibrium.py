@@ -130,6 +130,8 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
 
 def confirmed(statics: Statics, point: Point) -> Equilibrium:
     """The Result of a point at rest that is determined, and stays at rest as time goes on."""
+    if statics.mechanics.reactive and not statics.elastic:  # the motion settles before the multipliers do
+        point = statics.carried(point)
     result = as_result(statics, point)
     soft = statics.soft_motions(statics.tangent(point))
     if soft:

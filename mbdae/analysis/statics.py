@@ -60,6 +60,9 @@ class Point:
     iterations: int = 0
 
 
+PRESSED = 100  #: iterations in which friction and the reactions that press it agree
+
+
 class Statics:
     """Equations of rest of a scene in a frame."""
 
@@ -133,11 +136,15 @@ class Statics:
         G = m.constraint_jacobian(self.rest.t, self.q(point)[None])[0]
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
-        point = replace(point, y=y)
-        r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
-        mobile = np.linalg.solve(m.weight, np.column_stack([G.T, r]))
-        multipliers = -np.linalg.lstsq(G @ mobile[:, :-1], G @ mobile[:, -1], rcond=1e-12)[0]
-        y[self.kinds == "lambda"] = multipliers / self.system.numbering.scaling()
+        point, multipliers = replace(point, y=y), np.zeros(m.m)
+        for _ in range(PRESSED if m.reactive else 1):  # friction follows from the multipliers it changes
+            r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
+            less = r - G.T @ multipliers if point.load_factor == 1 else r
+            mobile, before = np.linalg.solve(m.weight, np.column_stack([G.T, less])), multipliers
+            multipliers = -np.linalg.lstsq(G @ mobile[:, :-1], G @ mobile[:, -1], rcond=1e-12)[0]
+            y[self.kinds == "lambda"] = multipliers / self.system.numbering.scaling()
+            if np.max(np.abs(multipliers - before)) <= 1e-14 * np.max(np.abs(multipliers)):
+                break
         return point
 
     def _stressed(self, point: Point) -> Point:

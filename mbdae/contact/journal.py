@@ -96,12 +96,17 @@ class JournalContact(Force):
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
         arm = named(k.r + from_k - l.r) if l.kind.oriented else ZERO
-        velocity = named(l.v - k.v + l.w.cross(arm) - k.w.cross(from_k))
+        velocity = named(self._sliding(k, l, arm, from_k))
         rate = let(velocity @ normal)
         penetration = let(distance - clearance)
         overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)))
         slip = let(velocity @ tangent)
         return _Station(penetration, rate, overlap, normal, tangent, velocity - normal * rate, slip, arm)
+
+    @staticmethod
+    def _sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
+        """Velocity of the material point of l at the contact relative to that of k."""
+        return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
 
     @staticmethod
     def _inverse(radial: Vec, distance: Expr, core: Expr) -> Expr:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.contracts.states import States, Values, moved, velocities
@@ -28,11 +29,15 @@ Measured = tuple[str, float]  #: entry and its relative error
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
     """The law as stated: V, R, force, torque, and the point of l."""
-    if not isinstance(d.law, Force):
-        return []
     v, law = d.variation, d.law
-    force, torque = law.wrench(*d.sides) or (ZERO, ZERO)
-    parts = [law.energy(*d.sides), law.dissipation(*d.frames), *force, *torque, *d.frames[1].r]
+    if isinstance(law, Force):
+        force, torque = law.wrench(*d.sides) or (ZERO, ZERO)
+        energies = [law.energy(*d.sides), law.dissipation(*d.frames)]
+    elif d.reactive:
+        (force, torque), energies = law.resistance(*d.sides, d.reactions), [se.Integer(0), se.Integer(0)]
+    else:
+        return []
+    parts = [*energies, *force, *torque, *d.frames[1].r]
     names = ["V", "R", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "rx", "ry", "rz"]
     return [((n,), v.resolve(v.name(e))) for n, e in zip(names, parts, strict=True)]
 
@@ -40,6 +45,9 @@ def statement(d: Derived) -> list[tuple[Target, Expr]]:
 def scalars(d: Derived) -> list[tuple[Target, Expr]]:
     """Energy, powers and coordinate."""
     named = {"energy": d.energy, "dissipated": d.dissipated_power, "work": d.work_power, "coordinate": d.coordinate}
+    if isinstance(d.law, Force) and d.law.losses(*d.sides):
+        v = d.variation
+        named["losses"] = v.resolve(v.name(sum(d.law.losses(*d.sides).values(), se.Integer(0))))
     return [((n,), e) for n, e in named.items() if e != 0]
 
 
@@ -155,7 +163,7 @@ def columns(symbols: Any, values: Values) -> NDArray[Any]:
 
 def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:
     """Largest difference of every column over the points, relative to the largest value wanted (at least 1)."""
-    if got.size:
+    if got.size:  # none, or at no point
         difference = np.max(np.abs(got - wanted), axis=0) / max(1.0, float(np.max(np.abs(wanted))))
         yield from zip(names, np.where(np.isnan(difference), np.inf, difference).tolist(), strict=True)
 

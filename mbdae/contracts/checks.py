@@ -125,6 +125,8 @@ def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: 
     dV = case.slope(statement, unit)[:, names.index("V")]
     shifted = case.values | {symbol: case.values[symbol] + 1j * STEP}
     dR = case.evaluate(statement, shifted).imag[:, names.index("R")] / STEP
+    if f.side == "c":
+        return np.asarray(dV + dR)
     force, torque, point = (np.stack([stated[a + b] for b in "xyz"], axis=-1) for a in "FMr")
     n = f.kind.translations
     center, move, spin = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
@@ -158,18 +160,43 @@ def invariance(case: Case) -> Iterator[Measured]:
     if isinstance(d.law, Element) or not all(f.kind.moves for f in d.frames):
         return
     values = case.on_manifold if isinstance(d.law, Joint) else case.values
-    other = rigidly_moved(d, values, case.rng)
+    other = rigidly_moved(d, values, np.random.default_rng(30))
+    if d.reactive and d.rows:
+        other |= _moved_multipliers(case, values)
     before, after = (table(case, scalars, v) for v in (values, other))
     for name, value in before.items():
-        yield from compared([name], after[name].real[:, None], value.real[:, None])
+        at = _same_sense(case, values) if name == "coordinate" else np.ones(len(value), dtype=bool)
+        yield from compared([name], after[name].real[at, None], value.real[at, None])
     names = [label(d, t) for t in case.targets(position)]
     yield from compared(names, case.evaluate(position, other).real, case.evaluate(position, values).real)
 
 
+def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
+    """(points,) whether the axes k.z and l.z do not point against each other, where a relative angle is not defined."""
+    k, l = (np.einsum("pij,jp->pi", rotation(f, values), [values[f"{f.side}_Qz{i}"] for i in (1, 2, 3)]) for f in case.d.sides)
+    return np.asarray(np.sum(k * l, axis=1) > -0.999)
+
+
+def _moved_multipliers(case: Case, values: Values) -> Values:
+    """The multipliers that after the rigid motion of `invariance` do the work they did before: rows may lie in inertial axes."""
+    d, m = case.d, len(case.d.rows)
+    many = {name: np.tile(value, m) for name, value in values.items()}
+    many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
+    speeds = []  # of the rows (points, velocities, rows), before and after
+    for state in (many, rigidly_moved(d, many, np.random.default_rng(30))):
+        still = state | {str(s): np.zeros_like(state[str(s)]) for f in d.frames for s in f.u}
+        moving = case.evaluate(velocity, state).real - case.evaluate(velocity, still).real
+        speeds.append(moving.reshape(m, -1, m).transpose(1, 0, 2))
+    power_ = speeds[0] @ columns(d.multipliers, values)[..., None]
+    moved_ = np.linalg.solve(speeds[1], power_)[..., 0]
+    return {str(s): moved_[:, i] for i, s in enumerate(d.multipliers)}
+
+
 def power(case: Case) -> Iterator[Measured]:
-    """Covector . velocity = dV/dt + dissipated - work, and nothing dissipative delivers energy."""
+    """Covector . velocity = dV/dt + dissipated - work (joints: and the power of their rows), and nothing dissipative delivers
+    energy."""
     d = case.d
-    if not isinstance(d.law, Force):
+    if not (isinstance(d.law, Force) or d.reactive):
         return
     parts = {n: c.real for n, c in table(case, scalars, case.values).items()}
     got = power_on(case, covector(case, case.values), case.u)
@@ -177,8 +204,12 @@ def power(case: Case) -> Iterator[Measured]:
     names = [t[0] for t in case.targets(scalars)]
     dV = case.slope(scalars, case.u, clock=True)[:, names.index("energy")] if "energy" in names else zero
     expected = dV + parts.get("dissipated", zero) - parts.get("work", zero)
+    if d.rows:
+        expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
+    if "losses" in parts:  # told by cause: a velocity that is not that of the forces shows here
+        yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
     yield "dissipated power below zero", float(max(0.0, -np.min(dissipated))) / max(1.0, float(np.max(np.abs(dissipated))))

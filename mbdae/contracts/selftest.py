@@ -16,15 +16,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+from mbdae.contact import JournalContact, Normal
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError
+from mbdae.friction import Friction
 from mbdae.symbolic.derive import Side
 from mbdae.symbolic.law import Law, Structure
+from mbdae.symbolic.part import Part, PartStructure
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,14 @@ class SelfTest:
         return "\n".join(lines + [f"  refused {name}: {reason}" for name, reason in self.refused.items()])
 
 
-def selftest(law: type[Law], **options: Any) -> SelfTest:
+def selftest(law: type[Law] | type[Part], **options: Any) -> SelfTest:
     """Check the contract of a law class in every variant; raises LawError with every violation.
 
-    options: values of the law's options (`joint=mb.Revolute`) or of its parameters (`pitch=0.01`; random otherwise).
+    A friction or normal law is checked in the contact of a pin in its race. options: values of the law's options
+    (`joint=mb.Revolute`) or of its parameters (`pitch=0.01`; random otherwise).
     """
+    if issubclass(law, Part):
+        return _of_part(law, options)
     run = _Run(law, options)
     violations = list(declaration(law))
     for name, structure, sides in variants(law, options, run.refused):
@@ -60,7 +66,7 @@ def selftest(law: type[Law], **options: Any) -> SelfTest:
     return SelfTest(law.__name__, tuple(run.checked), run.refused, run.worst)
 
 
-def declaration(law: type[Law]) -> Iterator[str]:
+def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
     """Parameters and states without unit or meaning. The unit of a pure number is "1"."""
     for what, table in (("parameter", law.params), ("state", law.states)):
         for name, entry in table.items():
@@ -68,6 +74,21 @@ def declaration(law: type[Law]) -> Iterator[str]:
                 yield f"declaration: {what} '{name}' has no unit; give one, '1' for a pure number"
             if not entry.meaning and law.__module__.startswith("mbdae."):
                 yield f"declaration: {what} '{name}' has no meaning; describe it in a few words"
+
+
+def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
+    """The contact law with a friction or normal law of that class."""
+    missing = [o for o in part.options if o not in options]
+    if missing or not issubclass(part, Friction | Normal):
+        raise LawError(f"{part.__name__}: say mb.selftest({part.__name__}, {missing[0]}=...)" if missing else
+                       f"{part.__name__} is neither a friction law (mb.Friction) nor a normal law (mb.Normal)")  # fmt: skip
+    undeclared = list(declaration(part))
+    if undeclared:
+        raise LawError(f"{part.__name__} breaks the contract of laws:\n  - " + "\n  - ".join(undeclared))
+    chosen = PartStructure(part, frozenset(), tuple((o, options[o]) for o in part.options))
+    role = "friction" if issubclass(part, Friction) else "normal"
+    given = {f"{role}_{name}": value for name, value in options.items() if name in part.params}
+    return replace(selftest(JournalContact, **{role: chosen}, **given), law=part.__name__)
 
 
 @dataclass
@@ -83,7 +104,7 @@ class _Run:
 
     def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
         self.checked.append(name)
-        given = {p: float(v) for p, v in self.options.items() if p in self.law.params}
+        given = {p: float(v) for p, v in self.options.items() if isinstance(v, int | float) and p not in self.law.options}
         case = Case(self.law, structure, sides, given, self.family)
         violations = []
         for contract, measure in CONTRACTS.items():

@@ -13,6 +13,7 @@ from mbdae.joints import Prismatic, Revolute
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.part import Part
 
 Variant = tuple[str, Structure, tuple[Side, ...]]
 #: options of the package's laws; the options of other laws are given to `selftest`
@@ -44,7 +45,8 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
     found: list[Structure] = []
-    for chosen in product(*((options[o],) if o in options else _OPTIONS[o] for o in law.options)):
+    given = {o: v.structure() if isinstance(v, Part) else v for o, v in options.items()}
+    for chosen in product(*((given[o],) if o in given else _OPTIONS[o] for o in law.options)):
         fixed = tuple(zip(law.options, chosen, strict=True))
         optional = [p for p in law.params if _derivable(law, Structure(frozenset([p]), options=fixed))]
         absences = [frozenset[str](), *(frozenset([p]) for p in optional)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
@@ -82,6 +83,8 @@ class Check:
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
         lines += self._of_beams()
         lines += self._of_recursive_joints()
+        lines += [f"  contact: {contact}" for contact in self.contacts]
+        lines += self._of_friction()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
         lines += _by_joint("  pruned, zero in every position", self.pruned)
@@ -104,6 +107,29 @@ class Check:
         return [f"  beams: {'; '.join(meshes)}",
                 "  stresses: unknowns with Radau IIA; other solvers eliminate them by the compliance of the sections",
                 *_by_joint("  without equations, unknowns shared with a node of a beam", self.shared)]  # fmt: skip
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Joints with clearance: their laws, and what they leave out."""
+        return tuple(contact.told() for contact in self.prepared.contacts)
+
+    @property
+    def friction(self) -> dict[str, str]:
+        """Friction law of every ideal joint that has one: its name, what presses it, and its internal states."""
+        found = {}
+        for g, _, instance in self.prepared.model.instances():
+            law, own = instance.law, self.prepared.model.groups[g].derived.reactive
+            friction = getattr(law, "friction", None)
+            if friction is None or not (own or isinstance(law, SlideFriction)):
+                continue
+            pressed = "its reaction" if own else f"{law.normal_force:g} N"
+            states = f", state {', '.join(friction.states)}" if friction.states else ""
+            found[instance.item] = f"{type(friction).__name__}, pressed by {pressed}{states}"
+        return found
+
+    def _of_friction(self) -> list[str]:
+        told = "; ".join(f"{joint} ({text})" for joint, text in self.friction.items())
+        return [f"  friction: {told}"] if told else []
 
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""

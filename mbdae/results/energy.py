@@ -33,6 +33,8 @@ def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     parts = [(("dissipated",), d.dissipated_power), (("work",), d.work_power)]
     if isinstance(d.law, Force):
         parts += [((cause,), d.variation.resolve(d.variation.name(e))) for cause, e in d.law.losses(*d.sides).items()]
+    if d.reactive:
+        parts.append((("friction",), d.dissipated_power))
     return [(target, e) for target, e in parts if e != 0]
 
 
@@ -108,14 +110,15 @@ def powers(mechanics: Mechanics, t: Array, states: States) -> Array:
     """(nt, 4): dissipated power; power of loads and of prescribed motions; power lost in impacts, in friction, W."""
     q, u, s, z = states(t)
     out = np.zeros((len(t), len(TRANSFERS)))
-    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s):
+    driven = any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances)
+    multipliers = mechanics.accelerations(t, q, u, s, z)[1] if driven or mechanics.reactive else None
+    for _, p, values in mechanics.evaluate(power_outputs, t, q, u, s, multipliers):
         for o, target in enumerate(p.targets):
             out[:, TRANSFERS.index(target[0])] += values[:, :, o].sum(axis=1)
     for line in mechanics.model.lines:
         out[:, 0] += line.energy(q, u)[1]
     out[:, 1] += mechanics.power_of_loads(t, q, u)
-    if any(instance.timed for group in mechanics.model.groups if group.derived.rows for instance in group.instances):
-        _, multipliers = mechanics.accelerations(t, q, u, s, z)
+    if driven and multipliers is not None:
         rheonomic = mechanics.velocity_residual(t, q, np.zeros_like(u))
         out[:, 1] += np.einsum("ti,ti->t", multipliers, rheonomic)
     return out

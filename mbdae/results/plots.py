@@ -89,7 +89,8 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
     """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars, "N1" to "M3" of sections of beams; of a
     planar model those in its plane."""
     values, quantity = numbers(result, sensor), split(sensor)[1]
-    names = SECTION.get(quantity) or {1: [""], 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
+    pair = ["x", "y"] if quantity == "orbit" else ["near end", "far end"]
+    names = SECTION.get(quantity) or {1: [""], 2: pair, 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
     shown = names
     if result.prepared.model.planar and quantity in SECTION:
         shown = [names[i] for i in ((0, 2, 4) if np.any(values[:, [2, 4]]) else (0, 1, 5))]

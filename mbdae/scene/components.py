@@ -200,6 +200,11 @@ class Connection:
         return isinstance(self.model, Clearance)
 
     @property
+    def rubs(self) -> bool:
+        """Whether friction in the joint follows from its own reaction."""
+        return self.is_joint and getattr(self.laws[0], "friction", None) is not None
+
+    @property
     def joint(self) -> Law:
         """The law that carries the constraints."""
         return self.laws[0]

@@ -41,7 +41,7 @@ def with_recursive_tree(scene: SceneData) -> Any:
     """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
     from mbdae.scene.topology import spanning_tree
 
-    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose)]
+    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose or c.rubs)]
     closing = [c.name for c in spanning_tree(scene, turning).closing]
     tree = [c.name for c in turning if c.name not in closing]
     variant: Any = replaced(scene, tuple(tree), Recursive()) if tree else scene

@@ -6,7 +6,7 @@ Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -61,10 +61,24 @@ class Derived:
         penalty = getattr(self.law, "penalty", None)
         return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]
 
+    @property
+    def reaction_forces(self) -> list[Expr]:
+        """The forces of the rows where the rows vanish: scaling lambda."""
+        return [self.scaled(s) for s in self.multipliers]
+
     def scaled(self, e: Expr) -> Expr:
         """A row or multiplier times the scaling of the joint."""
-        scaling = getattr(self.law, "scaling", None)
-        return e if scaling is None else scaling * e
+        return _scaled(self.law, e)
+
+    @property
+    def reactions(self) -> dict[str, Expr]:
+        """Force of every row by its name, what a joint's `resistance` depends on: scaling lambda, 0 where the row vanishes."""
+        return _reactions(self.law, self.rows, self.vanished)
+
+    @property
+    def reactive(self) -> bool:
+        """Whether a joint states forces that depend on its own reactions."""
+        return isinstance(self.law, Joint) and bool(self.force)
 
     @property
     def stabilisers(self) -> list[Expr]:
@@ -98,7 +112,7 @@ class _Derivation:
 
     def run(self) -> Derived:
         rows, vanished, g, G = self._constraints()
-        force, powers = self._forces()
+        force, powers = self._forces(_reactions(self.law, rows, vanished))
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
@@ -157,15 +171,22 @@ class _Derivation:
             raise LawError(f"{type(self.law).__name__} is not planar: {what} acts out of the plane")
         return Vec(move[0], move[1], 0), Vec(0, 0, turn[2])
 
-    def _forces(self) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
+    def _stated(self, reactions: Mapping[str, Expr]) -> tuple[Expr, Expr, Vec, Vec] | None:
+        """Potential energy, Rayleigh function, force and torque as stated; None where the law states no force."""
+        law, (k, l) = self.law, self.frames[:2]
+        if isinstance(law, Force):
+            return law.energy(k, l), law.dissipation(k, l), *(law.wrench(k, l) or (ZERO, ZERO))
+        wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
+        return None if wrench is None else (_ZERO, _ZERO, *wrench)
+
+    def _forces(self, reactions: Mapping[str, Expr]) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
         """Left-hand-side forces per side; energy, dissipated power and power of applied loads."""
         law, v = self.law, self.variation
         if isinstance(law, Element):
             return {}, (v.name(law.kinetic_energy(self.frames[0])), _ZERO, _ZERO)
-        if not isinstance(law, Force):
+        stated = self._stated(reactions)
+        if stated is None:
             return {}, (_ZERO, _ZERO, _ZERO)
-        k, l = self.frames[:2]
-        stated = [law.energy(k, l), law.dissipation(k, l), *(law.wrench(k, l) or (ZERO, ZERO))]
         if any(self._undefined(e) for part in stated for e in (part if isinstance(part, Vec) else (part,))):
             raise LawError(f"{type(law).__name__} needs axes on both sides; a point mass has none")
         energy, rayleigh = v.name(stated[0]), v.name(stated[1])
@@ -179,7 +200,8 @@ class _Derivation:
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
             force[f.side] = self._in_plane((next(total), next(total)), f, "its force")
-        return force, (energy, dissipated - loads, clocked) if law.dissipative else (energy, dissipated, clocked + loads)
+        resisting = law.dissipative or isinstance(law, Joint)
+        return force, (energy, dissipated - loads, clocked) if resisting else (energy, dissipated, clocked + loads)
 
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
         """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""
@@ -198,6 +220,15 @@ class _Derivation:
         rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
+
+
+def _scaled(law: Any, e: Expr) -> Expr:
+    scaling = getattr(law, "scaling", None)
+    return e if scaling is None else scaling * e
+
+
+def _reactions(law: Any, rows: Iterable[str], vanished: Iterable[str]) -> dict[str, Expr]:
+    return {row: _scaled(law, se.Symbol(f"lambda_{row}")) for row in rows} | dict.fromkeys(vanished, _ZERO)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

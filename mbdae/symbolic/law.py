@@ -6,6 +6,7 @@ A law declares its parameters with units and states one or more of
     energy(k, l)       -> expression               potential energy, J
     dissipation(k, l)  -> expression               Rayleigh function (half the dissipated power), W
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
+    resistance(k, l, reactions) -> (force, torque) joints only: the same, by the joint's own reactions; it dissipates
     observed(k, l)     -> {name: expressions}      what a sensor shows of it beside force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
@@ -143,6 +144,12 @@ class Joint(Law):
 
     def coordinate(self, k: Frame, l: Frame) -> Expr | None:
         """The relative motion the joint leaves free (angle in rad or displacement in m), 0 as drawn; None if several."""
+        return None
+
+    def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
+        """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
+
+        reactions: the force of every row (N or N m) by its name, 0 where the row vanishes. None: there is none."""
         return None
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:

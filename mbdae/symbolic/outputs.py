@@ -61,6 +61,13 @@ def loads(d: Derived) -> list[tuple[Target, Expr]]:
     return [entry for f in d.frames if f.side in d.force for entry in scatter_pair(f, d.force[f.side])]
 
 
+def slopes(d: Derived) -> list[tuple[Target, Expr]]:
+    """Loads that depend on the law's own reactions with their derivatives by its multipliers, ("slope", side, i, row)."""
+    stated = loads(d) if d.reactive else []
+    by = [(("slope", *t[1:], j), d.variation.diff(e, s)) for t, e in stated for j, s in enumerate(d.multipliers)]
+    return stated + [(t, e) for t, e in ((t, d.variation.resolve(e)) for t, e in by) if e != 0]
+
+
 def _accelerations(b: Frame) -> list[Expr]:
     return [se.Symbol(f"{b.side}_up{i + 1}") for i in range(b.kind.sizes[1])]
 
@@ -143,7 +150,7 @@ def reaction(d: Derived) -> list[tuple[Target, Expr]]:
     l = d.frames[1]
     side = l if l.kind.moves else d.frames[0]
     sign = -1 if side is l else 1
-    pair = covector(d, side, d.multipliers)
+    pair = covector(d, side, d.reaction_forces)
     force = sign * pair[0]
     resolve = d.variation.resolve
     torque = sign * pair[1] - (l.r - side.center).cross(force) if side.kind.turns else ZERO
@@ -154,7 +161,7 @@ def power(d: Derived) -> list[tuple[Target, Expr]]:
     """Power a law delivers to its bodies: minus its covector times the velocities."""
     total: Expr = se.Integer(0)
     for f in d.frames:
-        move, turn = covector(d, f, d.multipliers)
+        move, turn = covector(d, f, d.reaction_forces)
         total -= move @ f.center_velocity + turn @ f.w
     return [(("power",), d.variation.resolve(total))]
 

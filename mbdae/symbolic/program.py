@@ -42,7 +42,9 @@ class Program:
         args = [self._flat(a) for a in e.args]
         if isinstance(e, se.Mul):
             args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
-        return e.func(*args)
+        if isinstance(e, se.Piecewise):
+            return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
+        return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison
 
     def vec(self, v: Vec) -> Vec:
         """A vector of named components."""

@@ -83,11 +83,12 @@ class SceneSystem(System):
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
-            idle = group.derived.rows and not getattr(group.derived.law, "penalty", None)  # a joint whose rows are all met
+            d = group.derived
+            idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
             active = [i for i in range(len(group.instances))
                       if (g, i) not in carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
-                self._add(g, active, linearised_plan(group.derived, spec.outputs), entries)
+                self._add(g, active, linearised_plan(d, spec.outputs), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
             if batch.is_load or not spec.loads_only:
                 self._add_elements(batch, entries)

@@ -102,6 +102,14 @@ class Expected:
         """Velocity over which the friction coefficient changes, m/s."""
         return None if self.law.friction is None else self.law.friction.smallest_velocity()
 
+    def told(self) -> str:
+        """The contact in a line."""
+        law = self.law
+        friction = "without friction" if law.friction is None else f"{type(law.friction).__name__} friction"
+        ends = "" if law.length is None else f", at both ends of {law.length:.3g} m"
+        return (f"'{self.item}' with {law.outer - law.inner:.3g} m play, {type(law.normal).__name__}, {friction}{ends}; "
+                f"penetration of about {self.depth:.1g} m expected")  # fmt: skip
+
     def _held(self) -> str:
         p = self.penetration
         force, energy = (float(e) for e in (self.law.normal.elastic_force(p), self.law.normal.energy(p)))

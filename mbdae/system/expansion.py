@@ -13,8 +13,8 @@ from mbdae.system.mechanics import Mechanics, solve_constrained
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
 from mbdae.system.numbering import Row
+from mbdae.system.pressed import Solve
 from mbdae.system.trees import Tree
-from mbdae.threads import one_thread
 
 
 class Expansion:
@@ -121,27 +121,31 @@ class TreeMechanics(Mechanics):
         super().__init__(model, rows)
         self.expansion = expansion
 
-    def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
-                      z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+    def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
         e = self.expansion
         qr, ur = e.reduced(q, u)
         T = e.velocity_map(e.workspace(t, qr, ur))
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
-        f, M = self.load(t, q, u, s), self.mass
-        G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
-        closing = self.closing
-        with one_thread():
-            Tt = T.transpose(0, 2, 1)
-            reduced = Tt @ (M @ T), np.einsum("tij,tj->ti", Tt, f - bias @ M), G[:, closing] @ T
-            right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
-            ud, lam = solve_constrained(*reduced, right, 1 / self.velocity_units[e.numbering.of_velocities])
+        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
+        Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
+        mass, rows = Tt @ (M @ T), G[:, closing] @ T
+        right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            inner = None if slope is None else slope[:, :, closing]  # joints with friction of their own are never recursive
+            reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
+            ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
             left = f - acceleration @ M - np.einsum("tij,ti->tj", G[:, closing], lam)
+            if inner is not None:
+                left += np.einsum("tij,tj->ti", inner, lam)
             multipliers = np.zeros((len(t), self.m))
             multipliers[:, closing] = lam
             self._leaf_to_root(left, G, multipliers)
-        return acceleration, multipliers
+            return acceleration, multipliers
+
+        return solve
 
     @cached_property
     def closing(self) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +16,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, position, velocity
+from mbdae.system import pressed
 from mbdae.system.base import Array
 from mbdae.system.lines import Batch, batches, nodal_inputs, sparse_mass
 from mbdae.system.model import Model
@@ -40,13 +42,19 @@ class Mechanics:
         self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
 
+    @cached_property
+    def reactive(self) -> list[int]:
+        """Groups of joints whose friction follows from their own reactions."""
+        return [g for g, group in enumerate(self.model.groups) if group.derived.reactive]
+
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
-                 multipliers: Array | None = None) -> list[tuple[int, Any, Array]]:  # fmt: skip
-        """(group, plan, values (nt, instances, outputs)) of every group that has such outputs."""
+                 multipliers: Array | None = None, groups: Sequence[int] | None = None,
+                 ) -> list[tuple[int, Any, Array]]:  # fmt: skip
+        """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
         W = self.workspace(t, q, u, s, multipliers)
         out = []
-        for g, group in enumerate(self.model.groups):
-            p = plan(group.derived, outputs)
+        for g in range(len(self.model.groups)) if groups is None else groups:
+            p = plan(self.model.groups[g].derived, outputs)
             if p.targets:
                 out.append((g, p, p.kernel.values(W[:, self.numbering.gather(g, p.all_inputs)])))
         return out
@@ -59,7 +67,7 @@ class Mechanics:
         if s is not None:
             W[:, nb.start["s"] : nb.start["s"] + len(nb.states)] = s
         if multipliers is not None:
-            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers
+            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()  # a form's unknowns
         nb.fill_clock(W, t)
         return W
 
@@ -107,8 +115,8 @@ class Mechanics:
         return np.where(self.rotational, 1.0, self.model.length)
 
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
-        """f (nt, nu): all forces but those of constraints; M u' + G^T lambda = f. z (nt, nz): stresses of the beams, by
-        default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
+        """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
+        the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(_loads, t, q, u, s):
             for i in range(values.shape[1]):
@@ -197,26 +205,33 @@ class Mechanics:
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
                       z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique."""
-        f = self.load(t, q, u, s, z)
-        if self.model.lines:
-            return self._sparse_accelerations(t, q, u, f)
-        if not self.m:
-            return np.asarray(np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, dtype=float), np.zeros((len(t), 0))
-        G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
-        with one_thread():
-            return solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units)
+        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique.
 
-    def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array) -> tuple[Array, Array]:
+        With friction that follows from reactions f depends on lambda: see `pressed.py`."""
+        f = self.load(t, q, u, s, z)
+        with one_thread():
+            solve = self._constrained(t, q, u)
+            return pressed.solved(self, (t, q, u, s), f, solve) if self.reactive and self.m else solve(f, None)
+
+    def _constrained(self, t: Array, q: Array, u: Array) -> pressed.Solve:
+        """The linear equations for u' and lambda at given states."""
+        if self.model.lines:
+            return lambda f, slope: self._sparse_accelerations(t, q, u, f, slope)
+        if not self.m:
+            return lambda f, _: (np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0)))
+        G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
+        return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope)
+
+    def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array, slope: Array | None) -> tuple[Array, Array]:
         out = np.empty((len(t), self.nu + self.m))
         G, gamma, M = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), sp.coo_matrix(self.mass)
+        columns = G.transpose(0, 2, 1) if slope is None else G.transpose(0, 2, 1) - slope
         r, c = np.nonzero(np.any(G != 0, axis=0))
-        rows, columns = np.r_[M.row, self.nu + r, c], np.r_[M.col, c, self.nu + r]
-        with one_thread():
-            for i in range(len(t)):
-                entries = G[i, r, c]
-                K = sp.csc_matrix((np.r_[M.data, entries, entries], (rows, columns)), shape=(out.shape[1],) * 2)
-                out[i] = splu(K).solve(np.r_[f[i], -gamma[i]])
+        d, e = np.nonzero(np.any(columns != 0, axis=0))
+        places = np.r_[M.row, self.nu + r, d], np.r_[M.col, c, self.nu + e]
+        for i in range(len(t)):
+            values = np.r_[M.data, G[i, r, c], columns[i, d, e]]
+            out[i] = splu(sp.csc_matrix((values, places), shape=(out.shape[1],) * 2)).solve(np.r_[f[i], -gamma[i]])
         return out[:, : self.nu], out[:, self.nu :]
 
     @cached_property
@@ -258,13 +273,15 @@ def _largest(values: Array, otherwise: float) -> float:
     return largest if largest > 0 else otherwise
 
 
-def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array) -> tuple[Array, Array]:
-    """u' (nt, nu), lambda (nt, m) of M u' + G^T lambda = f (nt, nu), G u' = -gamma (nt, m); M (nu, nu) or one per state."""
+def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array,
+                      slope: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+    """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' = -gamma (nt, m); M (nu, nu) or one per
+    state."""
     nu, m = f.shape[1], gamma.shape[1]
     scale = np.r_[units, np.ones(m)]
     out, K = np.empty((len(f), nu + m)), np.zeros((nu + m, nu + m))
     for i, mass in enumerate(np.broadcast_to(M, (len(f), nu, nu))):
-        K[:nu, :nu], K[:nu, nu:], K[nu:, :nu] = mass, G[i].T, G[i]
+        K[:nu, :nu], K[:nu, nu:], K[nu:, :nu] = mass, G[i].T if slope is None else G[i].T - slope[i], G[i]
         out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
     return out[:, :nu], out[:, nu:]
 

@@ -20,8 +20,9 @@ from mbdae.system.ideal import ideal_start
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
+from mbdae.system.pressed import undecided
 from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, massless_motions
-from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, stress_scale
+from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, state_scale, stress_scale
 from mbdae.system.start import Start, Starter
 from mbdae.system.trees import find_trees
 from mbdae.system.vibrations import fastest_vibration
@@ -90,7 +91,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
     q = start.q if start is not None else ideal.q if ideal else starter.close(starter.placed())
     rank = analyse(everything, starter, q)
-    problems = _massless(everything, expansion, rank, starter, q)
+    problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
     mechanics = mechanics_of(model, rank.kept, expansion)
@@ -179,7 +180,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     system = SceneSystem(prepared.model, mechanics.rows, spec, sparse, prepared.expansion.carried)
     nb = system.numbering
     q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
-    system.partition = partition_of(mechanics, prepared.expansion)
+    system.partition = None if mechanics.reactive else partition_of(mechanics, prepared.expansion)
     system.rhs = None if spec.blocks or prepared.model.lines else rhs_of(system)
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
@@ -188,7 +189,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     blocks = {
         "q": (start.q[q], mechanics.rates(start.q, start.u)[q], position_scale(mechanics)[q]),
         "v": (start.u[u], start.acceleration[u], mechanics.velocity_units[u] / T),
-        "s": (start.s, state_rate, np.ones(len(start.s))),
+        "s": (start.s, state_rate, state_scale(mechanics)),
         "z": (z, np.zeros_like(z), np.full(len(z), stress_scale(mechanics, T))),
     }
     if "lambda" in spec.blocks:

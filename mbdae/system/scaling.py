@@ -36,6 +36,13 @@ def position_scale(mechanics: Mechanics) -> Array:
     return scale
 
 
+def state_scale(mechanics: Mechanics) -> Array:
+    """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
+    groups = mechanics.model.groups
+    named = [(groups[g].instances[i].law, groups[g].derived.states[j]) for g, i, j in mechanics.numbering.states]
+    return np.array([law.state_scales().get(name, 1.0) for law, name in named])
+
+
 def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Array, Array]:
     """(m,) of lambda and of mu: what moves the scene by its units in its characteristic time.
 

@@ -51,6 +51,8 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
     welded: list[tuple[int, int, list[Node]]] = []
     for g, i, instance in model.instances() if model.lines else ():
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
+        if model.groups[g].derived.reactive:
+            continue  # its friction needs the multipliers
         if (g, i) in dropped or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
             continue
         first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])

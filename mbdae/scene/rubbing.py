@@ -1,0 +1,89 @@
+"""Friction in revolute and prismatic joints: what a user may say, and the laws it becomes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from mbdae.forces import SlideFriction
+from mbdae.friction import Friction
+from mbdae.joints import (
+    ClassicalPrismatic,
+    ClassicalRevolute,
+    Prismatic,
+    Revolute,
+    RubbingClassicalPrismatic,
+    RubbingClassicalRevolute,
+    RubbingPrismatic,
+    RubbingRevolute,
+)
+from mbdae.scene.components import Clearance, Recursive
+from mbdae.symbolic.law import Joint, Law
+
+#: joint law -> the same with friction pressed by its own reaction
+RUBBING: dict[type[Joint], type[Joint]] = {
+    Revolute: RubbingRevolute, ClassicalRevolute: RubbingClassicalRevolute,
+    Prismatic: RubbingPrismatic, ClassicalPrismatic: RubbingClassicalPrismatic,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """Friction of one joint. own: values of the joint's law, where its reaction presses; given: those of a force law."""
+
+    own: dict[str, Any] = field(default_factory=dict)
+    given: dict[str, Any] = field(default_factory=dict)
+
+    def joint(self, law: type[Joint]) -> type[Joint]:
+        """The joint's law with this friction."""
+        return RUBBING.get(law, law) if self.own else law
+
+    def values(self, law: type[Joint]) -> dict[str, Any]:
+        """What the joint's law takes beside its other values."""
+        return self.own if law in RUBBING else {}
+
+    @property
+    def forces(self) -> list[tuple[type[Law], dict[str, Any]]]:
+        """Force laws beside the joint's."""
+        return [(SlideFriction, self.given)] if self.given else []
+
+
+def rubbing(problems: list[str], kind: str, name: str, friction: Any, option: str, value: Any, model: Any) -> Rubbing:
+    """The friction of a joint; what is wrong with it is added to `problems`, and then there is none.
+
+    option: "radius" (m) or "normal_force" (N) with its value."""
+    head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"
+    if friction is None:
+        if value is not None:
+            problems.append(f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or "
+                            f"omit it")  # fmt: skip
+        return Rubbing()
+    own_reaction = option == "radius" or value is None
+    wrong = _wrong(head, friction, option, value, unit)
+    if isinstance(model, Clearance):
+        wrong.append(f"{head}friction of a joint with clearance belongs to its model: omit friction= and {option}=, say "
+                     f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
+    if isinstance(model, Recursive) and own_reaction:
+        remedy = " or a given normal_force" if option == "normal_force" else ""
+        wrong.append(f"{head}its friction follows from its reaction, and a recursive joint has none among its unknowns; "
+                     f"use model=mb.Kinematic(){remedy}")  # fmt: skip
+    problems += wrong
+    if wrong:
+        return Rubbing()
+    if not own_reaction:
+        return Rubbing(given={"friction": friction, "normal_force": float(value)})
+    return Rubbing(own={"friction": friction} | ({"radius": float(value)} if option == "radius" else {}))
+
+
+def _wrong(head: str, friction: Any, option: str, value: Any, unit: str) -> list[str]:
+    found = []
+    if not isinstance(friction, Friction):
+        found.append(f"{head}friction = {friction!r} is no friction law; give mb.Coulomb(mu, v_c), mb.LuGre(...) or None")
+    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if option == "radius" and not (number and value > 0):
+        found.append(f"{head}radius = {value!r}: friction in a bearing needs the radius of its pin, a positive number in m")
+    if option == "normal_force" and value is not None and not (number and value >= 0):
+        found.append(f"{head}normal_force = {value!r}: give a number from 0 in {unit}, or omit it: then the joint's own reaction "
+                     f"presses")  # fmt: skip
+    return found

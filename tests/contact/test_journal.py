@@ -1,0 +1,112 @@
+"""The pin in its race: balance, passivity, what is smooth, what the contracts catch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.contact import JournalContact
+from mbdae.contracts.case import columns
+from mbdae.contracts.states import States
+from mbdae.formulations.ggl import ggl_outputs
+from mbdae.kernels import linearised_plan, plan
+from mbdae.results.energy import power_outputs
+from mbdae.symbolic.derive import Derived, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.vectors import Vec
+
+HERTZ = mb.Hertz(1e9, damping=0.3)
+RADII = {"outer": 0.0501, "inner": 0.05}
+SPATIAL = ((NodeKind.SPATIAL, Axes.GENERAL),) * 2
+PLANAR = ((NodeKind.PLANAR, Axes.NORMAL),) * 2
+
+
+def derived(sides: Any = SPATIAL, law: type[JournalContact] = JournalContact, **values: Any) -> Derived:
+    stated = law("D", None, None, **(RADII | {"normal": HERTZ, "friction": mb.Coulomb(0.3, 1e-3)} | values))
+    return derive(law, stated.structure(), sides)
+
+
+def touching(d: Derived, count: int, seed: int, given: dict[str, float]) -> Any:
+    """Random states of two bodies whose pin is near the race: gap from -1e-4 to 1e-4 m, any attitude and velocity."""
+    states = States(d, given, np.random.default_rng(seed), count)
+    rng, values = np.random.default_rng(seed), states.values
+    gaps = plan(d, lambda d: [(("u", i), d.variation.resolve(e)) for i, e in enumerate(d.frames[1].r - d.frames[0].r)])
+    u = gaps.kernel.values(columns(gaps.all_inputs.symbols, values))
+    direction = rng.normal(size=u.shape)
+    if d.frames[0].kind.flat:
+        direction[:, 2] = 0
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    wanted = direction * (1e-4 + rng.uniform(-1e-4, 1e-4, (count, 1)))
+    for i, symbol in enumerate(d.frames[1].q[: 2 if d.frames[0].kind.flat else 3]):
+        values[str(symbol)] = values[str(symbol)] + (wanted - u)[:, i]
+    return values
+
+
+GIVEN = {"outer": 0.0501, "inner": 0.05, "length": 0.02, "normal_stiffness": 1e9, "normal_damping": 0.3, "friction_mu": 0.3,
+         "friction_v_c": 1e-3}  # fmt: skip
+
+
+@pytest.mark.parametrize("length", [None, 0.02], ids=["one plane", "two ends"])
+@pytest.mark.parametrize("sides", [SPATIAL, PLANAR], ids=["spatial", "planar"])
+def test_no_power_comes_from_impact_or_friction(sides: Any, length: float | None) -> None:
+    d = derived(sides, length=length)
+    values = touching(d, 200, 3, GIVEN)
+    p = plan(d, power_outputs)
+    powers = p.kernel.values(columns(p.all_inputs.symbols, values))
+    named = {target[0]: powers[:, i] for i, target in enumerate(p.targets)}
+    assert np.any(named["friction"] > 1.0)  # some of the states are in contact
+    assert np.any(named["friction"] == 0.0) or length is not None  # and some apart, but a tilted pin touches at its ends
+    for cause in ("impact", "friction"):
+        assert np.min(named[cause]) >= -1e-12 * np.max(named[cause])
+    assert np.allclose(named["impact"] + named["friction"], named["dissipated"], rtol=1e-10)
+
+
+class WithoutRotation(JournalContact):
+    """Forgets that the race turns: its points at the contact move with the centre of the race."""
+
+    @staticmethod
+    def _sliding(k: Any, l: Any, from_l: Vec, from_k: Vec) -> Vec:
+        return (l.v + l.w.cross(from_l)) - k.v
+
+
+def test_slip_without_the_rotation_of_the_race_is_caught_by_the_contract() -> None:
+    with pytest.raises(mb.LawError, match="losses by cause"):
+        mb.selftest(WithoutRotation)
+
+
+def test_slip_without_the_rotation_of_the_race_is_caught_by_the_energy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What friction should have dissipated by its own slip is not what the bodies lost: `other` should be 0 here."""
+
+    def other_over_friction() -> float:
+        s = mb.Scene("turning race")
+        race = s.rigid_body("race", 5.0, 0.1, at=(0, 0), angular_velocity=(0, 0, 60.0))
+        s.spring("to the ground", s.ground, race, at_k=(0, 0), at_l=(0, 0), stiffness=1e5, length=0.0)
+        pin = s.rigid_body("pin", 1.0, 1e-3, at=(0, 0), velocity=(0.5, 0.1, 0))
+        s.revolute("J", race, pin, at=(0, 0), model=mb.Clearance(0.0501, 0.05, HERTZ, friction=mb.Coulomb(0.3, 1e-2)))
+        e = s.simulate(0.01, accuracy=1e-6).energy
+        assert e.friction[-1] != 0
+        return float(np.abs(e.other[-1]) / np.abs(e.friction[-1]))
+
+    assert other_over_friction() < 1e-10
+    monkeypatch.setattr("mbdae.scene.joints.JournalContact", WithoutRotation)
+    assert other_over_friction() > 0.1
+
+
+@pytest.mark.parametrize("friction", [None, mb.Coulomb(0.3, 1e-3), mb.LuGre(0.2, 0.3, 1e-3, 1e5, 31.0)],
+                         ids=["none", "Coulomb", "LuGre"])  # fmt: skip
+@pytest.mark.parametrize("clearance", [1e-4, 0.0])
+def test_finite_where_pin_and_race_are_concentric_at_rest_or_just_touch(friction: Any, clearance: float) -> None:
+    d = derived(PLANAR, friction=friction)
+    p = linearised_plan(d, ggl_outputs)
+    zero = dict.fromkeys([str(s) for f in d.frames for s in (*f.q, *f.u)], 0.0)
+    given = GIVEN | {"outer": 0.05 + clearance, "friction_mu_k": 0.2, "friction_mu_s": 0.3, "friction_v_s": 1e-3,
+                     "friction_sigma0": 1e5, "friction_sigma1": 31.0, "state_z": 0.0, "statep_z": 0.0}  # fmt: skip
+    frames = {f"{side}_{name}": 1.0 if name in ("Qx1", "Qy2", "Qz3") else 0.0 for side in "kl"
+              for name in ("p1", "p2", "p3", "theta0", *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)))}  # fmt: skip
+    for x in (0.0, 1e-300, 1e-15, clearance, clearance * (1 + 1e-12) + 1e-12):
+        values = {k: np.array([v]) for k, v in (zero | frames | given | {"l_r1": x}).items()}
+        for kernel, inputs in ((p.residual, p.residual_inputs), (p.jacobian, p.jacobian_inputs)):
+            assert np.all(np.isfinite(kernel.values(columns(inputs.symbols, values))))
