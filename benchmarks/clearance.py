@@ -92,10 +92,10 @@ def with_exudyn(python: str) -> list[dict[str, Any]]:
 
 
 def at_level(rows: Sequence[tuple[float, float]]) -> float:
-    """CPU s at an error of LEVEL from (error, CPU s), on straight lines in logarithmic axes through the two nearest."""
-    near = sorted(rows, key=lambda row: abs(np.log(row[0] / LEVEL)))
-    first = near[0]
-    other = next((r for r in near[1:] if (r[0] - LEVEL) * (first[0] - LEVEL) < 0), near[1])
+    """CPU s at an error of LEVEL from (error, CPU s), on a straight line in logarithmic axes: through the cheapest run that
+    reaches it and the best one that does not, or the two best."""
+    reached, missed = sorted(r[::-1] for r in rows if r[0] <= LEVEL), sorted(r for r in rows if r[0] > LEVEL)
+    first, other = (reached[0][::-1], missed[0]) if reached and missed else sorted(rows)[:2]
     slope = np.log(first[1] / other[1]) / np.log(first[0] / other[0])
     return float(first[1] * (LEVEL / first[0]) ** slope)
 
