@@ -11,10 +11,10 @@ stiffness are those of the steel tube (nu = EI/GJ - 1 = 0.28) with that mass and
 cranks start at full speed with the links undeformed, which leaves an elastic vibration in the wings.
 
 Case III leaves both hinges 4 their clearance: races of 50.1 mm around pins of 50 mm, as the paper prints them, although the
-links that meet there are 36 and 108 mm long; only their difference, 0.1 mm, and where friction acts depend on the radii.
+links that meet there are 36 and 107 mm long; only their difference, 0.1 mm, and where friction acts depend on the radii.
 Hertz contact of 1e9 N/m^1.5 and Coulomb friction with mu = 0.6 and v_c = 2 m/s are the paper's too. Pin and race slide at
 up to 0.3 m/s, where tanh(v / v_c) is 0.15: the friction is viscous rather than dry, a sixth of what mu says. Contact damping
-is not given; `damping` (s/m) is small, 0.1, and hardly matters: friction dissipates a thousand times what impacts do.
+is not given; `damping` (s/m) is small, 0.1, and hardly matters: friction dissipates hundreds of times what impacts do.
 
 Options: `flexible` links instead of rigid ones; `case` "I" (all hinges kinematic), "II" (2 and 4 recursive), "III" (4 with
 clearance), "recursive" (all of elastic links, of rigid ones those that close no loop) or "classical"; `damping` of the contact;
