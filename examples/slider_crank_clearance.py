@@ -130,8 +130,8 @@ def picture(single, runs, path):
         b.plot(*(1e3 * at[joint].orbit.T), label=NAMES[joint], color=COLOURS[joint], lw=1)
     angle = np.linspace(0, 2 * np.pi, 200)
     b.plot(1e3 * CLEARANCE * np.cos(angle), 1e3 * CLEARANCE * np.sin(angle), "k--", lw=1, label="contact begins")
-    b.set(title="soft, both: centre of the pin in its race", xlabel="mm", ylabel="mm", aspect="equal", ylim=(-0.75, 1.0))
-    b.legend(fontsize="small", loc="upper center", ncols=3)
+    b.set(title="soft, both: centre of the pin in its race", xlabel="mm", ylabel="mm", aspect="equal", ylim=(-1.15, 0.8))
+    b.legend(fontsize="small", loc="lower center", ncols=2)
     many = [slider(r(times)) for r in runs]
     for x in many[1:]:
         c.semilogy(times / t_end, np.maximum.accumulate(np.maximum(np.abs(x - many[0]), 1e-16)), color="tab:red", lw=0.8)
