@@ -18,7 +18,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
-from mbdae.results.reliability import doubts_of_run, doubts_of_steps
+from mbdae.results.reliability import doubts_of_run, doubts_of_steps, energy_alarm
 from mbdae.results.resolution import refuse_unresolved
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.results.waves import lost_amplitude, with_amplitude
@@ -192,7 +192,7 @@ class _Job:
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
         notes = _warnings(self.prepared, run, known) + doubts_of_steps(run) + doubts_of_run(found, run)
-        info = replace(info, warnings=tuple(notes))
+        info = replace(info, warnings=tuple(notes), reliable=not energy_alarm(found))
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return Result(self.prepared, run.solution, info, times)

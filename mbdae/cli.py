@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import math
 import sys
 import traceback
 import warnings
@@ -80,10 +81,13 @@ def run(a: argparse.Namespace) -> int:
             print(f"{measure} at t = {r.t[-1]:g} s: {final}")
         print(f"largest constraint violation {np.max(r.drift.position, initial=0.0):.1e}, "
               f"largest energy balance error {np.max(np.abs(r.energy.balance)):.1e} J")  # fmt: skip
+        for joint, c in r.contacts.items():
+            print(f"'{joint}': {c['contacts']:.0f} contacts, the first at t = {c['first']:.6g} s; penetration up to "
+                  f"{c['deepest']:.2g} m, play {c['play']:.2g} m; force times sliding distance {c['wear']:.3g} J")  # fmt: skip
         _list(written)
     for warning in r.warnings:
         print(f"mbdae: warning: {warning}", file=sys.stderr)
-    return 1 if r.accuracy.met is False or not r.complete else 0
+    return 1 if r.accuracy.met is False or not r.complete or not r.reliable else 0
 
 
 def compare(a: argparse.Namespace) -> int:
@@ -148,6 +152,8 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
         "final": final, "cpu_s": r.info.cpu_s, "steps": s.steps, "rejected": s.rejected,
         "residuals": s.residuals, "jacobians": s.jacobians, "factorisations": s.factorisations,
         "drift": float(np.max(r.drift.position, initial=0.0)), "energy_balance_J": float(np.max(np.abs(r.energy.balance))),
+        "reliable": r.reliable, "contacts": {joint: {k: v if math.isfinite(v) else None for k, v in c.items()}
+                                             for joint, c in r.contacts.items()},
         "warnings": list(r.warnings), "written": written,
     }  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ class Kernel:
         return len(self.expressions)
 
     @cached_property
-    def compiled(self) -> Callable[..., Any]:
+    def compiled(self) -> Any:
         """The LLVM function, compiled on first use; of no inputs (a tree whose coordinates are all prescribed) the constants."""
         if not self.symbols:
             constants = np.array([float(e) for e in self.expressions])
@@ -36,7 +36,7 @@ class Kernel:
         level = self.level
         if level is None:
             level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
-        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)  # type: ignore[no-any-return]
+        return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
 
     @cached_property
     def operations(self) -> int:
@@ -48,6 +48,17 @@ class Kernel:
             self.compiled(x, out=out)
         else:  # LLVM takes no function without arguments
             out[...] = self.once(x)
+
+    def bound(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> Callable[[], Any]:
+        """The call for arrays that stay: shapes are checked here, once, instead of for two thirds of a small call."""
+        if not self.symbols:
+            return partial(self, x, out)
+        if x.shape[1] != len(self.symbols) or out.shape != (len(x), self.width):
+            raise ValueError(f"inputs {x.shape} and outputs {out.shape} of {len(self.symbols)} symbols, {self.width} expressions")
+        flat = x.view(), out.view()
+        for array in flat:
+            array.shape = (array.size,)  # unlike `reshape` refuses to copy
+        return partial(self.compiled.unsafe_eval, *flat, len(x))
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (..., outputs) for inputs (..., inputs)."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
+from collections.abc import Callable
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,10 @@ class ElementKernel(ABC):
     def __call__(self, x: Array, out: Array) -> None:
         out[:] = self.values(x)
 
+    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
+        """The call for arrays that stay."""
+        return partial(self, x, out)
+
     @property
     def width(self) -> int:
         """Number of outputs."""
@@ -59,6 +64,14 @@ class ElementKernel(ABC):
         """(N, places) derivatives."""
         return self.full_jacobian(x)[:, *self._places]
 
+    def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
+        """The call of `jacobian` for arrays that stay."""
+
+        def evaluate() -> None:
+            out[:] = self.jacobian(x)
+
+        return evaluate
+
 
 class ElementJacobian:
     """The derivatives of an element kernel, called like a kernel."""
@@ -68,3 +81,7 @@ class ElementJacobian:
 
     def __call__(self, x: Array, out: Array) -> None:
         out[:] = self.kernel.jacobian(x)
+
+    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
+        """The call for arrays that stay."""
+        return self.kernel.bound_jacobian(x, out)

@@ -5,8 +5,8 @@ All elements share one table of shape functions; numbers of an element are kept 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ from mbdae.kernels.line_nodes import Nodes
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
+
+SMALL = 20_000  #: entries of a dense operator from derivatives at points to those of an element; above, sparse is faster
 
 
 class LineKernel(ElementKernel):
@@ -52,7 +54,6 @@ class LineKernel(ElementKernel):
         self.targets: list[Target] = [*velocities, *stresses]
         self._splits = np.cumsum([len(positions), len(rates), len(stresses)])
         self._buffers: dict[tuple[int, bool], Array] = {}
-        self._values: dict[int, Array] = {}
 
     def _table(self, fields: Sequence[Field]) -> Array:
         """(count * nq, points * fields): interpolation of nodal values; its transpose scatters."""
@@ -75,17 +76,44 @@ class LineKernel(ElementKernel):
         return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
 
     def __call__(self, x: Array, out: Array) -> None:
+        self.bound(x, out)()
+
+    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
+        """The call for arrays that stay; products between kept arrays where the nodes are in the plane."""
         if not self.nodes.flat or self.given:
-            out[:] = self.values(x)
-            return
-        gather, base, scatter = self._operators
+            return partial(self._write, x, out)
+        scatter = self._operators[2]
+        gather, values = self._gathering(x, self.point)
+        rows = values.reshape(len(x), -1)
+
+        def evaluate() -> None:
+            gather()
+            np.matmul(rows, scatter, out=out)
+
+        return evaluate
+
+    def _write(self, x: Array, out: Array) -> None:
+        out[:] = self.values(x)
+
+    def _gathering(self, x: Array, kernel: Kernel) -> tuple[Callable[[], None], Array]:
+        """A call that evaluates a kernel at all points of elements in the plane, and its values (N * points, width)."""
+        gather, base, _ = self._operators
         X = self._buffer(len(x), False)
-        values = self._values.setdefault(len(x), np.empty((len(x) * self.points, self.point.width)))
-        X[:, :, : base.shape[2]] = (x @ gather).reshape(len(x), *base.shape[1:])
-        if np.any(base):
-            X[:, :, : base.shape[2]] += np.tile(base, (len(x) // len(base), 1, 1))
-        self.point(X.reshape(len(values), -1), values)
-        np.matmul(values.reshape(len(x), -1), scatter, out=out)
+        inputs, unknowns = X[:, :, : base.shape[2]], np.empty((len(x), gather.shape[1]))
+        shaped = unknowns.reshape(len(x), *base.shape[1:])
+        shift = np.tile(base, (len(x) // len(base), 1, 1)) if np.any(base) else None
+        values = np.empty((len(x) * self.points, kernel.width))
+        point = kernel.bound(X.reshape(len(values), -1), values)
+
+        def evaluate() -> None:
+            np.matmul(x, gather, out=unknowns)
+            if shift is None:
+                inputs[...] = shaped
+            else:
+                np.add(shaped, shift, out=inputs)
+            point()
+
+        return evaluate, values
 
     @cached_property
     def _operators(self) -> tuple[Array, Array, Array]:
@@ -167,8 +195,11 @@ class LineKernel(ElementKernel):
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)
-        N, n, D = len(x), self.nodes, len(self.derived.duals)
-        values = _evaluated(self.point_jacobian, X).reshape(N, self.points, -1)
+        return self._assembled(_evaluated(self.point_jacobian, X).reshape(len(x), self.points, -1), q, u)
+
+    def _assembled(self, values: Array, q: Array, u: Array) -> Array:
+        """(N, outputs, inputs) from the values of `point_jacobian` (N, points, width): linear in them."""
+        N, n, D = len(values), self.nodes, len(self.derived.duals)
         covector = self._covector(values[:, :, :D].reshape(N, -1))
         spread, shape = self._spread
         K = (spread @ values[:, :, D:].reshape(N, -1).T).reshape(*shape, N)
@@ -181,6 +212,28 @@ class LineKernel(ElementKernel):
         forces = n.force_rows(n.turn_rows(K[:a]), q)
         forces[:, :a] += n.geometric(covector)
         return np.concatenate([forces, K[a:]]).transpose(2, 0, 1)
+
+    def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
+        """In the plane one product with a constant matrix, as long as that is small: it has few zeros only then."""
+        width = self.points * self.point_jacobian.width
+        if not self.nodes.flat or self.given or width * len(self.jacobian_places) > SMALL:
+            return super().bound_jacobian(x, out)
+        gather, values = self._gathering(x, self.point_jacobian)
+        rows, operator = values.reshape(len(x), -1), self._derivative_operator
+
+        def evaluate() -> None:
+            gather()
+            np.matmul(rows, operator, out=out)
+
+        return evaluate
+
+    @cached_property
+    def _derivative_operator(self) -> Array:
+        """(points * width, places) of `_assembled` in the plane, found by evaluating it on unit vectors."""
+        count, n = self.points * self.point_jacobian.width, self.nodes
+        units = np.eye(count).reshape(count, self.points, -1)
+        found = self._assembled(units, np.zeros((count, n.count, n.nq)), np.zeros((count, n.count, n.nu)))
+        return np.ascontiguousarray(found[:, *self._places])
 
 
 def merged(kernels: Sequence[LineKernel]) -> LineKernel:

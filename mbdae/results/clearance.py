@@ -93,6 +93,12 @@ class ClearanceSensor(ConnectionSensor):
         seen = self.at_times(t)
         return float(np.trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), t))
 
+    def summary(self) -> dict[str, float]:
+        """The contact in numbers: see `Result.contacts`."""
+        found, law = self.contacts, self._item.laws[-1]
+        play = law.outer - law.inner
+        return {"contacts": len(found), "first": found.first, "deepest": found.deepest, "play": play, "wear": self.wear}
+
     @cached_property
     def contacts(self) -> Contacts:
         """Begin, end and peak penetration of every contact, found on the steps of the run."""

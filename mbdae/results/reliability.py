@@ -29,10 +29,13 @@ def doubts_of_run(result: Result, run: Controlled) -> list[str]:
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
         return []
     found = [doubt for contact in prepared.contacts for doubt in _of_contact(result, run, contact)]
-    return _of_energy(result) + found + _of_friction(prepared, run)
+    return energy_alarm(result) + found + _of_friction(prepared, run)
 
 
-def _of_energy(result: Result) -> list[str]:
+def energy_alarm(result: Result) -> list[str]:
+    """The alarm of a run with contact whose energy balance is off by more than a tenth of what contact and friction dissipate."""
+    if not result.prepared.contacts:
+        return []
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))

@@ -59,6 +59,7 @@ class RunInfo:
     cpu_s: float = 0.0  #: of all runs together
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
+    reliable: bool = True  #: False where energy was made or lost beside contacts: see `Result.reliable`
 
 
 class Result:
@@ -86,6 +87,16 @@ class Result:
     def warnings(self) -> tuple[str, ...]:
         """What the user should know before trusting the result."""
         return self.info.warnings
+
+    @property
+    def reliable(self) -> bool:
+        """False where contact or friction went wrong: the energy balance is off by more than a tenth of what they dissipate."""
+        return self.info.reliable
+
+    @property
+    def contacts(self) -> dict[str, dict[str, float]]:
+        """By joint with clearance: number of `contacts`, `first` (s), `deepest` penetration (m), `play` (m), `wear` (J)."""
+        return {c.name: self[c.name].summary() for c in self.prepared.model.scene.joints if c.loose}
 
     @property
     def start(self) -> Start:

@@ -23,6 +23,7 @@ from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.scene.record import encode, found, replay
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
+from mbdae.system.contacts import expected_contacts
 from mbdae.system.expansion import Expansion
 from mbdae.system.numbering import constraint_rows
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
@@ -60,7 +61,8 @@ def load(path: Any) -> Result:
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = Accuracy(**info["accuracy"]), tuple(info["warnings"])
-    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings, info.get("choice", ""))
+    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings, info.get("choice", ""),
+                    info.get("reliable", True))
     return Result(prepared, solution, known, arrays["t"])
 
 
@@ -94,7 +96,9 @@ def _prepared(header: dict[str, Any], start: Start) -> Prepared:
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
     expansion = Expansion(model, carried)
-    return Prepared(model, mechanics_of(model, rank.kept, expansion), rank, start, header["time"], expansion)
+    mechanics = mechanics_of(model, rank.kept, expansion)
+    contacts = expected_contacts(mechanics, start, {}) if any(c.loose for c in model.scene.joints) else []
+    return Prepared(model, mechanics, rank, start, header["time"], expansion, contacts)
 
 
 # ---- the run -----------------------------------------------------------------------------------------------------------
@@ -105,7 +109,8 @@ def _info(info: RunInfo) -> dict[str, Any]:
     cls = type(info.solver)
     solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
     parts = {"accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "warnings": list(info.warnings)}
-    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice, **parts}
+    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
+            "reliable": info.reliable, **parts}  # fmt: skip
 
 
 def _solver(stored: dict[str, Any]) -> Any:

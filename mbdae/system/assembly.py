@@ -232,21 +232,19 @@ class SceneSystem(System):
         n, self._pattern = self.n, pattern
         used = np.unique(np.concatenate([pattern.cells, pattern.fixed_cells]))
         used = used[used < n * n]
-        if sparse:
-            indptr = np.searchsorted(used, np.arange(n + 1) * n)
-            self.sparsity: Any = sp.csc_matrix((np.ones(used.size), used % n, indptr), shape=(n, n))
-            self._size = used.size
-        else:
-            self.sparsity, self._size = None, n * n
+        indptr = np.searchsorted(used, np.arange(n + 1) * n)
+        self.pattern = sp.csc_matrix((np.ones(used.size), used % max(n, 1), indptr), shape=(n, n))
+        self.sparsity = self.pattern if sparse else None
+        self._dense = used % max(n, 1) * n + used // max(n, 1)
 
         def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
-            inside = np.searchsorted(used, cells) if sparse else cells % max(n, 1) * n + cells // max(n, 1)
-            return np.where(cells < n * n, inside, self._size)
+            return np.where(cells < n * n, np.searchsorted(used, cells), used.size)
 
-        self._place, place = position(pattern.cells), position(pattern.fixed_cells)
-        self._c = [np.zeros(self._size + 1), np.zeros(self._size + 1)]
+        self._place, fixed = position(pattern.cells), position(pattern.fixed_cells)
+        self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
         for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
-            np.add.at(part, place[mask], pattern.fixed[mask])
+            np.add.at(part, fixed[mask], pattern.fixed[mask])
+        self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
 
     # -- evaluation
 
@@ -311,14 +309,30 @@ class SceneSystem(System):
         return np.concatenate([p.ravel() for p in self._mass.places])
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
-        weighted = self._values(t, y, yp) * np.where(self._pattern.dotted, cj, 1.0)
-        data: Any = np.bincount(self._place, weighted, self._size + 1) + self._c[0]
-        data += cj * self._c[1]
-        out.reshape(-1)[:] = data[:-1]
+        fy, fyp = self.jacobian_values(t, y, yp)
+        self._write(fy + cj * fyp, out)
+
+    def _write(self, data: Array, out: Array) -> None:
+        """CSC data into (n, n) or CSC data, as `sparsity` says."""
+        if self.sparsity is not None:
+            out[:] = data
+            return
+        out[:] = 0.0
+        out.reshape(-1)[self._dense] = data
+
+    def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        values, size = self._values(t, y, yp), len(self._dense) + 1
+        fy, fyp = (
+            np.bincount(self._place.take(part), values.take(part), size)[:-1] + c[:-1] if len(part) else c[:-1].copy()
+            for part, c in zip(self._parts, self._c, strict=True)
+        )
+        return fy, fyp
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        values, parts = self._values(t, y, yp), []
-        for constant, mask in zip(self._c, (~self._pattern.dotted, self._pattern.dotted), strict=True):
-            data = np.bincount(self._place[mask], values[mask], self._size + 1) + constant
-            parts.append(data[:-1] if self.sparsity is not None else data[:-1].reshape(self.n, self.n))
-        return parts[0], parts[1]
+        fy, fyp = self.jacobian_values(t, y, yp)
+        if self.sparsity is not None:
+            return fy, fyp
+        dense = np.zeros((2, self.n, self.n))
+        self._write(fy, dense[0])
+        self._write(fyp, dense[1])
+        return dense[0], dense[1]

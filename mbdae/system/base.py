@@ -41,6 +41,8 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
+    #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
+    pattern: Any = None
 
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
@@ -74,6 +76,10 @@ class System:
         self.jacobian(t, y, yp, 0.0, fy)
         self.jacobian(t, y, yp, 1.0, both)
         return fy, both - fy
+
+    def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' apart as (nnz,) data of `pattern`, of systems that have one."""
+        raise NotImplementedError
 
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step (memory lives here, never in a residual)."""

@@ -15,9 +15,10 @@ Index = NDArray[np.intp]
 
 
 class Evaluation:
-    """One kernel call per law for all rows of the workspace W (count, width)."""
+    """One kernel call per law for all rows of the workspace W (count, width); `further` constants follow the values."""
 
-    def __init__(self, W: Array, gathers: list[Index], kernels: list[Any], columns: Index | None = None) -> None:
+    def __init__(self, W: Array, gathers: list[Index], kernels: list[Any], columns: Index | None = None,
+                 further: Array | None = None) -> None:  # fmt: skip
         self.W, (count, width) = W, W.shape
         shift = np.arange(count)[:, None, None] * width
         pieces = [(shift + g[None]).ravel() for g in gathers]
@@ -25,21 +26,22 @@ class Evaluation:
             pieces.append((shift[:, :, 0] + columns[None]).ravel())
         self.index = np.concatenate([*pieces, np.zeros(0, dtype=np.intp)])
         self.x = np.empty(self.index.size)
-        self.v = np.empty(sum(g.shape[0] * k.width for g, k in zip(gathers, kernels, strict=True)) * count
-                          + (pieces[-1].size if columns is not None else 0))  # fmt: skip
+        size = sum(g.shape[0] * k.width for g, k in zip(gathers, kernels, strict=True)) * count
+        size += pieces[-1].size if columns is not None else 0
+        self.v = np.concatenate([np.zeros(size), further if further is not None else np.zeros(0)])
         self.calls, a, b = [], 0, 0
         for g, kernel in zip(gathers, kernels, strict=True):
             points, outputs = count * g.shape[0], kernel.width
             x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
-            self.calls.append((kernel, x.reshape(points, -1), v.reshape(points, outputs)))
+            self.calls.append(kernel.bound(x.reshape(points, -1), v.reshape(points, outputs)))
             a, b = a + g.size * count, b + points * outputs
-        self.tail = (self.x[a:], self.v[b:])
+        self.tail = (self.x[a:], self.v[b:size])
 
     def values(self) -> Array:
         """All kernel values in one flat array, law by law."""
         self.W.take(self.index, out=self.x, mode="clip")
-        for kernel, x, v in self.calls:
-            kernel(x, v)
+        for call in self.calls:
+            call()
         return self.v
 
 
@@ -95,15 +97,17 @@ class Batch:
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,
                  stages: tuple[list[Any], list[Any]]) -> None:  # fmt: skip
-        self.numbering, self.n, self.offset = numbering, numbering.n, offset
+        self.numbering, self.n = numbering, numbering.n
         self.W = numbering.workspace(count)
         rows, columns, weights = terms.linear_terms
-        self.laws = Evaluation(self.W, terms.gathers, terms.kernels, columns)
+        steady = np.flatnonzero(offset)
+        self.laws = Evaluation(self.W, terms.gathers, terms.kernels, columns, np.tile(offset[steady], count))
         self.weights, self.rows = np.tile(weights, count), len(offset)
         shift = np.arange(count)[:, None, None] * self.rows
         pieces = [(shift + p[None]).ravel() for p in terms.places]
-        self.place = np.concatenate([*pieces, (shift[:, :, 0] + rows[None]).ravel()])
-        self._has_clock = numbering.clock.expressions != []
+        at = [(shift[:, :, 0] + r[None]).ravel() for r in (rows, steady)]
+        self.place = np.concatenate([*pieces, *at])
+        self._has_clock, self._times = numbering.clock.expressions != [], b""
         self.staged = bool(stages[0])
         if self.staged:
             widths = self.W.shape[1], self.rows
@@ -113,8 +117,9 @@ class Batch:
         """Unknowns, prescribed values and the motion of loaded nodes into the workspace."""
         self.W[:, : self.n] = y
         self.W[:, self.n : 2 * self.n] = yp
-        if self._has_clock:
+        if self._has_clock and (times := t.tobytes()) != self._times:  # a Newton iteration asks again for the same times
             self.numbering.fill_clock(self.W, t)
+            self._times = times
         if self.staged:
             self.forward.write(self.W)
 
@@ -123,7 +128,7 @@ class Batch:
         self.fill(t, y, yp)
         values = self.laws.values()
         np.multiply(self.laws.tail[0], self.weights, out=self.laws.tail[1])
-        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows) + self.offset
+        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows)
         if self.staged:
             self._pull(total)
         return np.asarray(total[:, : self.n])

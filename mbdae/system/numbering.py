@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -122,7 +122,7 @@ class Numbering:
         self._clock_values: list[Any] = []
         self._constants: list[float] = []
         self._gathers: dict[Any, NDArray[np.intp]] = {}
-        self._clock_arrays: dict[int, tuple[Array, Array]] = {}
+        self._clock_calls: dict[int, tuple[Array, Array, Callable[[], Any]]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self._collect()
         self.further = self.carried + len(self._clock_values) + len(self._constants)
@@ -167,11 +167,12 @@ class Numbering:
         """Prescribed values at times t (count,)."""
         if not self._clock_values:
             return
-        if len(t) not in self._clock_arrays:  # kept: a residual is asked for at the same few numbers of points
-            self._clock_arrays[len(t)] = np.empty((len(t), 1)), np.empty((len(t), len(self._clock_values)))
-        x, out = self._clock_arrays[len(t)]
+        if len(t) not in self._clock_calls:  # kept: a residual is asked for at the same few numbers of points
+            x, out = np.empty((len(t), 1)), np.empty((len(t), len(self._clock_values)))
+            self._clock_calls[len(t)] = x, out, self.clock.bound(x, out)
+        x, out, call = self._clock_calls[len(t)]
         x[:, 0] = t
-        self.clock(x, out)
+        call()
         W[:, self.carried : self.carried + len(self._clock_values)] = out
 
     def node_place(self, head: str, node: Node, component: int) -> int:
