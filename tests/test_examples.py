@@ -123,6 +123,12 @@ def test_soft_slider_crank_converges_and_two_clearances_are_not_the_sum(play):
         assert np.max(np.abs(deviations["BC"] - deviations["B"] - deviations["C"])) > 5e-4  # m
 
 
+def test_a_pin_that_oscillates_in_its_race_is_no_whirl():
+    import slider_crank_clearance as example
+
+    assert example.scene("C").simulate(example.t_end, solver=mb.RadauIIA(3, rtol=1e-8)).warnings == ()
+
+
 CASES = {(1, False): "A1_prescribed_1axis", (2, False): "A2_prescribed_2axis_iso",
          (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}  # fmt: skip
 
