@@ -100,6 +100,35 @@ def test_flapping_wing_draws_its_pictures(tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"wing.png", "tip.png", "angles.png", "torque.png"}
 
 
+def test_flapping_wing_with_clearance_stays_near_the_one_without():
+    import flapping_wing
+
+    one, three = (flapping_wing.scene(case=case).simulate(0.1, solver=mb.RadauIIA(3, rtol=1e-8)) for case in ("I", "III"))
+    contacts = three["L4"].contacts
+    assert 1e-6 < contacts.deepest < 5e-5  # m
+    play = flapping_wing.OUTER - flapping_wing.INNER + contacts.deepest
+    lever = 0.01 * np.linalg.norm(np.subtract(flapping_wing.POINTS[4], flapping_wing.POINTS[12]))
+    off = np.max(np.abs(one["L12"].angle - three["L12"].angle))
+    assert 0.2 * play < off * lever < 2 * play
+    assert np.max(np.abs(three.energy.balance)) < 1e-6 * np.max(three.energy.kinetic)
+
+
+@pytest.mark.parametrize("play", ["B", "C", "BC"])
+def test_soft_slider_crank_converges_and_two_clearances_are_not_the_sum(play):
+    import slider_crank_clearance
+
+    assert max(slider_crank_clearance.differences(play, turn=0.25)) < 1e-8  # m
+    if play == "BC":
+        deviations = {name: d for name, (_, d) in slider_crank_clearance.deviations().items()}
+        assert np.max(np.abs(deviations["BC"] - deviations["B"] - deviations["C"])) > 5e-4  # m
+
+
+def test_a_pin_that_oscillates_in_its_race_is_no_whirl():
+    import slider_crank_clearance as example
+
+    assert example.scene("C").simulate(example.t_end, solver=mb.RadauIIA(3, rtol=1e-8)).warnings == ()
+
+
 CASES = {(1, False): "A1_prescribed_1axis", (2, False): "A2_prescribed_2axis_iso",
          (1, True): "B1_free_1axis", (2, True): "B2_free_2axis_iso"}  # fmt: skip
 

@@ -19,7 +19,8 @@ from mbdae.system.prepare import Prepared
 COARSE = 0.1  #: tolerance of positions over the penetration where a result is doubtful
 ALARM, MOVING = 0.1, 1e-3  #: energy error over what was dissipated, or over MOVING times the largest kinetic energy
 THIN = 3  #: steps in the shortest contact below which it was not resolved
-FASTER, PRESSED = 5.0, 0.9  #: a whirl that many times faster than the spin, in contact for that share of the time
+#: a whirl that many times faster than the spin, in contact for that share of the time, around the race that many times
+FASTER, PRESSED, AROUND = 5.0, 0.9, 2.0
 
 SEEN = 1.0  #: step times frequency up to which an unstable oscillation grows in a run as it should
 GROWN = 5.0  #: logarithm of the growth that must have been lost before it is told
@@ -82,8 +83,9 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     spin = float(np.median(found[1]))
     pressed = float(np.mean(seen["gap"].min(axis=1) < 0))
     x, y = seen["orbit"].T
-    turning = float(np.median(_rate(times, np.unwrap(np.arctan2(y, x)))))
-    if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin):
+    angle = np.unwrap(np.arctan2(y, x))
+    turning, turns = float(np.median(_rate(times, angle))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
+    if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin) or turns < AROUND:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
             f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip

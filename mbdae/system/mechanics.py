@@ -224,13 +224,14 @@ class Mechanics:
 
     def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array, slope: Array | None) -> tuple[Array, Array]:
         out = np.empty((len(t), self.nu + self.m))
+        G, gamma, M = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), sp.coo_matrix(self.mass)
+        columns = G.transpose(0, 2, 1) if slope is None else G.transpose(0, 2, 1) - slope
+        r, c = np.nonzero(np.any(G != 0, axis=0))
+        d, e = np.nonzero(np.any(columns != 0, axis=0))
+        places = np.r_[M.row, self.nu + r, d], np.r_[M.col, c, self.nu + e]
         for i in range(len(t)):
-            at = slice(i, i + 1)
-            G = sp.csc_matrix(self.constraint_jacobian(t[at], q[at])[0])
-            gamma = self.acceleration_bias(t[at], q[at], u[at])[0]
-            column = G.T if slope is None else G.T - sp.csc_matrix(slope[i])
-            K = sp.bmat([[self.mass, column], [G, None]], format="csc") if self.m else self.mass
-            out[i] = splu(K).solve(np.r_[f[i], -gamma])
+            values = np.r_[M.data, G[i, r, c], columns[i, d, e]]
+            out[i] = splu(sp.csc_matrix((values, places), shape=(out.shape[1],) * 2)).solve(np.r_[f[i], -gamma[i]])
         return out[:, : self.nu], out[:, self.nu :]
 
     @cached_property
