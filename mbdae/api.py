@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Linearization
 
 DEFAULT_OUTPUTS = 201
+JUDGED = 1000  #: outputs at which a run with contact is judged
 
 
 class Scene(SceneData):
@@ -191,11 +192,12 @@ class _Job:
         info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
-        notes = _warnings(self.prepared, run, known) + doubts_of_steps(run) + doubts_of_run(found, run)
-        info = replace(info, warnings=tuple(notes), reliable=not energy_alarm(found))
+        judged = found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1])
+        notes = _warnings(self.prepared, run, known) + doubts_of_steps(run) + doubts_of_run(judged, run)
+        found.info = replace(info, warnings=tuple(notes), reliable=not energy_alarm(judged))
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
-        return Result(self.prepared, run.solution, info, times)
+        return found
 
     def _attach(self, error: SolverError, solver: Solver) -> None:
         """Give a failed run's solution the shape of a Result: nothing computed is lost."""

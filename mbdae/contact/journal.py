@@ -59,6 +59,7 @@ class JournalContact(Force):
     )  # fmt: skip
     options = ("normal", "friction")
     dissipative = True
+    timeless = True
 
     def own_states(self) -> Mapping[str, Parameter]:
         if self.friction is None:

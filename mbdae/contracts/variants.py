@@ -13,14 +13,15 @@ from mbdae.joints import Prismatic, Revolute
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Force, Law, Structure
-from mbdae.symbolic.part import Part
+from mbdae.symbolic.part import Part, PartStructure
 
 Variant = tuple[str, Structure, tuple[Side, ...]]
 #: options of the package's laws; the options of other laws are given to `selftest`
 _OPTIONS: dict[str, tuple[Any, ...]] = {
     "joint": (Revolute, Prismatic), "following": (False, True), "tilting": (False, True),
     "normal": (Hertz(1, damping=1).structure(),),
-    "friction": (None, Coulomb(1, 1).structure(), LuGre(1, 1, 1, 1, 1, 1).structure()),
+    "friction": (PartStructure(Coulomb, frozenset(), ()),
+                 PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))),
 }  # fmt: skip
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
@@ -52,7 +53,7 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
         absences = [frozenset[str](), *(frozenset([p]) for p in optional)]
         absences += [frozenset(optional) - {p} for p in optional] + [frozenset(optional)]
         found += [Structure(a, options=fixed) for a in dict.fromkeys(absences) if _derivable(law, Structure(a, options=fixed))]
-        if law.params and not issubclass(law, Element):
+        if law.params and not law.timeless and not issubclass(law, Element):
             found.append(Structure(timed=frozenset(law.params), options=fixed))
     return found
 

@@ -18,6 +18,9 @@ from mbdae.system.base import Array, System
 REUSE = 1e-2
 #: number of the stage where a new Jacobian is taken
 AMID = 1
+#: steps longer than the last one by more than FAR do not continue its polynomial; a step grows by 8 at most, but a landing
+#: on a contact may be short
+FAR = 50.0
 #: halvings that may be used to find starting values for a constant step
 DEPTH = 6
 
@@ -131,8 +134,9 @@ class RadauStep:
         self._at_start = False
 
     def _predict(self, h: float) -> None:
-        """Starting increments: the last collocation polynomial continued, at the start a straight line."""
-        if self._previous is None:
+        """Starting increments: the last collocation polynomial continued; a straight line at the start, and after a step that
+        was much shorter, whose polynomial says nothing so far away."""
+        if self._previous is None or h > FAR * self._previous[0]:
             np.multiply.outer(self.table.c * h, self.yp, out=self.newton.Z)
             return
         last_h, last_Z = self._previous

@@ -90,6 +90,8 @@ class Derived:
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     frames = tuple(make_frame(s, *side) for s, side in zip("b" if len(sides) == 1 else "klc"[: len(sides)], sides, strict=True))
+    if structure.timed and cls.timeless:
+        raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
     law = cls.symbolic(structure)
     for name in law.own_coordinates:
         setattr(law, name, frames[2].q[0])

@@ -54,6 +54,7 @@ class Law:
     states: Mapping[str, Parameter] = MappingProxyType({})
     coordinates: ClassVar[Mapping[str, Parameter]] = {}  #: massless unknowns of the joint the law belongs to (at most one)
     axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
+    timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
 
     def __init__(self, name: str, **values: Any) -> None:

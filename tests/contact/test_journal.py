@@ -74,7 +74,7 @@ class WithoutRotation(JournalContact):
 
 def test_slip_without_the_rotation_of_the_race_is_caught_by_the_contract() -> None:
     with pytest.raises(mb.LawError, match="losses by cause"):
-        mb.selftest(WithoutRotation)
+        mb.selftest(WithoutRotation, friction=mb.Coulomb(1, 1))
 
 
 def test_slip_without_the_rotation_of_the_race_is_caught_by_the_energy(monkeypatch: pytest.MonkeyPatch) -> None:
