@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.elements.line_frames import headings, quaternions, relative, section_axes
-from mbdae.elements.line_shape import Array, Table, mass_points, node_positions, table
+from mbdae.elements.line_shape import Array, Table, mass_points, node_positions
 from mbdae.errors import OptionError
 
 NEAR = 1e-9  #: of a segment: what counts as the same place
@@ -71,15 +71,6 @@ class LineMesh:
         nodes[node], theta[node] = P, heading
         turns = relative(nodes[self.elements], sections)
         return replace(self, quaternions=nodes, headings=theta, turns=turns, offsets=angles - theta[self.elements])
-
-    def locate(self, station: float) -> tuple[int, Table]:
-        """The element at a length along the line, m, and its shape functions there (one point)."""
-        ends = self.stations[self.elements[:, [0, -1]]]
-        if not 0 <= station <= ends[-1, 1] * (1 + 1e-12):
-            raise OptionError(f"station = {station:g} m: give a length from 0 to {ends[-1, 1]:g} m")
-        e = min(int(np.searchsorted(ends[:, 1], station)), len(ends) - 1)
-        xi = min((station - ends[e, 0]) / (ends[e, 1] - ends[e, 0]), 1.0)
-        return e, table(self.order, np.array([xi]))
 
     def shared(self, at: Table) -> Array:
         """(m, p + 1, p + 1) integrals of products of shape functions over every element, m."""

@@ -122,15 +122,6 @@ def test_circle():
         assert rotation(P) == pytest.approx(np.column_stack([t, -r, [0, 0, 1]]), abs=1e-8)
 
 
-def test_places_along_the_line():
-    mesh = polyline(SPACE, [2, 3], 3)
-    for station, point in ((0, SPACE[0]), (0.7, (0.7, 0, 0)), (2, SPACE[1]), (mesh.length, SPACE[2])):
-        element, at = mesh.locate(station)
-        assert (at.values @ mesh.curve[element])[0] == pytest.approx(np.array(point), abs=1e-14)
-    with pytest.raises(OptionError, match="station = 9 m"):
-        mesh.locate(9.0)
-
-
 def test_arc_through_three_points():
     curve = arc((1, 0), (0, 1), (-1, 0))
     assert np.array([curve(s) for s in (0, 0.5, 1)]) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0]]), abs=1e-14)
