@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import symengine as se
-
-from mbdae.joints.coincidence import same_axis, same_point
+from mbdae.joints.coincidence import near_angle, same_axis, same_point, turned_by
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import AUGMENTED, Joint, Parameter, params
 from mbdae.symbolic.vectors import Expr
@@ -25,14 +23,13 @@ class ClassicalRevolute(Joint):
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         rows = same_point(k, l) | same_axis(k, l)
-        rows["angle"] = k.x @ (l.x * se.sin(self.phi) + l.y * se.cos(self.phi))
+        rows["angle"] = turned_by(k, l, self.phi)
         if self.drive is not None:
             rows["drive"] = self.phi - self.drive
         return rows
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        near = k.x @ (l.x * se.cos(self.phi) - l.y * se.sin(self.phi))
-        return {"axes in the same sense": k.z @ l.z, "angle, not its opposite": near}
+        return {"axes in the same sense": k.z @ l.z, "angle, not its opposite": near_angle(k, l, self.phi)}
 
     def coordinate(self, k: Frame, l: Frame) -> Expr:
         return self.phi

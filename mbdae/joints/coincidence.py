@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import symengine as se
+
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.vectors import Expr
 
@@ -15,6 +17,22 @@ def same_point(k: Frame, l: Frame) -> dict[str, Expr]:
 def same_axis(k: Frame, l: Frame) -> dict[str, Expr]:
     """l turns about k.z only (paper Eq. 1): the torques about k.y and k.x that keep the axes together, N m."""
     return {"tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y}
+
+
+def turned_by(k: Frame, l: Frame, angle: Expr) -> Expr:
+    """sin(angle - theta), theta the angle of l about k.z (paper Eqs. 10 and 12): zero there, and half a turn off."""
+    return k.x @ (l.x * se.sin(angle) + l.y * se.cos(angle))
+
+
+def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
+    """cos(angle - theta): positive where `turned_by` means the angle and not its opposite."""
+    return k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
+
+
+def on_axis(k: Frame, l: Frame, drive: Expr | None) -> dict[str, Expr]:
+    """Branches of a joint that turns about k.z, its angle prescribed or not."""
+    wanted = {"axes in the same sense": k.z @ l.z}
+    return wanted if drive is None else wanted | {"prescribed angle, not its opposite": near_angle(k, l, drive)}
 
 
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import symengine as se
-
-from mbdae.joints.coincidence import same_axis, same_point
+from mbdae.joints.coincidence import on_axis, same_axis, same_point, turned_by
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import AUGMENTED, Joint, params
 from mbdae.symbolic.vectors import Expr
@@ -24,14 +22,11 @@ class Revolute(Joint):
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         rows = same_point(k, l) | same_axis(k, l)
         if self.drive is not None:
-            rows["drive"] = k.x @ (l.x * se.sin(self.drive) + l.y * se.cos(self.drive))
+            rows["drive"] = turned_by(k, l, self.drive)
         return rows
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        wanted = {"axes in the same sense": k.z @ l.z}
-        if self.drive is not None:
-            wanted["prescribed angle, not its opposite"] = k.x @ (l.x * se.cos(self.drive) - l.y * se.sin(self.drive))
-        return wanted
+        return on_axis(k, l, self.drive)
 
     def coordinate(self, k: Frame, l: Frame) -> Expr:
         return self.angle(k, l)
