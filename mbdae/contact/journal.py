@@ -38,11 +38,6 @@ def _tilts(k: Frame, l: Frame) -> bool:
     return l.kind.oriented and not k.kind.flat
 
 
-def named(v: Vec) -> Vec:
-    """A vector whose components are named intermediates."""
-    return Vec(*(c if c.is_Number else let(c) for c in v))
-
-
 class JournalContact(Force):
     """A pin on l (radius `inner`) inside a race on k (radius `outer`); paper Eqs. 33-44 with k the outer race.
 
@@ -90,13 +85,13 @@ class JournalContact(Force):
         clearance = self.outer - self.inner
         u = l.r + shift - k.r
         along = k.z @ u
-        radial = named(u - k.z * along)
+        radial = (u - k.z * along).named()
         distance = let(se.sqrt(radial @ radial + CENTRED))
-        normal = named(radial * self._inverse(radial, distance, clearance / 2))
+        normal = (radial * self._inverse(radial, distance, clearance / 2)).named()
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
-        arm = named(k.r + from_k - l.r) if l.kind.oriented else ZERO
-        velocity = named(self._sliding(k, l, arm, from_k))
+        arm = (k.r + from_k - l.r).named() if l.kind.oriented else ZERO
+        velocity = self._sliding(k, l, arm, from_k).named()
         rate = let(velocity @ normal)
         penetration = let(distance - clearance)
         overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)))
@@ -149,7 +144,7 @@ class JournalContact(Force):
         force, torque = ZERO, ZERO
         for at, end in self._stations(k, l):
             normal, damped = self._normal_force(at)
-            part = named((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l))
+            part = ((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l)).named()
             force, torque = force + part, torque + at.arm.cross(part)
         return force, torque
 
