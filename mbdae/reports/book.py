@@ -95,7 +95,7 @@ class Book:
                 else:
                     symbol, value = list(record.scalars.items())[n]
                     lines[kind, n] = f"{w.letters[str(symbol)]} = {w.scalar(value)}"
-        return [Equation(lines[key]) for key in sorted(lines)]
+        return [Equation(joined(lines[key] for key in sorted(lines)))] if lines else []
 
     def mark(self) -> tuple[set[str], set[int]]:
         """What is written so far."""

@@ -22,9 +22,22 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
     """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts."""
     for symbol in sorted(e.free_symbols, key=str):
         if leaf(symbol):
-            partial = se.diff(e, symbol)
+            partial = tidy(se.diff(e, symbol))
             if partial != 0:
                 yield partial, symbol
+
+
+def tidy(e: Expr) -> Expr:
+    """The expression without cases that are all the same."""
+    if not e.args or e.is_Number:
+        return e
+    if isinstance(e, se.Piecewise):
+        values, conditions = [tidy(a) for a in e.args[::2]], e.args[1::2]
+        return values[0] if all(v == values[0] for v in values) else se.Piecewise(*zip(values, conditions, strict=True))
+    if not hasattr(e, "func"):  # a comparison
+        return e
+    function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
+    return function(*map(tidy, e.args))
 
 
 class Motion:
@@ -137,7 +150,9 @@ class Dual:
                 pair[atom.kind == "w"] = pair[atom.kind == "w"] + dual
         elif atom.kind in ("r", "c"):
             pair[0] = pair[0] + dual
-        elif atom.kind in ("x", "y", "z", "s", "w"):
+            if atom.kind == "c":  # the point of the frame is s off the centre
+                pair[1] = pair[1] + _distributed(dual, Base("s", atom.side))
+        elif atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
             pair[1] = pair[1] - _distributed(dual, atom)
         elif atom.kind == "v":
             raise NotImplementedError("a potential that depends on velocities")
@@ -149,7 +164,9 @@ def virtual(record: Record) -> Callable[[Base], Vector | None]:
     def base(atom: Base) -> Vector | None:
         if atom.kind == "r":
             return record.atom("du", atom.side)
-        if atom.kind in ("x", "y", "z", "s", "w"):
+        if atom.kind == "c":
+            return record.atom("du", atom.side) - record.atom("dpsi", atom.side).cross(record.atom("s", atom.side))
+        if atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
             return record.atom("dpsi", atom.side).cross(Vector(record, {atom: se.Integer(1)}))
         return None
 
@@ -165,9 +182,11 @@ def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vect
         w = record.atom("w", atom.side)
         if atom.kind == "r":
             return record.atom("v", atom.side)
+        if atom.kind == "c":
+            return record.atom("v", atom.side) - w.cross(record.atom("s", atom.side))
         if atom.kind == "v":
             return w.cross(w.cross(record.atom("s", atom.side)))
-        if atom.kind in ("x", "y", "z", "s"):
+        if atom.kind in ("x", "y", "z", "s", "bx", "by", "bz"):
             return w.cross(Vector(record, {atom: se.Integer(1)}))
         return None
 

@@ -72,6 +72,10 @@ class Writer:
             return self._scalar(e.args[0])
         if name in _RELATIONS:
             return self._comparison(e, name), _SUM
+        if name in ("sin", "cos", "tanh") and len(e.args) == 1:
+            argument, tight = self._scalar(e.args[0])
+            if tight == _ATOM and "\\left" not in argument:
+                return f"{_FUNCTIONS[name]} {argument}", _POWER
         arguments = ",\\, ".join(self.scalar(a) for a in e.args)
         return f"{_FUNCTIONS.get(name, f'{chr(92)}operatorname{{{name}}}')}\\left({arguments}\\right)", _ATOM
 
@@ -140,7 +144,7 @@ class Writer:
     def _joined(self, factors: list[Expr], alone: bool = False) -> str:
         if alone and len(factors) == 1:
             return self.scalar(factors[0])
-        ordered = sorted(factors, key=lambda f: (not f.is_Number, f in self.record.dots, isinstance(f, se.Add), str(f)))
+        ordered = sorted(factors, key=lambda f: (not f.is_Number, f in self.record.dots, isinstance(f, se.Add | se.Function), str(f)))
         if len(ordered) == 1 and ordered[0] in self.record.dots:
             return self.scalar(ordered[0])
         return "\\,".join(self.factor(f, _POWER) for f in ordered)
@@ -170,6 +174,9 @@ class Writer:
         return f"{self.scalar(left)} {_RELATIONS[name][0]} {self.scalar(right)}"
 
     def _cases(self, e: Expr) -> str:
+        first, condition, second, _ = (*e.args, None, None)[:4]
+        if len(e.args) == 4 and condition == se.Lt(0, first) and second == -first:
+            return f"\\lvert {self.scalar(first)}\\rvert"
         rows = []
         for value, condition in zip(e.args[::2], e.args[1::2], strict=True):
             said = r"\text{otherwise}" if str(condition) == "True" else self.scalar(condition)
@@ -187,6 +194,8 @@ class Writer:
             return self.plain(atom)
         if isinstance(atom, NamedVector):
             self.vectors.add(atom.number)
+            if self.frame is not None:
+                return f"\\bar{{{self.names[atom.number]}}}"
             return self.names[atom.number]
         text = f"{self.atom(atom.left, True)}\\times {self.atom(atom.right, True)}"
         return f"({text})" if nested else text
