@@ -85,17 +85,17 @@ class JournalContact(Force):
         clearance = self.outer - self.inner
         u = l.r + shift - k.r
         along = k.z @ u
-        radial = (u - k.z * along).named()
-        distance = let(se.sqrt(radial @ radial + CENTRED))
-        normal = (radial * self._inverse(radial, distance, clearance / 2)).named()
+        radial = (u - k.z * along).named("u")
+        distance = let(se.sqrt(radial @ radial + CENTRED), "d")
+        normal = (radial * self._inverse(radial, distance, clearance / 2)).named("n")
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
-        arm = (k.r + from_k - l.r).named() if l.kind.oriented else ZERO
-        velocity = self._sliding(k, l, arm, from_k).named()
-        rate = let(velocity @ normal)
-        penetration = let(distance - clearance)
-        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)))
-        slip = let(velocity @ tangent)
+        arm = (k.r + from_k - l.r).named("h") if l.kind.oriented else ZERO
+        velocity = self._sliding(k, l, arm, from_k).named("v")
+        rate = let(velocity @ normal, r"\dot a")
+        penetration = let(distance - clearance, "p")
+        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)), "a")
+        slip = let(velocity @ tangent, "v_t")
         return _Station(penetration, rate, overlap, normal, tangent, velocity - normal * rate, slip, arm)
 
     @staticmethod
@@ -108,7 +108,7 @@ class JournalContact(Force):
         """1 / distance, continued with its slope of the product radial / distance inside the core, where nothing touches."""
         square = radial @ radial
         inside = core + CORE
-        return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)))
+        return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)), r"\beta")
 
     # -- forces
 
@@ -117,9 +117,9 @@ class JournalContact(Force):
         elastic = self.normal.elastic_force(at.overlap)
         damped = self.normal.damping_force(at.overlap, at.rate)
         if damped == 0:
-            return let(elastic), se.Integer(0)
+            return let(elastic, "f_n"), se.Integer(0)
         total = let(elastic + damped)
-        force = let(se.Piecewise((total, total > 0), (0, True)))
+        force = let(se.Piecewise((total, total > 0), (0, True)), "f_n")
         return force, force - elastic
 
     def _friction_of(self, end: str) -> Any:
@@ -144,7 +144,7 @@ class JournalContact(Force):
         force, torque = ZERO, ZERO
         for at, end in self._stations(k, l):
             normal, damped = self._normal_force(at)
-            part = ((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l)).named()
+            part = ((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l)).named("f")
             force, torque = force + part, torque + at.arm.cross(part)
         return force, torque
 

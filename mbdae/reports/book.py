@@ -170,7 +170,7 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
     """Hash, and the size of the compiled kernels."""
     blocks: list[Block] = [
         Paragraph(f"This report was made from the law object that is integrated, `{type(d.law).__module__}.{type(d.law).__qualname__}`. "
-                  "The sha256 of its derived equations between two bodies in space is:"),
+                  "The sha256 of its derived equations in space is:"),
         Paragraph(f"`{fingerprint(d)}`"),
     ]  # fmt: skip
     head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives", "operations of the derivatives"]

@@ -27,6 +27,13 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
                 yield partial, symbol
 
 
+def _divides(e: Expr) -> bool:
+    """Whether a sum stands in a denominator: expanded it would be repeated."""
+    if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 and isinstance(e.args[0], se.Add):
+        return True
+    return any(_divides(a) for a in e.args)
+
+
 def tidy(e: Expr) -> Expr:
     """The expression without cases that are all the same."""
     if not e.args or e.is_Number:
@@ -53,7 +60,7 @@ class Motion:
         total = sum((p * self.clock[s] for p, s in _through(e, self.clock.__contains__)), _ZERO)
         total += sum((p * self._dot(s) for p, s in _through(e, self.record.dots.__contains__)), _ZERO)
         total += sum((p * self._name(s) for p, s in _through(e, self.record.scalars.__contains__)), _ZERO)
-        return se.expand(total)
+        return total if _divides(total) else se.expand(total)
 
     def _dot(self, symbol: Expr) -> Expr:
         if symbol not in self._known:
@@ -127,7 +134,30 @@ class Dual:
                 self._atom(one, Vector(self.record, {other: weight * p}))
         for p, s in _through(e, self.record.scalars.__contains__):
             if not isinstance(self.record.scalars[s], se.floor):
-                self._scalar(self.record.scalars[s], weight * p)
+                self._through_name(s, weight * p)
+
+    def _through_name(self, symbol: Expr, weight: Expr) -> None:
+        """The gradient of a named scalar, its vectors named."""
+        key = symbol, self.velocities, self.symbols
+        cache = self.record.cache
+        if key not in cache:
+            pairs, partial = Dual(self.record, self.velocities, self.symbols).of(self.record.scalars[symbol])
+            kinds = ("v", r"\omega") if self.velocities else ("r", r"\psi")
+            cache[key] = {side: tuple(self._named(part, (kind, symbol, side)) for kind, part in zip(kinds, pair, strict=True))
+                          for side, pair in pairs.items()}, partial  # fmt: skip
+        pairs, partial = cache[key]
+        for side, pair in pairs.items():
+            for i in range(2):
+                self.pairs[side][i] = self.pairs[side][i] + pair[i] * weight
+        for s, p in partial.items():
+            self.partial[s] += weight * p
+
+    def _named(self, a: Vector, gradient: tuple[str, Expr, str]) -> Vector:
+        if len(a.terms) == 0 or (len(a.terms) == 1 and all(c in (1, -1) for c in a.terms.values())):
+            return a
+        found = self.record.name_vector(a)
+        self.record.gradients[next(iter(found.terms)).number] = gradient  # type: ignore[union-attr]
+        return found
 
     def _atom(self, atom: Atom, dual: Vector) -> None:
         if isinstance(atom, Base):

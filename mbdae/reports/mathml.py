@@ -183,7 +183,8 @@ class _Reader:
         if name == "begin":
             return self.matrix(font)
         if name in SIGNS:
-            return _sign(SIGNS[name], _FIXED) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
+            form = f' form="{"prefix" if name[0] == "l" else "postfix"}"' if name[0] in "lr" else ""
+            return _sign(SIGNS[name], _FIXED + form) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
         raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'")
 
     def raw(self) -> str:

@@ -209,6 +209,9 @@ class Writer:
         return out or r"\mathbf{0}"
 
     def _term(self, c: Expr, atom: Atom) -> str:
+        if c in self.record.dots or -c in self.record.dots:
+            sign, c = ("", c) if c in self.record.dots else ("-", -c)
+            return f"{sign}({self.scalar(c)})\\,{self.atom(atom, True)}"
         vector = self.atom(atom, not _plain(c))
         if c == 1:
             return self.atom(atom)
@@ -229,14 +232,21 @@ def _plain(c: Expr) -> bool:
 
 
 def name_vectors(record: Record) -> dict[int, str]:
-    """Letters of the named vectors: d from point to point, then a, b, c."""
+    """Letters of the named vectors: the law's own, d from point to point, then a, b, c."""
     found: dict[int, str] = {}
-    letters = list(NAMES)
+    taken = {f"\\mathbf{{{label}}}" for key, label in record.labels.items() if isinstance(key, int)}
+    letters = [letter for letter in NAMES if letter not in taken]
     difference = {Base("r", "l"): 1, Base("r", "k"): -1}
+    scalars = name_scalars(record)
     for number, value in record.vectors.items():
         if number in record.changes:
             sign, of = record.changes[number]
             found[number] = f"\\ddot{found[of].removeprefix(sign)}" if sign == r"\dot" == found[of][:4] else f"{sign}{{{found[of]}}}"
+        elif number in record.gradients:
+            kind, symbol, side = record.gradients[number]
+            found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
+        elif number in record.labels:
+            found[number] = _own(f"\\mathbf{{{record.labels[number]}}}", list(found.values()))
         elif value.terms == difference:
             found[number] = r"\mathbf{d}"
         else:
@@ -245,8 +255,19 @@ def name_vectors(record: Record) -> dict[int, str]:
 
 
 def name_scalars(record: Record) -> dict[str, str]:
-    """Letters of the named scalars."""
-    return {str(symbol): f"\\eta_{{{i + 1}}}" for i, symbol in enumerate(record.scalars)}
+    """Letters of the named scalars: the law's own, else eta with a number."""
+    found: dict[str, str] = {}
+    for symbol in record.scalars:
+        label = record.labels.get(symbol)
+        found[str(symbol)] = _own(label, list(found.values())) if label else f"\\eta_{{{len(found) + 1}}}"
+    return found
+
+
+def _own(letter: str, taken: list[str]) -> str:
+    """The letter, with a prime where it is taken."""
+    while letter in taken:
+        letter += "'"
+    return letter
 
 
 # ---- numbers -----------------------------------------------------------------------------------------------------------

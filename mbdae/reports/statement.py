@@ -24,24 +24,28 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 #: options of laws in a report of the class, where none are given
 OPTIONS: dict[str, Any] = {
-    "joint": Revolute, "following": False, "tilting": False, "normal": Hertz(1, damping=1).structure(),
+    "joint": Revolute, "following": False, "follows": False, "tilting": False, "normal": Hertz(1, damping=1).structure(),
     "friction": LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.1).structure(),
 }  # fmt: skip
 
 
 def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     """What is reported of a class: all parameters but the augmented potential, a prescribed motion over time."""
-    unknown = sorted(set(options) - set(law.options))
-    if unknown:
-        raise LawError(f"{law.__name__} has no option '{unknown[0]}'; it has {sorted(law.options)}")
     missing = [name for name in law.options if name not in options and name not in OPTIONS]
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.report({law.__name__}, {missing[0]}=...)")
+    given = {name: v for name, v in options.items() if name in law.params}
+    if wrong := [name for name, v in given.items() if v is not None]:
+        raise LawError(f"{law.__name__}: parameter '{wrong[0]}' is a symbol in a report of the class; say None to leave it out")
+    options = {name: v for name, v in options.items() if name not in given}
+    unknown = sorted(set(options) - set(law.options))
+    if unknown:
+        raise LawError(f"{law.__name__} has no option '{unknown[0]}'; it has {sorted(law.options)}")
     chosen = {name: options.get(name, OPTIONS.get(name)) for name in law.options}
     fixed = tuple((name, v.structure() if isinstance(v, Part) else v) for name, v in chosen.items())
     absent = frozenset(AUGMENTED) & frozenset(law.params) if issubclass(law, Joint) else frozenset()
     timed = frozenset({"drive"} & set(law.params)) if issubclass(law, Joint) else frozenset()
-    return Structure(absent, timed, fixed)
+    return Structure(absent | frozenset(given), timed - frozenset(given), fixed)
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
@@ -64,21 +68,24 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
 def fingerprint(d: Derived) -> str:
     """sha256 of the equations a law adds to: rows, their forces, states; the same for the same equations, on any machine."""
     memo: dict[Expr, str] = {}
-
-    def text(e: Expr) -> str:
-        if e not in memo:
-            args = [text(a) for a in e.args]
-            if isinstance(e, se.Add | se.Mul):
-                args.sort()
-            name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
-            memo[e] = hashlib.sha256(f"{name}({','.join(args)})".encode()).hexdigest()[:24] if args else str(e)
-        return memo[e]
-
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
-    parts += [f"{name}={text(value)}" for name, value in d.variation.values.items() if name in _reached(d)]
+    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
     outputs = [*position(d), *dynamics(d), *state_rows(d)]
-    parts += [f"{target}: {text(se.sympify(e))}" for target, e in outputs]
+    parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
+    """A text of an expression that does not depend on the order of its terms and factors."""
+    memo = {} if memo is None else memo
+    e = se.sympify(e)
+    if e not in memo:
+        args = [canonical(a, memo) for a in e.args]
+        if isinstance(e, se.Add | se.Mul):
+            args.sort()
+        name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
+        memo[e] = hashlib.sha256(f"{name}({','.join(args)})".encode()).hexdigest()[:24] if args else str(e)
+    return memo[e]
 
 
 def _reached(d: Derived) -> set[Expr]:
@@ -99,6 +106,7 @@ class Statement:
     def __init__(self, law: type[Law], structure: Structure) -> None:
         self.cls, self.structure = law, structure
         self.record = Record()
+        self.record.resolve = self.names
         self.derived = derived(law, structure)
         sides = sides_of(law)
         self.k, self.l = (self._frame(side, *kind) for side, kind in zip("kl", sides, strict=True))
@@ -138,10 +146,12 @@ class Statement:
         name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
         args = [self.names(a) for a in e.args]
         if name == "let":
-            return self.record.name_scalar(args[0])
+            return self.record.name_scalar(args[0], str(args[1]) if len(args) > 1 else "")
         if name == "rate":
             inner = Motion(self.record, actual(self.record, self.still), self.clock, r"\dot")
             return self.record.name_scalar(inner.scalar(args[0]))
+        if name == "atan2":
+            args = [self.record.name_scalar(a) for a in args]
         function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
         inner_e = function(*args)
         return self.record.name_scalar(inner_e) if isinstance(inner_e, se.floor | se.atan2) else inner_e

@@ -7,7 +7,7 @@ knows, so laws may use any function of it. Sums that enter a product get a name 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +75,10 @@ class Record:
         self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product and its factors
         self.scalars: dict[Expr, Expr] = {}  #: names of scalars
         self.vectors: dict[int, Vector] = {}  #: names of vectors
+        self.labels: dict[Expr | int, str] = {}  #: letters a law gives its names
+        self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: vectors that are the gradient of a named scalar: kind, scalar, side
+        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: names inside a scalar
+        self.cache: dict[Any, Any] = {}  #: gradients of named scalars
         self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
 
     def atom(self, kind: str, side: str) -> Vector:
@@ -111,8 +115,11 @@ class Record:
 
     def single(self, a: Vector) -> Vector:
         """The vector as a factor of a product: a sum gets a name."""
-        if len(a.terms) <= 1:
-            return a
+        return a if len(a.terms) <= 1 else self.known(a)
+
+    def known(self, a: Vector) -> Vector:
+        """A vector under the name it has, or a new one."""
+        a = Vector(self, {atom: self.resolve(c) for atom, c in a.terms.items()})
         for number, value in self.vectors.items():
             if value.terms == a.terms:
                 return Vector(self, {NamedVector(number): _ONE})
@@ -128,15 +135,17 @@ class Record:
         self.vectors[number] = a
         return Vector(self, {NamedVector(number): _ONE})
 
-    def name_scalar(self, e: Expr) -> Expr:
-        """A scalar under a name; what is a number or a symbol has one."""
-        if e.is_Number or isinstance(e, se.Symbol):
+    def name_scalar(self, e: Expr, label: str = "") -> Expr:
+        """A scalar under a name; what is a number or a symbol has one, an inner product only where the law gives a letter."""
+        if e.is_Number or (isinstance(e, se.Symbol) and not (label and e in self.dots)):
             return e
         for name, value in self.scalars.items():
             if value == e:
                 return name
         name = se.Symbol(f"scalar{len(self.scalars) + 1}")
         self.scalars[name] = e
+        if label:
+            self.labels[name] = label
         return name
 
 
@@ -209,9 +218,15 @@ class Vector(Vec):
         """Euclidean length."""
         return se.sqrt(self @ self)
 
-    def named(self) -> Vector:
+    def named(self, name: str = "") -> Vector:
         """The same vector as a named intermediate."""
-        return self.record.single(self) if len(self.terms) != 1 or _ONE not in self.terms.values() else self
+        if not self.terms or (len(self.terms) == 1 and _ONE in self.terms.values()):
+            return self
+        found = self.record.known(self)
+        ((atom, _),) = found.terms.items()
+        if name and isinstance(atom, NamedVector):
+            self.record.labels.setdefault(atom.number, name)
+        return found
 
     def __repr__(self) -> str:
         return f"Vector({self.terms})"

@@ -54,8 +54,8 @@ class Vec:
         """Euclidean length."""
         return se.sqrt(self @ self)
 
-    def named(self) -> Vec:
-        """The vector with named intermediates for components (see `variation.let`)."""
+    def named(self, name: str = "") -> Vec:
+        """The vector with named intermediates for components (see `variation.let`); `name` is its letter in a report (LaTeX)."""
         return Vec(*(c if c.is_Number else _LET(c) for c in self.c))
 
     def __repr__(self) -> str:
