@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.contact import Normal
 from mbdae.friction import Friction
-from mbdae.reports.book import Book, Check, described, title_of
+from mbdae.reports.book import Book, Check, described
 from mbdae.reports.document import Block, Document, Equation, Paragraph, Picture, Section, Table
 from mbdae.reports.letters import Letter, of_name, unit_text
 from mbdae.reports.render import Writer, value
@@ -160,7 +160,7 @@ def part_sections(s: Statement, book: Book) -> list[Section]:
             r = PartReport(structure)
             sections = r.sections()
             word = {"normal": "Normal law", "friction": "Friction law"}.get(key, key)
-            out.append(Section(f"{word}: {title_of(structure.cls)}", [*described(structure.cls), r.symbols(), *sections]))
+            out.append(Section(f"{word}: {structure.cls.__name__}", [*described(structure.cls), r.symbols(), *sections]))
     return out
 
 
@@ -171,7 +171,7 @@ def part_report(cls: type[Part], structure: PartStructure) -> Document:
     r = PartReport(structure)
     sections = r.sections()
     what = "friction" if issubclass(cls, Friction) else "normal law"
-    return Document(f"{title_of(cls)} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)])
+    return Document(f"{cls.__name__} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)])
 
 
 def parts_known() -> Sequence[type[Part]]:
