@@ -27,13 +27,16 @@ def jacobian(r: JointReport, state: State) -> NDArray[Any]:
 
 
 def solved(r: JointReport, state: State) -> State:
-    """The states with l moved until the rows vanish (Gauss-Newton, at most 0.7 rad a step)."""
+    """The states with l moved until the rows vanish (Gauss-Newton, at most 0.7 rad a step); where a law is undefined they stay."""
     for _ in range(60):
         n = r.book.numbers(state)
         c = np.stack([np.broadcast_to(n.scalar(e), (state.points,)) for e in r.s.rows.values()], axis=-1)
         if np.max(np.abs(c)) < 1e-13:
             break
-        step = -np.einsum("pij,pj->pi", np.linalg.pinv(jacobian(r, state), rcond=1e-9), c)
+        with np.errstate(all="ignore"):
+            J = jacobian(r, state)
+        J[~np.isfinite(J).all(axis=(1, 2))] = 0.0
+        step = -np.einsum("pij,pj->pi", np.linalg.pinv(J, rcond=1e-9), c)
         turn = step[:, 3:]
         turn = turn * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300))
         state = state.changed(1.0, {"l": (step[:, :3], turn)})
@@ -46,7 +49,10 @@ def solution_set(r: JointReport) -> list[Block]:
     n = r.book.numbers(state)
     c = np.max([np.abs(np.broadcast_to(n.scalar(e), (STARTS,))) for e in r.s.rows.values()], axis=0)
     reached = c < 1e-9
-    J = jacobian(r, state)[reached]
+    with np.errstate(all="ignore"):
+        J = jacobian(r, state)
+    reached &= np.isfinite(J).all(axis=(1, 2))
+    J = J[reached]
     if not len(J):
         return [Paragraph(f"From none of {STARTS} random attitudes were the rows solved by moving l alone.")]
     rank = int(np.linalg.matrix_rank(J, tol=1e-7).max())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from mbdae.kernels.plan import plan
 from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
 from mbdae.reports.calculus import Dual, Pair
 from mbdae.reports.document import Block, Document, Equation, Paragraph, Section
-from mbdae.reports.joint import CONVENTION, planar_of
+from mbdae.reports.joint import CONVENTION, planar_of, resistance_pairs
 from mbdae.reports.letters import Letter
 from mbdae.reports.parts import part_sections
 from mbdae.reports.states import POINTS, State, random_state, residual
@@ -65,15 +66,17 @@ class ForceReport:
 
     def total(self) -> dict[str, Pair]:
         """Left-hand side on both bodies, at their points."""
-        record, out = self.s.record, {}
+        added = self.wrench_pairs
+        out = {}
         for side in "kl":
             force, moment = (self.elastic[0][side][i] + self.drag[0][side][i] for i in range(2))
-            if self.wrench is not None:
-                F, T = self.wrench
-                d = record.single(record.atom("r", "l") - record.atom("r", "k"))
-                force, moment = (force - F, moment - T) if side == "l" else (force + F, moment + T + d.cross(F))
-            out[side] = (force, moment)
+            out[side] = (force + added[side][0], moment + added[side][1]) if added else (force, moment)
         return out
+
+    @cached_property
+    def wrench_pairs(self) -> dict[str, Pair] | None:
+        """The stated force on both bodies, left-hand side, at their points."""
+        return resistance_pairs(self.s)
 
     def forces(self) -> Section:
         """Forces and moments the bodies feel."""
@@ -175,6 +178,9 @@ class ForceReport:
             self.check(f"moment on {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
         for name, e in self.coordinate_rows().items():
             self.check(f"row of {name}, with the compiled kernel", np.broadcast_to(n.scalar(e), (POINTS,)), kernel.get(("u", "c", 0), np.zeros(POINTS)))
+        stated_gaps = [e for pair in self.d.law.gaps(*self.d.sides) for e in pair]
+        for e, wanted_ in zip((e for pair in self.gaps for e in pair), stated_gaps, strict=True):
+            self.check("gap or its rate", n.scalar(e), st.scalar(self.d.variation.name(wanted_)))
         for what, stated, derived_ in (("rate", self.rates, self.d.state_rates), ("start", self.starts, self.d.state_starts)):
             for (name, e), wanted_ in zip(stated.items(), derived_, strict=True):
                 self.check(f"{what} of {name}", np.broadcast_to(n.scalar(e), (POINTS,)), st.scalar(wanted_))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,6 +71,11 @@ class JointReport:
                    for side in "kl"}  # fmt: skip
         return out
 
+    @cached_property
+    def resisted(self) -> dict[str, Pair] | None:
+        """Friction on both bodies, left-hand side, at their points."""
+        return resistance_pairs(self.s)
+
     def run_checks(self, rate: Motion, rates: dict[str, Expr]) -> None:
         """Every displayed formula against the compiled equations."""
         n, kernel = self.book.numbers(self.state), self.compiled(self.state)
@@ -80,6 +86,9 @@ class JointReport:
                 e = {"g": lambda r=row: self.s.rows[r], "gd": lambda r=row: rates[r], "gdd": lambda r=row: rate.scalar(rates[r])}
                 kind = {"g": "constraint", "gd": "rate", "gdd": "second rate"}[target[0]]
                 self.check(f"{kind} {row_name(row)}, with the compiled kernel", n.scalar(e[target[0]]()), values)
+        stated = self.d.law.branches(*self.d.sides)
+        for name, e in self.s.branches.items():
+            self.check(f"branch: {name}", n.scalar(e), self.state.scalar(self.d.variation.name(stated[name])))
         missing = [row for row in order if row not in self.d.rows]
         if missing:
             raise LawError(f"row '{missing[0]}' vanishes in space: state it where it does not")
@@ -87,7 +96,7 @@ class JointReport:
         self._check_motion(rates)
 
     def _check_forces(self, n: Any, kernel: dict[Any, Any]) -> None:
-        stated = resistance_pairs(self.s)
+        stated = self.resisted
         for side, (force, moment) in self.total().items():
             f = self.state.frame(side)
             if stated is not None:
@@ -113,6 +122,11 @@ class JointReport:
             self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
         virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in "kl"}
         varied, rule = st.changed(1j * STEP, virtual), self.s.variation()
+        derived_rows = State(varied.d, varied.given)
+        for row, e in self.s.rows.items():
+            index = self.d.rows.index(row)
+            wanted = np.imag(derived_rows.scalar(self.d.g[index])) / STEP
+            self.check(f"variation of row {row_name(row)} by moving the bodies", np.broadcast_to(n.scalar(rule.scalar(e)), (POINTS,)), wanted)
         for side, pair in covectors(self.d).items():
             arm = self.state.frame(side).arm
             for part, what, formula in ((pair[0], "force", self.total()[side][0]), (pair[1], "moment", self.total()[side][1])):

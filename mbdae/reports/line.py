@@ -70,6 +70,8 @@ class LineReport:
         w = self.writer
         rows = [[f"${latex}$", unit_text(unit), meaning] for base, (latex, unit, meaning) in _BASES.items() if base in w.bases]
         rows += [[f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(w.used)]
+        if any(base.kind == "E" for base in w.bases):
+            rows.append([r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"])
         symbols = Section("Symbols", [Table(["symbol", "unit", "meaning"], rows), Paragraph(
             "A prime is the derivative by the length $s$ of the reference curve; $\\delta\\mathbf{d}_i = \\delta\\boldsymbol{\\psi}\\times"
             "\\mathbf{d}_i$, $\\mathbf{d}_i' = \\boldsymbol{\\kappa}\\times\\mathbf{d}_i$ with $\\boldsymbol{\\kappa} = \\sum_i \\kappa_i\\,"

@@ -223,7 +223,8 @@ def plain(text: str) -> str:
 def _inertia(b: Any) -> str:
     if b.inertia is None:
         return ""
-    return ", ".join(f"{x:.4g}" for x in np.linalg.eigvalsh(b.inertia))
+    principal = np.linalg.eigvalsh(b.inertia)
+    return ", ".join(f"{x if abs(x) > 1e-12 * np.max(np.abs(principal)) else 0.0:.4g}" for x in principal)
 
 
 def scene_sheet(scene: SceneData) -> Document:
