@@ -123,7 +123,8 @@ def report(a: argparse.Namespace) -> int:
     else:
         raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
     holds = "NOT EQUAL" not in document.to_markdown()
-    format_ = a.format or (Path(a.out).suffix.removeprefix(".") if a.out and Path(a.out).suffix in REPORTS else "md" if a.out is None else "html")
+    ending = Path(a.out).suffix if a.out else ".md"
+    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
     text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
     if a.out is None:
         if a.json:
@@ -317,8 +318,8 @@ def _parser() -> argparse.ArgumentParser:
 def _report(commands: Any) -> None:
     text = "derivation of a law with its checks, or the sheet of a scene"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("what", metavar="NAME|FILE", help="revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; or a "
-                   "Python file with scene()")  # fmt: skip
+    p.add_argument("what", metavar="NAME|FILE", help="revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam "
+                   "or any other law; or a Python file with scene()")  # fmt: skip
     p.add_argument("--format", choices=[ending[1:] for ending in REPORTS], help="default: that of --out, else md")
     p.add_argument("--out", metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone")

@@ -20,15 +20,20 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
 
 _BASES = {
-    "r": ("position of the point of the {what} on body ${side}$", "m"), "c": ("centre of body ${side}$", "m"),
+    "r": ("position of the point of the {what} on body ${side}$", "m"),
+    "c": ("centre of body ${side}$", "m"),
     "s": ("arm from the centre of body ${side}$ to that point", "m"),
     "x": ("first axis of the {what} on body ${side}$, a unit vector", "1"),
-    "y": ("second axis on body ${side}$", "1"), "z": ("third axis on body ${side}$: the axis of the {what}", "1"),
-    "v": ("velocity of the point on body ${side}$", "m/s"), "w": ("angular velocity of body ${side}$", "rad/s"),
-    "du": ("virtual displacement of the point on body ${side}$", "m"), "dpsi": ("virtual rotation of body ${side}$", "rad"),
-    "bx": ("first axis of body ${side}$", "1"), "by": ("second axis of body ${side}$", "1"),
+    "y": ("second axis on body ${side}$", "1"),
+    "z": ("third axis on body ${side}$: the axis of the {what}", "1"),
+    "v": ("velocity of the point on body ${side}$", "m/s"),
+    "w": ("angular velocity of body ${side}$", "rad/s"),
+    "du": ("virtual displacement of the point on body ${side}$", "m"),
+    "dpsi": ("virtual rotation of body ${side}$", "rad"),
+    "bx": ("first axis of body ${side}$", "1"),
+    "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
-}  # fmt: skip
+}
 BOUND = 1e-10  #: of every residual
 
 
@@ -59,7 +64,9 @@ class Book:
         for row in s.rows:
             self.known[f"lambda_{row}"] = Letter(multiplier(row), _unit_of_row(row, s), f"multiplier of row {row}")
         for name, symbol in s.coordinates.items():
-            spec = next((law.coordinates[name] for law in (s.law, getattr(s.law, "joint", None)) if law and name in law.coordinates))
+            spec = next(
+                law.coordinates[name] for law in (s.law, getattr(s.law, "joint", None)) if law and name in law.coordinates
+            )
             latex = r"\varphi" if name == "phi" else name
             self.known[str(symbol)] = Letter(latex, spec.unit, spec.meaning)
             self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{latex}}}", f"{spec.unit}/s", "its rate")
@@ -105,7 +112,9 @@ class Book:
         """Every symbol of the report, with unit and meaning."""
         order = {"k": 0, "l": 1, "E": 2}
         rows: list[list[str]] = []
-        for base in sorted(self.writer.bases, key=lambda b: (list(_BASES).index(b.kind) if b.kind in _BASES else 99, order.get(b.kind, 0))):
+        for base in sorted(
+            self.writer.bases, key=lambda b: (list(_BASES).index(b.kind) if b.kind in _BASES else 99, order.get(b.kind, 0))
+        ):
             row = _base_row(base, self.what)
             if row not in rows:
                 rows.append(row)
@@ -141,8 +150,10 @@ def checks_table(checks: Sequence[Check], points: int) -> list[Block]:
     rows = [[c.what, f"${_power_of_ten(c.residual)}$", "yes" if c.holds else "NO"] for c in checks]
     wrong = [c.what for c in checks if not c.holds]
     verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
-    told = (f"Every formula of this report was evaluated at {points} random states of motion (attitudes, places, velocities and parameters "
-            f"off every solution) and compared with the equations that are integrated. {verdict}")  # fmt: skip
+    told = (
+        f"Every formula of this report was evaluated at {points} random states of motion (attitudes, places, velocities and"
+        f" parameters off every solution) and compared with the equations that are integrated. {verdict}"
+    )
     return [Paragraph(told), Table(["compared", "largest relative difference", f"below ${_power_of_ten(BOUND)}$"], rows)]
 
 
@@ -161,20 +172,39 @@ def kernel_counts(d: Derived, planar: Derived | None) -> list[list[str]]:
         if derived is None:
             continue
         p: LinearisedPlan = linearised_plan(derived, ggl_outputs)
-        rows.append([name, str(len(p.targets)), str(len(p.nonlinear)), str(p.residual.operations if p.nonlinear else 0),
-                     str(len(p.jacobian_places)), str(p.jacobian.operations if p.jacobian_places else 0)])  # fmt: skip
+        rows.append(
+            [
+                name,
+                str(len(p.targets)),
+                str(len(p.nonlinear)),
+                str(p.residual.operations if p.nonlinear else 0),
+                str(len(p.jacobian_places)),
+                str(p.jacobian.operations if p.jacobian_places else 0),
+            ]
+        )
     return rows
 
 
 def provenance(d: Derived, planar: Derived | None) -> Section:
     """Hash, and the size of the compiled kernels."""
     blocks: list[Block] = [
-        Paragraph(f"This report was made from the law object that is integrated, `{type(d.law).__module__}.{type(d.law).__qualname__}`. "
-                  "The sha256 of its derived equations in space is:"),
+        Paragraph(
+            f"This report was made from the law object that is integrated, `{type(d.law).__module__}.{type(d.law).__qualname__}`."
+            " The sha256 of its derived equations in space is:"
+        ),
         Paragraph(f"`{fingerprint(d)}`"),
-    ]  # fmt: skip
-    head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives", "operations of the derivatives"]
-    blocks.append(Table(head, kernel_counts(d, planar), "Compiled kernels in the form GGL, operations after common subexpressions"))
+    ]
+    head = [
+        "in",
+        "outputs",
+        "nonlinear ones",
+        "operations of the residual",
+        "varying derivatives",
+        "operations of the derivatives",
+    ]
+    blocks.append(
+        Table(head, kernel_counts(d, planar), "Compiled kernels in the form GGL, operations after common subexpressions")
+    )
     return Section("Origin", blocks)
 
 

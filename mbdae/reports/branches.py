@@ -12,12 +12,12 @@ from mbdae.reports.states import State, random_state
 from mbdae.reports.vectors import Base
 
 if TYPE_CHECKING:
-    from mbdae.reports.joint import JointReport
+    from mbdae.reports.joint_checks import JointChecks
 
 STARTS = 60  #: random attitudes from which the rows are solved
 
 
-def jacobian(r: JointReport, state: State) -> NDArray[Any]:
+def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
     """(points, rows, 6) rows by displacement and rotation of l."""
     n, out = r.book.numbers(state), []
     for pairs, _ in r.duals.values():
@@ -26,8 +26,8 @@ def jacobian(r: JointReport, state: State) -> NDArray[Any]:
     return np.stack(out, axis=1)
 
 
-def solved(r: JointReport, state: State) -> State:
-    """The states with l moved until the rows vanish (Gauss-Newton, at most 0.7 rad a step); where a law is undefined they stay."""
+def solved(r: JointChecks, state: State) -> State:
+    """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a law is undefined they stay."""
     for _ in range(60):
         n = r.book.numbers(state)
         c = np.stack([np.broadcast_to(n.scalar(e), (state.points,)) for e in r.s.rows.values()], axis=-1)
@@ -43,7 +43,7 @@ def solved(r: JointReport, state: State) -> State:
     return state
 
 
-def solution_set(r: JointReport) -> list[Block]:
+def solution_set(r: JointChecks) -> list[Block]:
     """Rank and freedoms on the solution set, and what else solves the rows."""
     state = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
     n = r.book.numbers(state)
@@ -58,18 +58,26 @@ def solution_set(r: JointReport) -> list[Block]:
     rank = int(np.linalg.matrix_rank(J, tol=1e-7).max())
     count = len(r.s.rows) - sum(not np.any(np.abs(J[:, i]) > 1e-12) for i in range(J.shape[1]))
     free, motions = 6 - rank, ("motion", "motions")
-    text = (f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution. There the "
-            f"{count} rows that the place of l can change have rank {rank}: {free} relative {motions[free != 1]} of the bodies "
-            f"{'is' if free == 1 else 'are'} left.")  # fmt: skip
+    text = (
+        f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution."
+        f" There the {count} rows that the place of l can change have rank {rank}: {free} relative {motions[free != 1]} of the"
+        f" bodies {'is' if free == 1 else 'are'} left."
+    )
     blocks: list[Block] = [Paragraph(text)]
     if not r.s.branches:
         return [*blocks, Paragraph("The rows have no other branch that is not meant.")]
     wrong = np.zeros(STARTS, dtype=bool)
     for name, e in r.s.branches.items():
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
-        blocks.append(Equation(f"{r.book.writer.scalar(e)} > 0", note=f"{name}: required, where the rows alone admit the opposite"))
+        blocks.append(
+            Equation(f"{r.book.writer.scalar(e)} > 0", note=f"{name}: required, where the rows alone admit the opposite")
+        )
     ended = int((wrong & reached).sum())
-    blocks.append(Paragraph(f"{ended} of the {int(reached.sum())} solutions lie on a branch that is not meant; the start of a scene refuses them."))
+    blocks.append(
+        Paragraph(
+            f"{ended} of the {int(reached.sum())} solutions lie on a branch that is not meant; the start of a scene refuses them."
+        )
+    )
     return blocks
 
 

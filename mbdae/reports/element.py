@@ -17,14 +17,16 @@ from mbdae.symbolic.outputs import dynamics
 
 def element_report(law: type[Element], structure: Structure) -> Document:
     """The report of a body."""
-    d, flat = (derive(law, structure, ((kind, Axes.GENERAL),)) for kind in (NodeKind.SPATIAL, NodeKind.PLANAR))
+    d, flat = (derive(law, structure, ((kind, Axes.GENERAL),)) for kind in (NodeKind.SPATIAL, NodeKind.PLANAR))  # type: ignore[arg-type]
     known = letters(law, structure, d.law)
     for i, axis in enumerate("xyz"):
-        known |= {f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
-                  f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
-                  f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
-                  f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
-                  f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}")}  # fmt: skip
+        known |= {
+            f"b_v{i + 1}": Letter(f"v_{axis}", "m/s", f"velocity of the centre, inertial {axis}"),
+            f"b_W{i + 1}": Letter(f"\\Omega_{axis}", "rad/s", f"angular velocity about body {axis}"),
+            f"b_w{i + 1}": Letter(f"\\omega_{axis}", "rad/s", f"angular velocity about inertial {axis}"),
+            f"b_up{i + 1}": Letter(f"\\dot v_{axis}", "m/s^2", f"acceleration of the centre, inertial {axis}"),
+            f"b_up{i + 4}": Letter(f"\\dot\\Omega_{axis}", "rad/s^2", f"angular acceleration about body {axis}"),
+        }
     w = Writer(Record(), {name: letter.latex for name, letter in known.items()})
     blocks: list[Block] = [Equation(f"T = {w.scalar(d.energy)}")]
     if d.energy == 0:
@@ -33,10 +35,22 @@ def element_report(law: type[Element], structure: Structure) -> Document:
     for target, e in dynamics(d):
         what = f"force along {'xyz'[target[2]]}" if target[2] < 3 else f"moment about body {'xyz'[target[2] - 3]}"
         rows.append(Equation(w.scalar(se.expand(e)), note=f"{what}, left-hand side"))
-    text = ("$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
-            "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
-            "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes:")  # fmt: skip
-    symbols = Table(["symbol", "unit", "meaning"], [[f"${known[n].latex}$", unit_text(known[n].unit), known[n].meaning] for n in sorted(w.used)])
-    return Document(title_of(law), [*described(law), Section("Symbols", [symbols]), Section("Kinetic energy", blocks),
-                                    *([Section("Rows of the equations of motion", [Paragraph(text), *rows])] if rows else []),
-                                    provenance(d, flat)])  # fmt: skip
+    text = (
+        "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\mathbf{v}}$ in inertial axes, and "
+        "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
+        "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes:"
+    )
+    symbols = Table(
+        ["symbol", "unit", "meaning"],
+        [[f"${known[n].latex}$", unit_text(known[n].unit), known[n].meaning] for n in sorted(w.used)],
+    )
+    return Document(
+        title_of(law),
+        [
+            *described(law),
+            Section("Symbols", [symbols]),
+            Section("Kinetic energy", blocks),
+            *([Section("Rows of the equations of motion", [Paragraph(text), *rows])] if rows else []),
+            provenance(d, flat),
+        ],
+    )

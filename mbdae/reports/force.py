@@ -12,11 +12,12 @@ from mbdae.kernels.plan import plan
 from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
 from mbdae.reports.calculus import Dual, Pair
 from mbdae.reports.document import Block, Document, Equation, Paragraph, Section
-from mbdae.reports.joint import CONVENTION, planar_of, resistance_pairs
+from mbdae.reports.joint import CONVENTION
+from mbdae.reports.joint_checks import planar_of, resistance_pairs
 from mbdae.reports.letters import Letter
 from mbdae.reports.parts import part_sections
-from mbdae.reports.states import POINTS, State, random_state, residual
 from mbdae.reports.statement import Statement
+from mbdae.reports.states import POINTS, State, random_state, residual
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force, Structure
@@ -48,7 +49,9 @@ class ForceReport:
         planar = planar_of(self.s)
         symbols = Section("Symbols", [self.book.symbols(), Paragraph(CONVENTION)])
         checked = Section("Numeric check", checks_table(self.book.checks, POINTS))
-        return Document(title_of(self.s.cls), [*described(self.s.cls), symbols, *sections, plane(planar), checked, provenance(self.d, planar)])
+        return Document(
+            title_of(self.s.cls), [*described(self.s.cls), symbols, *sections, plane(planar), checked, provenance(self.d, planar)]
+        )
 
     def statement(self) -> Section:
         """V, R, F and T as stated."""
@@ -56,11 +59,16 @@ class ForceReport:
         if self.energy != 0:
             blocks += [Paragraph("Potential energy, J:"), Equation(f"V = {w.scalar(self.energy)}")]
         if self.dissipation != 0:
-            blocks += [Paragraph("Rayleigh dissipation function, half the dissipated power, W:"), Equation(f"D = {w.scalar(self.dissipation)}")]
+            blocks += [
+                Paragraph("Rayleigh dissipation function, half the dissipated power, W:"),
+                Equation(f"D = {w.scalar(self.dissipation)}"),
+            ]
         if self.wrench is not None:
             on_k = "" if external(self.s) else "; the opposite acts on k at the same point"
-            blocks += [Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
-                       Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}")]  # fmt: skip
+            blocks += [
+                Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
+                Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
+            ]
         named = self.book.definitions(mark)
         return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
@@ -89,8 +97,10 @@ class ForceReport:
             lines.append(f"\\mathbf{{m}}_{side} = {w.vector(-total[side][1])}")
         for name, e in self.coordinate_rows().items():
             lines.append(f"h_{{{name}}} = {w.scalar(e)}")
-        text = ("What the bodies feel at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; carried "
-                "to the centre of a body the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$.")  # fmt: skip
+        text = (
+            "What the bodies feel at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated"
+            " force; carried to the centre of a body the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+        )
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the row of the joint's own coordinate."
         named = self.book.definitions(mark)
@@ -110,10 +120,16 @@ class ForceReport:
         force = n.vector(total["k"][0]) + n.vector(total["l"][0])
         moment = n.vector(total["k"][1]) + n.vector(total["l"][1]) + np.cross(arm, n.vector(total["l"][0]))
         size = n.vector(total["l"][0])
-        errors = [residual(force + size, size + 0 * force), residual(moment + n.vector(total["l"][1]), n.vector(total["l"][1]) + 0 * moment)]
+        errors = [
+            residual(force + size, size + 0 * force),
+            residual(moment + n.vector(total["l"][1]), n.vector(total["l"][1]) + 0 * moment),
+        ]
         self.book.checks += [Check("sum of forces vanishes", errors[0]), Check("sum of moments vanishes", errors[1])]
-        return ("Balance: $\\mathbf{f}_k + \\mathbf{f}_l = \\mathbf{0}$ and $\\mathbf{m}_k + \\mathbf{m}_l + (\\mathbf{r}_l - \\mathbf{r}_k)\\times"
-                f"\\mathbf{{f}}_l = \\mathbf{{0}}$ at every state; they hold within {max(errors):.1e} at the random states.")  # fmt: skip
+        return (
+            "Balance: $\\mathbf{f}_k + \\mathbf{f}_l = \\mathbf{0}$ and $\\mathbf{m}_k + \\mathbf{m}_l +"
+            " (\\mathbf{r}_l - \\mathbf{r}_k)\\times\\mathbf{f}_l = \\mathbf{0}$ at every state; they hold within"
+            f" {max(errors):.1e} at the random states."
+        )
 
     def states(self) -> list[Section]:
         """Internal states."""
@@ -122,7 +138,9 @@ class ForceReport:
         w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
         for name in self.rates:
             latex = self.book.known[f"state_{name}"].latex
-            blocks.append(Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}"))
+            blocks.append(
+                Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}")
+            )
         named = self.book.definitions(mark)
         return [Section("Internal states", [*blocks, *([Paragraph("with"), *named] if named else [])])]
 
@@ -135,8 +153,16 @@ class ForceReport:
         self.book.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
         w.used.add("gap")
         named = self.book.definitions(mark)
-        return [Section("Gap", [Paragraph("The law acts where the gap is negative; no step of a solver passes over that."),
-                                *_equations(lines), *([Paragraph("with"), *named] if named else [])])]  # fmt: skip
+        return [
+            Section(
+                "Gap",
+                [
+                    Paragraph("The law acts where the gap is negative; no step of a solver passes over that."),
+                    *_equations(lines),
+                    *([Paragraph("with"), *named] if named else []),
+                ],
+            )
+        ]
 
     def power(self) -> Section:
         """Power and its sign."""
@@ -144,14 +170,22 @@ class ForceReport:
         lines = [f"P_{{\\text{{{name}}}}} = {w.scalar(e)}" for name, e in self.losses.items()]
         dissipated = np.asarray(self.state.scalar(self.d.dissipated_power))
         if self.losses:
-            self.check("losses by cause, with the dissipated power that is integrated", n.scalar(sum(self.losses.values(), se.Integer(0))), dissipated)
+            self.check(
+                "losses by cause, with the dissipated power that is integrated",
+                n.scalar(sum(self.losses.values(), se.Integer(0))),
+                dissipated,
+            )
         blocks: list[Block] = []
         if np.any(dissipated != 0):
             least = float(np.min(dissipated))
-            sign = "never negative" if least >= -1e-12 else "of either sign, because internal states store energy and give it back"
+            sign = (
+                "never negative" if least >= -1e-12 else "of either sign, because internal states store energy and give it back"
+            )
             blocks.append(Paragraph(f"Dissipated power: {sign} at {POINTS} random states."))
         else:
-            blocks.append(Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work."))
+            blocks.append(
+                Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work.")
+            )
         named = self.book.definitions(mark)
         return Section("Power", [*blocks, *_equations(lines), *([Paragraph("with"), *named] if named else [])])
 
@@ -177,7 +211,11 @@ class ForceReport:
             self.check(f"force on {side}, with the compiled kernel", got[:3], wanted[:3])
             self.check(f"moment on {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
         for name, e in self.coordinate_rows().items():
-            self.check(f"row of {name}, with the compiled kernel", np.broadcast_to(n.scalar(e), (POINTS,)), kernel.get(("u", "c", 0), np.zeros(POINTS)))
+            self.check(
+                f"row of {name}, with the compiled kernel",
+                np.broadcast_to(n.scalar(e), (POINTS,)),
+                kernel.get(("u", "c", 0), np.zeros(POINTS)),
+            )
         stated_gaps = [e for pair in self.d.law.gaps(*self.d.sides) for e in pair]
         for e, wanted_ in zip((e for pair in self.gaps for e in pair), stated_gaps, strict=True):
             self.check("gap or its rate", n.scalar(e), st.scalar(self.d.variation.name(wanted_)))
@@ -203,8 +241,11 @@ def plane(planar: Derived | None) -> Section:
     """The planar form of a force."""
     if planar is None:
         return Section("Planar form", [Paragraph("The law has no planar form.")])
-    text = ("Where all motions lie in the plane z = 0 the vectors above have two components, rotations and moments one, "
-            "$\\boldsymbol{\\omega} = \\omega\\,\\mathbf{i}_z$; forces out of the plane vanish identically, which the derivation checks.")  # fmt: skip
+    text = (
+        "Where all motions lie in the plane z = 0 the vectors above have two components, rotations and moments one,"
+        " $\\boldsymbol{\\omega} = \\omega\\,\\mathbf{i}_z$; forces out of the plane vanish identically, which the derivation"
+        " checks."
+    )
     return Section("Planar form", [Paragraph(text)])
 
 

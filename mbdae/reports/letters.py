@@ -8,12 +8,14 @@ from typing import Any
 
 from mbdae.symbolic.law import Law, Structure
 
-GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi", "rho",
+GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
+         "rho",
          "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
 #: letters of parameters that have words for names
 WORDS = {
     "stiffness": "k", "damping": "c", "length": "L", "mass": "m", "rest": "c_0", "turns": r"\varphi_n", "torque": r"\tau",
-    "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l", "scaling": "s", "penalty": "p",
+    "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l",
+    "scaling": "s", "penalty": "p",
     "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
     "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
@@ -80,7 +82,9 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
         found[symbol] = Letter(latex, spec.unit, meaning)
         for end, dots, per in (("_dot", r"\dot", "/s"), ("_ddot", r"\ddot", "/s^2")):
             if timed:
-                found[name + end] = Letter(f"{dots}{{{latex}}}", _per(spec.unit, per), f"its {'rate' if per == '/s' else 'second rate'}")
+                found[name + end] = Letter(
+                    f"{dots}{{{latex}}}", _per(spec.unit, per), f"its {'rate' if per == '/s' else 'second rate'}"
+                )
     return found
 
 

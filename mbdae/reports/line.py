@@ -20,10 +20,13 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 STEP = 1e-30
 _BASES = {
-    Base("r", "b"): (r"\mathbf{r}", "m", "position of the axis"), Base("rs", "b"): (r"\mathbf{r}'", "1", "its derivative by the reference length"),
-    Base("x", "b"): (r"\mathbf{d}_1", "1", "axis 1 of the section, along the line as drawn"), Base("y", "b"): (r"\mathbf{d}_2", "1", "axis 2"),
-    Base("z", "b"): (r"\mathbf{d}_3", "1", "axis 3"), Base("v", "b"): (r"\mathbf{v}", "m/s", "velocity of the axis"),
-}  # fmt: skip
+    Base("r", "b"): (r"\mathbf{r}", "m", "position of the axis"),
+    Base("rs", "b"): (r"\mathbf{r}'", "1", "its derivative by the reference length"),
+    Base("x", "b"): (r"\mathbf{d}_1", "1", "axis 1 of the section, along the line as drawn"),
+    Base("y", "b"): (r"\mathbf{d}_2", "1", "axis 2"),
+    Base("z", "b"): (r"\mathbf{d}_3", "1", "axis 3"),
+    Base("v", "b"): (r"\mathbf{v}", "m/s", "velocity of the axis"),
+}
 
 
 class LineWriter(Writer):
@@ -39,8 +42,8 @@ class LineReport:
 
     def __init__(self, law: type[LineLaw], structure: Structure) -> None:
         self.cls, self.structure, self.law, self.record = law, structure, law.symbolic(structure), Record()
-        self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)
-        self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)
+        self.d: LineDerived = derive_line(law, structure, NodeKind.SPATIAL)  # type: ignore[arg-type]
+        self.flat: LineDerived = derive_line(law, structure, NodeKind.PLANAR)  # type: ignore[arg-type]
         K, W = (Vec(*(se.Symbol(f"{name}{i + 1}") for i in range(3))) for name in ("kappa", "spin"))
         atoms = {base.kind: Vector(self.record, {base: se.Integer(1)}) for base in _BASES}
         axes = (atoms["x"], atoms["y"], atoms["z"])
@@ -52,12 +55,16 @@ class LineReport:
                 latex = f"{'C' if head == 'compliance' else chr(92) + 'varepsilon'}_{{{which}}}"
                 self.known[name] = Letter(latex, spec.unit, spec.meaning)
         for i in range(3):
-            self.known[f"kappa{i + 1}"] = Letter(f"\\kappa_{i + 1}", "1/m", "twist" if i == 0 else f"curvature about axis {i + 1}")
+            self.known[f"kappa{i + 1}"] = Letter(
+                f"\\kappa_{i + 1}", "1/m", "twist" if i == 0 else f"curvature about axis {i + 1}"
+            )
             self.known[f"spin{i + 1}"] = Letter(f"\\Omega_{i + 1}", "rad/s", f"angular velocity about axis {i + 1}")
         self.strains = {name: se.sympify(e) for name, e in self.law.strains(self.x).items()}
         for name in self.strains:
             unit = "N" if name.startswith("N") else "N m"
-            self.known[name] = Letter(f"{name[0]}_{{{name[1:]}}}", unit, f"stress resultant {name}, a force or moment of the section in its axes")
+            self.known[name] = Letter(
+                f"{name[0]}_{{{name[1:]}}}", unit, f"stress resultant {name}, a force or moment of the section in its axes"
+            )
         self.load = self.record.lift(self.law.load(self.x))
         self.kinetic = se.sympify(self.law.kinetic_energy(self.x))
         self.writer = LineWriter(self.record, {n: letter.latex for n, letter in self.known.items()}, name_vectors(self.record))
@@ -72,10 +79,18 @@ class LineReport:
         rows += [[f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(w.used)]
         if any(base.kind == "E" for base in w.bases):
             rows.append([r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"])
-        symbols = Section("Symbols", [Table(["symbol", "unit", "meaning"], rows), Paragraph(
-            "A prime is the derivative by the length $s$ of the reference curve; $\\delta\\mathbf{d}_i = \\delta\\boldsymbol{\\psi}\\times"
-            "\\mathbf{d}_i$, $\\mathbf{d}_i' = \\boldsymbol{\\kappa}\\times\\mathbf{d}_i$ with $\\boldsymbol{\\kappa} = \\sum_i \\kappa_i\\,"
-            "\\mathbf{d}_i$.")])  # fmt: skip
+        symbols = Section(
+            "Symbols",
+            [
+                Table(["symbol", "unit", "meaning"], rows),
+                Paragraph(
+                    "A prime is the derivative by the length $s$ of the reference curve; $\\delta\\mathbf{d}_i ="
+                    " \\delta\\boldsymbol{\\psi}\\times\\mathbf{d}_i$, $\\mathbf{d}_i' ="
+                    " \\boldsymbol{\\kappa}\\times\\mathbf{d}_i$ with $\\boldsymbol{\\kappa} = \\sum_i"
+                    " \\kappa_i\\,\\mathbf{d}_i$."
+                ),
+            ],
+        )
         checked = [Section("Numeric check", checks_table(self.checks, POINTS))] if self.checks else []
         return Document(title_of(self.cls), [*described(self.cls), symbols, *sections, *checked, self.origin()])
 
@@ -92,11 +107,17 @@ class LineReport:
             w.used.add(name)
             reference = f" - {self._letter(f'reference_{name}')}" if f"reference_{name}" in self.known else ""
             lag = f" + {self._letter('damping')}\\,\\dot\\gamma_{{{name}}}" if "damping" in self.known else ""
-            resultants.append(f"{self._letter(f'compliance_{name}')}\\,{self.known[name].latex} = \\gamma_{{{name}}}{reference}{lag}")
-        further = ("Stress resultants are unknowns of their own; the row of each is its compatibility. A compliance of zero is legal: the strain is "
-                   "then a constraint and the resultant its multiplier.")  # fmt: skip
-        return [Section("Strain measures", [Paragraph(text), Equation(" \\\\ ".join(lines))]),
-                Section("Stress resultants", [Equation(" \\\\ ".join(resultants)), Paragraph(further)])]  # fmt: skip
+            resultants.append(
+                f"{self._letter(f'compliance_{name}')}\\,{self.known[name].latex} = \\gamma_{{{name}}}{reference}{lag}"
+            )
+        further = (
+            "Stress resultants are unknowns of their own; the row of each is its compatibility. A compliance of zero is legal:"
+            " the strain is then a constraint and the resultant its multiplier."
+        )
+        return [
+            Section("Strain measures", [Paragraph(text), Equation(" \\\\ ".join(lines))]),
+            Section("Stress resultants", [Equation(" \\\\ ".join(resultants)), Paragraph(further)]),
+        ]
 
     def _letter(self, name: str) -> str:
         self.writer.used.add(name)
@@ -128,16 +149,35 @@ class LineReport:
         w, rows = self.writer, []
         for name, parts in self.variations().items():
             rows.append([f"$\\delta\\gamma_{{{name}}}$", *(f"${w.vector(part)}$" for part in parts)])
-        head = ["variation", r"$\cdot\,\delta\mathbf{r}'$", r"$\cdot\,\delta\boldsymbol{\psi}$", r"$\cdot\,\delta\boldsymbol{\psi}'$"]
-        text = ("With $\\mathbf{n} = \\sum N_i\\,\\mathbf{d}_i$ and $\\mathbf{m} = \\sum M_i\\,\\mathbf{d}_i$ the virtual work of the section is "
-                "$\\mathbf{n}\\cdot(\\delta\\mathbf{r}' - \\delta\\boldsymbol{\\psi}\\times\\mathbf{r}') + \\mathbf{m}\\cdot\\delta\\boldsymbol{\\psi}'$; "
-                "by parts the balance of forces and moments of the section follows, with $\\bar{\\mathbf{f}}$ the load and $\\mathbf{l}$ the angular "
-                "momentum per length:")  # fmt: skip
-        return [Section("Balance", [
-            Table(head, rows, "Variation of every strain, coordinate-free"), Paragraph(text),
-            Equation(r"\mathbf{n}' + \bar{\mathbf{f}} = \rho_A\,\ddot{\mathbf{r}} \\ \mathbf{m}' + \mathbf{r}'\times\mathbf{n} = \dot{\mathbf{l}}"),
-            Paragraph("The elements integrate the virtual work with interpolated positions and quaternions: their forces are derivatives of an energy, "
-                      "so that energy and angular momentum are kept.")])]  # fmt: skip
+        head = [
+            "variation",
+            r"$\cdot\,\delta\mathbf{r}'$",
+            r"$\cdot\,\delta\boldsymbol{\psi}$",
+            r"$\cdot\,\delta\boldsymbol{\psi}'$",
+        ]
+        text = (
+            "With $\\mathbf{n} = \\sum N_i\\,\\mathbf{d}_i$ and $\\mathbf{m} = \\sum M_i\\,\\mathbf{d}_i$ the virtual work of the"
+            " section is $\\mathbf{n}\\cdot(\\delta\\mathbf{r}' - \\delta\\boldsymbol{\\psi}\\times\\mathbf{r}') +"
+            " \\mathbf{m}\\cdot\\delta\\boldsymbol{\\psi}'$; by parts the balance of forces and moments of the section follows,"
+            " with $\\bar{\\mathbf{f}}$ the load and $\\mathbf{l}$ the angular momentum per length:"
+        )
+        return [
+            Section(
+                "Balance",
+                [
+                    Table(head, rows, "Variation of every strain, coordinate-free"),
+                    Paragraph(text),
+                    Equation(
+                        r"\mathbf{n}' + \bar{\mathbf{f}} = \rho_A\,\ddot{\mathbf{r}} \\ \mathbf{m}' + \mathbf{r}'\times\mathbf{n}"
+                        r" = \dot{\mathbf{l}}"
+                    ),
+                    Paragraph(
+                        "The elements integrate the virtual work with interpolated positions and quaternions: their forces are"
+                        " derivatives of an energy, so that energy and angular momentum are kept."
+                    ),
+                ],
+            )
+        ]
 
     def linear(self) -> list[Section]:
         """Small displacements of a straight line along x."""
@@ -155,29 +195,50 @@ class LineReport:
                         sign = "-" if c < 0 else "+"
                         factor = "" if abs(abs(c) - 1) < 1e-12 else f"{abs(c):g}\\,"
                         terms.append(f"{sign} {factor}{letter.format(units[axis] + 1)}")
-            text = " ".join(terms).removeprefix("+ ").replace("- ", "-", 1) if terms and terms[0].startswith("-") else " ".join(terms).removeprefix("+ ")
+            text = (
+                " ".join(terms).removeprefix("+ ").replace("- ", "-", 1)
+                if terms and terms[0].startswith("-")
+                else " ".join(terms).removeprefix("+ ")
+            )
             lines.append(f"\\gamma_{{{name}}} \\approx {text or '0'}")
-        told = ("About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$ (Timoshenko's beam; with rigid "
-                "shear Euler and Bernoulli's):")  # fmt: skip
+        told = (
+            "About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$"
+            " (Timoshenko's beam; with rigid shear Euler and Bernoulli's):"
+        )
         return [Section("Linearised form", [Paragraph(told), Equation(" \\\\ ".join(lines))])]
 
     def loads(self) -> list[Section]:
         """Load per length."""
         if not self.load.terms:
             return []
-        return [Section("Load", [Paragraph("Force per reference length on the axis, N/m:"),
-                                 Equation(f"\\bar{{\\mathbf{{f}}}} = {self.writer.vector(self.load)}")])]  # fmt: skip
+        return [
+            Section(
+                "Load",
+                [
+                    Paragraph("Force per reference length on the axis, N/m:"),
+                    Equation(f"\\bar{{\\mathbf{{f}}}} = {self.writer.vector(self.load)}"),
+                ],
+            )
+        ]
 
     def inertia(self) -> list[Section]:
         """Kinetic energy per length."""
         if self.kinetic == 0:
             return []
-        return [Section("Inertia", [Paragraph("Kinetic energy per reference length, J/m:"), Equation(f"T = {self.writer.scalar(self.kinetic)}")])]
+        return [
+            Section(
+                "Inertia",
+                [Paragraph("Kinetic energy per reference length, J/m:"), Equation(f"T = {self.writer.scalar(self.kinetic)}")],
+            )
+        ]
 
     def plane(self) -> Section:
         """What remains in the plane."""
         kept, gone = ", ".join(self.flat.stresses) or "none", ", ".join(self.flat.vanished) or "none"
-        return Section("Planar form", [Paragraph(f"In the plane z = 0 stress resultants {kept} remain; {gone} vanish identically and are left out.")])
+        return Section(
+            "Planar form",
+            [Paragraph(f"In the plane z = 0 stress resultants {kept} remain; {gone} vanish identically and are left out.")],
+        )
 
     # -- checks
 
@@ -189,18 +250,19 @@ class LineReport:
         for i, (name, e) in enumerate(self.strains.items()):
             n = Numbers(self.record, state.atom, state.symbol)
             row = value(se.sympify(self.d.rows[i]), state.get)
-            wanted = state.given["weight"] * (n.scalar(e) - state.given[f"reference_{name}"] - state.given[f"compliance_{name}"] * state.given[name])
-            lag = "damping" in self.known
-            if lag:  # rates of the fields are zero here
-                pass
+            wanted = state.given["weight"] * (
+                n.scalar(e) - state.given[f"reference_{name}"] - state.given[f"compliance_{name}"] * state.given[name]
+            )
             self.checks.append(Check(f"compatibility row of {name}, as integrated", residual(row, wanted)))
         for name, (move, turn, slope) in self.variations().items():
             n = Numbers(self.record, state.atom, state.symbol)
             shifted = state.changed()
             m = Numbers(self.record, shifted.atom, shifted.symbol)
             got = np.imag(m.scalar(self.strains[name])) / STEP
-            formula = [np.sum(np.broadcast_to(n.vector(part), (POINTS, 3)) * change, axis=-1)
-                       for part, change in zip((move, turn, slope), (state.dr, state.dpsi, state.dpsi_s), strict=True)]  # fmt: skip
+            formula = [
+                np.sum(np.broadcast_to(n.vector(part), (POINTS, 3)) * change, axis=-1)
+                for part, change in zip((move, turn, slope), (state.dr, state.dpsi, state.dpsi_s), strict=True)
+            ]
             self.checks.append(Check(f"variation of the strain of {name} by moving the section", residual(sum(formula), got)))
 
     def origin(self) -> Section:
@@ -212,10 +274,16 @@ class LineReport:
         parts = [f"{field.symbol}: {canonical(e)}" for field, e in self.d.duals] + [canonical(e) for e in self.d.rows]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         blocks: list[Block] = [
-            Paragraph(f"This report was made from the law object that is integrated, `{self.cls.__module__}.{self.cls.__qualname__}`. The sha256 of its "
-                      "derived equations at a point in space is:"), Paragraph(f"`{digest}`"),
-            Paragraph(f"At a point: {len(self.d.outputs)} outputs of {len(self.d.variables)} variables, {len(se.cse(self.d.outputs)[0]) + len(self.d.outputs)} "
-                      "operations after common subexpressions.")]  # fmt: skip
+            Paragraph(
+                f"This report was made from the law object that is integrated, `{self.cls.__module__}.{self.cls.__qualname__}`."
+                " The sha256 of its derived equations at a point in space is:"
+            ),
+            Paragraph(f"`{digest}`"),
+            Paragraph(
+                f"At a point: {len(self.d.outputs)} outputs of {len(self.d.variables)} variables,"
+                f" {len(se.cse(self.d.outputs)[0]) + len(self.d.outputs)} operations after common subexpressions."
+            ),
+        ]
         return Section("Origin", blocks)
 
 

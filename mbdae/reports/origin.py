@@ -16,10 +16,18 @@ def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
     user: type[Force] = SlideFriction if issubclass(cls, Friction) else JournalContact
     options = {"friction": structure} if issubclass(cls, Friction) else {"normal": structure, "friction": None}
     d = derived(user, structure_of(user, options))
-    return [Section("Origin", [
-        Paragraph(f"This report was made from the object that is integrated, `{cls.__module__}.{cls.__qualname__}`. The sha256 of the derived equations "
-                  f"of `{user.__name__}` with it, between two bodies in space, is:"),
-        Paragraph(f"`{fingerprint(d)}`")])]  # fmt: skip
+    return [
+        Section(
+            "Origin",
+            [
+                Paragraph(
+                    f"This report was made from the object that is integrated, `{cls.__module__}.{cls.__qualname__}`. The sha256"
+                    f" of the derived equations of `{user.__name__}` with it, between two bodies in space, is:"
+                ),
+                Paragraph(f"`{fingerprint(d)}`"),
+            ],
+        )
+    ]
 
 
 __all__ = ["Hertz", "part_origin"]

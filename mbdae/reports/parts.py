@@ -31,15 +31,22 @@ class PartReport:
             if p not in structure.absent:
                 setattr(self.part, p, se.Symbol(p))
         self.known = {p: Letter(of_name(p, spec.unit), spec.unit, spec.meaning) for p, spec in structure.cls.params.items()}
-        self.known |= {f"state_{n}": Letter(of_name(n, spec.unit), spec.unit, f"{spec.meaning}, internal state")
-                       for n, spec in structure.cls.states.items()}  # fmt: skip
-        self.known |= {"v": Letter("v", "m/s", "sliding velocity of l relative to k, signed"),
-                       "a": Letter("a", "m", "penetration, 0 apart"), "a_rate": Letter(r"\dot a", "m/s", "rate of the penetration")}  # fmt: skip
+        self.known |= {
+            f"state_{n}": Letter(of_name(n, spec.unit), spec.unit, f"{spec.meaning}, internal state")
+            for n, spec in structure.cls.states.items()
+        }
+        self.known |= {
+            "v": Letter("v", "m/s", "sliding velocity of l relative to k, signed"),
+            "a": Letter("a", "m", "penetration, 0 apart"),
+            "a_rate": Letter(r"\dot a", "m/s", "rate of the penetration"),
+        }
         self.writer = Writer(Record(), {name: letter.latex for name, letter in self.known.items()})
 
     def symbols(self) -> Table:
         """Symbols used."""
-        rows = [[f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(self.writer.used)]
+        rows = [
+            [f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(self.writer.used)
+        ]
         return Table(["symbol", "unit", "meaning"], rows)
 
     def sections(self) -> list[Section]:
@@ -51,13 +58,20 @@ class PartReport:
         part: Any = self.part
         v, w = se.Symbol("v"), self.writer
         mu, rates = part.coefficient(v), part.rate(v)
-        law: list[Block] = [Paragraph("Friction force on l along the tangent and its power on the bodies:"),
-                            Equation(r"f_t = -\mu(v)\,f_n \\ P = f_t\,v = -\mu(v)\,v\,f_n"), Equation(f"\\mu = {w.scalar(mu)}")]  # fmt: skip
+        law: list[Block] = [
+            Paragraph("Friction force on l along the tangent and its power on the bodies:"),
+            Equation(r"f_t = -\mu(v)\,f_n \\ P = f_t\,v = -\mu(v)\,v\,f_n"),
+            Equation(f"\\mu = {w.scalar(mu)}"),
+        ]
         for name, rate in rates.items():
             start = part.initial(v)[name]
             latex = self.known[f"state_{name}"].latex
             law.append(Equation(f"\\dot{{{latex}}} = {w.scalar(rate)} \\\\ {latex}(0) = {w.scalar(start)}"))
-        return [Section("Law", law), Section("Limits", self._limits(mu, rates)), Section("Power and sign", self._power(mu, rates))]
+        return [
+            Section("Law", law),
+            Section("Limits", self._limits(mu, rates)),
+            Section("Power and sign", self._power(mu, rates)),
+        ]
 
     def _steady(self, rates: dict[str, Any]) -> dict[Any, Any]:
         """States at rest, for rates linear in their state."""
@@ -75,20 +89,30 @@ class PartReport:
         if rates:
             at = self._steady(rates)
             for s, e in at.items():
-                blocks.append(Equation(f"{self.known[str(s)].latex}_\\infty = {w.scalar(e)}", note="steady value at a constant velocity, where the "
-                                       "rate vanishes"))  # fmt: skip
+                blocks.append(
+                    Equation(
+                        f"{self.known[str(s)].latex}_\\infty = {w.scalar(e)}",
+                        note="steady value at a constant velocity, where the rate vanishes",
+                    )
+                )
             steady = mu.subs(at)
         scale = self._velocity(values)
         rows = []
-        for x in (-1e3, -1.0, -1e-3, 1e-3, 1e-1, 1.0, 10.0, 1e3):
-            rows.append([f"{x:g}", f"{self._at(steady, values, v, np.array([x * scale]))[0]:.5g}"])
-        given = ", ".join(f"${self.known[k].latex} = {val:g}$ {unit_text(self.known[k].unit) if self.known[k].unit != '1' else ''}".strip()
-                          for k, val in values.items())  # fmt: skip
+        for over in (-1e3, -1.0, -1e-3, 1e-3, 1e-1, 1.0, 10.0, 1e3):
+            rows.append([f"{over:g}", f"{self._at(steady, values, v, np.array([over * scale]))[0]:.5g}"])
+        given = ", ".join(
+            f"${self.known[k].latex} = {val:g}$ {unit_text(self.known[k].unit) if self.known[k].unit != '1' else ''}".strip()
+            for k, val in values.items()
+        )
         blocks.append(Table(["$v$ over its scale", r"$\mu$"], rows, f"Steady coefficient for {given}"))
         x = np.linspace(-4, 4, 161)
         x = x[x != 0]
         y = self._at(steady, values, v, x * scale)
-        blocks.append(Picture(curve(x, y, "v over its scale", "steady coefficient"), "Steady friction coefficient over the sliding velocity."))
+        blocks.append(
+            Picture(
+                curve(x, y, "v over its scale", "steady coefficient"), "Steady friction coefficient over the sliding velocity."
+            )
+        )
         return blocks
 
     def _power(self, mu: Any, rates: dict[str, Any]) -> list[Block]:
@@ -105,16 +129,27 @@ class PartReport:
         power = self._at(steady, values, v, x) * x
         sign = "never negative" if np.min(power) >= 0 else "NEGATIVE SOMEWHERE"
         blocks: list[Block] = [
-            Paragraph(f"$\\mu(-v) = -\\mu(v)$ with internal states reversed: largest difference {oddness:.1e} at {POINTS} random states."),
-            Paragraph(f"Dissipated power over normal force $\\mu\\,v$ of steady sliding: {sign} at {POINTS} random velocities "
-                      f"(least {np.min(power):.2g} m/s)."),
-        ]  # fmt: skip
+            Paragraph(
+                f"$\\mu(-v) = -\\mu(v)$ with internal states reversed: largest difference {oddness:.1e} at {POINTS} random"
+                " states."
+            ),
+            Paragraph(
+                f"Dissipated power over normal force $\\mu\\,v$ of steady sliding: {sign} at {POINTS} random velocities "
+                f"(least {np.min(power):.2g} m/s)."
+            ),
+        ]
         if rates:
-            blocks.append(Paragraph("Where the state moves, energy is stored and given back: the power may have either sign, its sum may not."))
+            blocks.append(
+                Paragraph(
+                    "Where the state moves, energy is stored and given back: the power may have either sign, its sum may not."
+                )
+            )
             part: Any = self.part
             stored = part.stored(v)
             if stored != 0:
-                blocks.append(Equation(f"e = {self.writer.scalar(stored)}", note="energy held by the state over the normal force, m"))
+                blocks.append(
+                    Equation(f"e = {self.writer.scalar(stored)}", note="energy held by the state over the normal force, m")
+                )
         return blocks
 
     def _values(self) -> dict[str, float]:
@@ -138,17 +173,28 @@ class PartReport:
         a, rate, w = se.Symbol("a"), se.Symbol("a_rate"), self.writer
         V, damped = part.energy(a), part.damping_force(a, rate)
         elastic = part.elastic_force(a)
-        law: list[Block] = [Paragraph("For a penetration $a > 0$ (nothing acts where $a \\le 0$):"), Equation(f"V = {w.scalar(V)}"),
-                            Equation(f"f_n = \\max\\left(0,\\ {w.scalar(elastic)}{' + ' + w.scalar(damped) if damped != 0 else ''}\\right)")]  # fmt: skip
-        text = ["The elastic part is $\\mathrm{d}V/\\mathrm{d}a$, continuous with its first derivative at $a = 0$ where the exponent exceeds 1; "
-                "the force never pulls."]  # fmt: skip
+        law: list[Block] = [
+            Paragraph("For a penetration $a > 0$ (nothing acts where $a \\le 0$):"),
+            Equation(f"V = {w.scalar(V)}"),
+            Equation(f"f_n = \\max\\left(0,\\ {w.scalar(elastic)}{' + ' + w.scalar(damped) if damped != 0 else ''}\\right)"),
+        ]
+        text = [
+            "The elastic part is $\\mathrm{d}V/\\mathrm{d}a$, continuous with its first derivative at $a = 0$ where the exponent"
+            " exceeds 1; the force never pulls."
+        ]
         blocks: list[Block] = [Paragraph(text[0])]
         if damped != 0:
-            blocks += [Equation(f"P = {w.scalar(damped * rate)}", note="power lost where the force is not clamped: never negative, the square of the "
-                                "rate enters")]  # fmt: skip
+            blocks += [
+                Equation(
+                    f"P = {w.scalar(damped * rate)}",
+                    note="power lost where the force is not clamped: never negative, the square of the rate enters",
+                )
+            ]
         x = np.linspace(0, 1, 101)
         y = self._at(elastic, dict.fromkeys(self._values(), 1.0), a, x)
-        blocks.append(Picture(curve(x, y, "penetration", "elastic force"), "Elastic force over the penetration, both over their scale."))
+        blocks.append(
+            Picture(curve(x, y, "penetration", "elastic force"), "Elastic force over the penetration, both over their scale.")
+        )
         return [Section("Law", law), Section("Limits and power", blocks)]
 
 
@@ -171,7 +217,9 @@ def part_report(cls: type[Part], structure: PartStructure) -> Document:
     r = PartReport(structure)
     sections = r.sections()
     what = "friction" if issubclass(cls, Friction) else "normal law"
-    return Document(f"{cls.__name__} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)])
+    return Document(
+        f"{cls.__name__} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)]
+    )
 
 
 def parts_known() -> Sequence[type[Part]]:

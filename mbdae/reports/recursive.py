@@ -12,31 +12,39 @@ from mbdae.reports.document import Block, Document, Equation, Paragraph, Section
 from mbdae.symbolic.law import Joint
 
 if TYPE_CHECKING:
-    from mbdae.reports.joint import JointReport
+    from mbdae.reports.joint_checks import JointChecks
 
 STEP = 1e-30
 POINTS = 20
-_MAP = r"""\mathbf{B} = \begin{bmatrix} \mathbf{1} & -\tilde{\mathbf{d}} & \mathbf{t} \\ \mathbf{0} & \mathbf{1} & \mathbf{b} \end{bmatrix}"""
+_MAP = (r"\mathbf{B} = \begin{bmatrix} \mathbf{1} & -\tilde{\mathbf{d}} & \mathbf{t} \\ "
+        r"\mathbf{0} & \mathbf{1} & \mathbf{b} \end{bmatrix}")  # fmt: skip
 
-SYMBOLS = Table(["symbol", "unit", "meaning"], [
-    ["$c$", "rad or m", "coordinate of the joint, 0 as drawn, l relative to k"],
-    [r"$\mathbf{z}_k$", "1", "axis of the joint, fixed to k"],
-    [r"$\mathbf{d}$", "m", "from the centre of k to the centre of l"],
-    [r"$\mathbf{s}$", "m", "from the point of the joint to the centre of l"],
-    [r"$\mathbf{b},\ \mathbf{t}$", "1, m", "rotation and translation of l per unit of the coordinate"],
-    [r"$\mathbf{r}$", "N, N m", "total residual assembled at l, forces over moments, left-hand side"],
-    [r"$\mathbf{M}, \mathbf{C}, \mathbf{K}$", "", "its derivatives by accelerations, velocities and virtual displacements"],
-    [r"$\tilde{\mathbf{a}}$", "", r"matrix of the vector product: $\tilde{\mathbf{a}}\,\mathbf{b} = \mathbf{a}\times\mathbf{b}$"],
-])  # fmt: skip
+SYMBOLS = Table(
+    ["symbol", "unit", "meaning"],
+    [
+        ["$c$", "rad or m", "coordinate of the joint, 0 as drawn, l relative to k"],
+        [r"$\mathbf{z}_k$", "1", "axis of the joint, fixed to k"],
+        [r"$\mathbf{d}$", "m", "from the centre of k to the centre of l"],
+        [r"$\mathbf{s}$", "m", "from the point of the joint to the centre of l"],
+        [r"$\mathbf{b},\ \mathbf{t}$", "1, m", "rotation and translation of l per unit of the coordinate"],
+        [r"$\mathbf{r}$", "N, N m", "total residual assembled at l, forces over moments, left-hand side"],
+        [r"$\mathbf{M}, \mathbf{C}, \mathbf{K}$", "", "its derivatives by accelerations, velocities and virtual displacements"],
+        [
+            r"$\tilde{\mathbf{a}}$",
+            "",
+            r"matrix of the vector product: $\tilde{\mathbf{a}}\,\mathbf{b} = \mathbf{a}\times\mathbf{b}$",
+        ],
+    ],
+)
 
 
-def recursive_sections(r: JointReport) -> list[Section]:
+def recursive_sections(r: JointChecks) -> list[Section]:
     """Where a joint states a twist: that it may be recursive, and how."""
-    twist = r.s.cls.twist
-    if twist is None:
+    law = type(r.s.law)
+    if law.twist is None:
         return []
     checks: list[Check] = []
-    found = sections(twist, r.s.cls, checks)
+    found = sections(law.twist, law, checks)
     r.book.checks += checks
     return [Section("As a recursive joint", [SYMBOLS, *found])]
 
@@ -44,24 +52,41 @@ def recursive_sections(r: JointReport) -> list[Section]:
 def recursive_report() -> Document:
     """The report of recursive revolute and prismatic joints."""
     checks: list[Check] = []
-    blocks: list[Block] = [Paragraph(
-        "A recursive joint has no rows and no multipliers: its coordinate $c$ is the only unknown of body l, whose state follows from that of k. "
-        "What is stated is one twist per joint, (travel, turn) about $\\mathbf{z}_k$ per unit of the coordinate; the rows of the classical model name the "
-        "reactions. Elements, forces and contacts on l stay what they are: their residual is transformed.")]  # fmt: skip
+    blocks: list[Block] = [
+        Paragraph(
+            "A recursive joint has no rows and no multipliers: its coordinate $c$ is the only unknown of body l, whose state"
+            " follows from that of k. What is stated is one twist per joint, (travel, turn) about $\\mathbf{z}_k$ per unit of the"
+            " coordinate; the rows of the classical model name the reactions. Elements, forces and contacts on l stay what they"
+            " are: their residual is transformed."
+        )
+    ]
     laws: tuple[type[Joint], ...] = (ClassicalRevolute, ClassicalPrismatic)
     for law, name in zip(laws, ("Revolute", "Prismatic"), strict=True):
         assert law.twist is not None
         blocks.append(Section(f"{name} joint", sections(law.twist, law, checks)))
-    return Document("Recursive joint", [Section("Symbols", [SYMBOLS]), *blocks, Section("Numeric check", checks_table(checks, POINTS)), _origin(laws)])
+    return Document(
+        "Recursive joint",
+        [Section("Symbols", [SYMBOLS]), *blocks, Section("Numeric check", checks_table(checks, POINTS)), _origin(laws)],
+    )
 
 
 def _origin(laws: tuple[type[Joint], ...]) -> Section:
     from mbdae.reports.statement import derived, fingerprint, structure_of
 
-    rows = [[f"`{law.__name__}`", f"({law.twist[0]}, {law.twist[1]})", f"`{fingerprint(derived(law, structure_of(law, {})))[:32]}…`"]
-            for law in laws if law.twist]  # fmt: skip
-    return Section("Origin", [Paragraph("Twists are read from the laws that are integrated; the sha256 is that of their rows, which name the reactions."),
-                              Table(["law", "(travel, turn)", "sha256"], rows)])  # fmt: skip
+    rows = [
+        [f"`{law.__name__}`", f"({law.twist[0]}, {law.twist[1]})", f"`{fingerprint(derived(law, structure_of(law, {})))[:32]}…`"]
+        for law in laws
+        if law.twist
+    ]
+    return Section(
+        "Origin",
+        [
+            Paragraph(
+                "Twists are read from the laws that are integrated; the sha256 is that of their rows, which name the reactions."
+            ),
+            Table(["law", "(travel, turn)", "sha256"], rows),
+        ],
+    )
 
 
 def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> list[Block]:
@@ -73,37 +98,71 @@ def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> l
     turning = r"\mathbf{R}_l = \mathbf{R}_k\,\exp(c\,\tilde{\mathbf{e}}_z)" if turn else r"\mathbf{R}_l = \mathbf{R}_k"
     checks += _against_tree(law, twist) + _transformed(twist)
     return [
-        Paragraph(f"Twist (travel {travel}, turn {turn}): l = k exp(c (travel, turn)) about the joint's axis; $\\mathbf{{e}}_z$ is the axis in the body."),
+        Paragraph(
+            f"Twist (travel {travel}, turn {turn}): l = k exp(c (travel, turn)) about the joint's axis; $\\mathbf{{e}}_z$ is the"
+            " axis in the body."
+        ),
         Equation(f"{turning} \\\\ \\mathbf{{b}} = {b} \\\\ \\mathbf{{t}} = {t or chr(92) + 'mathbf{0}'}"),
-        Paragraph("Reduction map, virtual displacements and velocities of the centre of l from those of k and of the coordinate:"),
-        Equation(r"\begin{bmatrix} \delta\mathbf{r}_l \\ \delta\boldsymbol{\psi}_l \end{bmatrix} = \mathbf{B} "
-                 r"\begin{bmatrix} \delta\mathbf{r}_k \\ \delta\boldsymbol{\psi}_k \\ \delta c \end{bmatrix} \\ " + _MAP),
+        Paragraph(
+            "Reduction map, virtual displacements and velocities of the centre of l from those of k and of the coordinate:"
+        ),
+        Equation(
+            r"\begin{bmatrix} \delta\mathbf{r}_l \\ \delta\boldsymbol{\psi}_l \end{bmatrix} = \mathbf{B} "
+            r"\begin{bmatrix} \delta\mathbf{r}_k \\ \delta\boldsymbol{\psi}_k \\ \delta c \end{bmatrix} \\ " + _MAP
+        ),
         Paragraph("Accelerations follow with the rate of the map:"),
-        Equation(r"\begin{bmatrix} \ddot{\mathbf{r}}_l \\ \dot{\boldsymbol{\omega}}_l \end{bmatrix} = \mathbf{B} \begin{bmatrix} \ddot{\mathbf{r}}_k \\ "
-                 r"\dot{\boldsymbol{\omega}}_k \\ \ddot c \end{bmatrix} + \begin{bmatrix} \mathbf{a}_0 \\ \boldsymbol{\alpha}_0 \end{bmatrix} \\ "
-                 + _bias(travel, turn)),
-        Paragraph("The residual assembled at l, and its mass, come back to k and to the row of the coordinate by the transpose; a spring, damper or "
-                  "torque of the joint adds to that row:"),
-        Equation(r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"),
-        Paragraph("Damping and stiffness, with $\\mathbf{r} = (\\mathbf{f}, \\mathbf{m})$ the total residual at l and $\\mathbf{w}$ the velocities "
-                  "$(\\dot{\\mathbf{r}}_k, \\boldsymbol{\\omega}_k, \\dot c)$ of the unknowns, $\\delta\\mathbf{w} = \\mathbf{0}$ in the stiffness:"),
-        Equation(r"\bar{\mathbf{C}} = \mathbf{B}^{\mathsf{T}}\left(\mathbf{C}\,\mathbf{B} + \mathbf{M}\,\frac{\partial}{\partial\mathbf{w}}"
-                 r"\begin{bmatrix} \mathbf{a}_0 \\ \boldsymbol{\alpha}_0 \end{bmatrix}\right) \\ "
-                 r"\bar{\mathbf{K}}\,\delta\mathbf{q} = \mathbf{B}^{\mathsf{T}}\left(\mathbf{K}\,\mathbf{B}\,\delta\mathbf{q} + \mathbf{C}\,\delta(\mathbf{B}\mathbf{w}) "
-                 r"+ \mathbf{M}\,\delta(\mathbf{B}\dot{\mathbf{w}} + \mathbf{a}_0, \boldsymbol{\alpha}_0)\right) + \delta\mathbf{B}^{\mathsf{T}}\,\mathbf{r}"),
+        Equation(
+            r"\begin{bmatrix} \ddot{\mathbf{r}}_l \\ \dot{\boldsymbol{\omega}}_l \end{bmatrix} = \mathbf{B} \begin{bmatrix}"
+            r" \ddot{\mathbf{r}}_k \\ "
+            r"\dot{\boldsymbol{\omega}}_k \\ \ddot c \end{bmatrix} + \begin{bmatrix} \mathbf{a}_0 \\ \boldsymbol{\alpha}_0"
+            r" \end{bmatrix} \\ " + _bias(travel, turn)
+        ),
+        Paragraph(
+            "The residual assembled at l, and its mass, come back to k and to the row of the coordinate by the transpose; a"
+            " spring, damper or torque of the joint adds to that row:"
+        ),
+        Equation(
+            r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} ="
+            r" \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"
+        ),
+        Paragraph(
+            "Damping and stiffness, with $\\mathbf{r} = (\\mathbf{f}, \\mathbf{m})$ the total residual at l and $\\mathbf{w}$ the"
+            " velocities $(\\dot{\\mathbf{r}}_k, \\boldsymbol{\\omega}_k, \\dot c)$ of the unknowns, $\\delta\\mathbf{w} ="
+            " \\mathbf{0}$ in the stiffness:"
+        ),
+        Equation(
+            r"\bar{\mathbf{C}} = \mathbf{B}^{\mathsf{T}}\left(\mathbf{C}\,\mathbf{B} +"
+            r" \mathbf{M}\,\frac{\partial}{\partial\mathbf{w}}"
+            r"\begin{bmatrix} \mathbf{a}_0 \\ \boldsymbol{\alpha}_0 \end{bmatrix}\right) \\ "
+            r"\bar{\mathbf{K}}\,\delta\mathbf{q} = \mathbf{B}^{\mathsf{T}}\left(\mathbf{K}\,\mathbf{B}\,\delta\mathbf{q} +"
+            r" \mathbf{C}\,\delta(\mathbf{B}\mathbf{w}) "
+            r"+ \mathbf{M}\,\delta(\mathbf{B}\dot{\mathbf{w}} + \mathbf{a}_0, \boldsymbol{\alpha}_0)\right) +"
+            r" \delta\mathbf{B}^{\mathsf{T}}\,\mathbf{r}"
+        ),
         Paragraph("The last term is the geometric stiffness; it needs the total residual, not a part of it. Its rows:"),
         Equation(_geometric(travel, turn)),
-    ]  # fmt: skip
+    ]
 
 
 def _bias(travel: int, turn: int) -> str:
     """Accelerations of l without accelerations of the unknowns."""
     alpha = r"\dot c\,\boldsymbol{\omega}_k\times\mathbf{b}" if turn else r"\mathbf{0}"
-    slide = r" + 2\,\dot c\,\boldsymbol{\omega}_k\times\mathbf{z}_k" if travel == 1 else f" + 2\\cdot {travel}\\,\\dot c\\,\\boldsymbol{{\\omega}}_k\\times\\mathbf{{z}}_k" if travel else ""
-    own = (r" + \boldsymbol{\alpha}_0\times\mathbf{s} + \boldsymbol{\omega}_l\times(\boldsymbol{\omega}_l\times\mathbf{s})" if turn else
-           r" + \boldsymbol{\omega}_k\times(\boldsymbol{\omega}_k\times\mathbf{s})")  # fmt: skip
-    return (f"\\boldsymbol{{\\alpha}}_0 = {alpha} \\\\ \\mathbf{{a}}_0 = \\boldsymbol{{\\omega}}_k\\times(\\boldsymbol{{\\omega}}_k\\times(\\mathbf{{d}} - "
-            f"\\mathbf{{s}})){slide}{own} \\\\ \\boldsymbol{{\\omega}}_l = \\boldsymbol{{\\omega}}_k{' + ' + chr(92) + 'dot c' + chr(92) + ',' + chr(92) + 'mathbf{b}' if turn else ''}")  # fmt: skip
+    slide = (
+        r" + 2\,\dot c\,\boldsymbol{\omega}_k\times\mathbf{z}_k"
+        if travel == 1
+        else f" + 2\\cdot {travel}\\,\\dot c\\,\\boldsymbol{{\\omega}}_k\\times\\mathbf{{z}}_k" if travel else ""
+    )
+    own = (
+        r" + \boldsymbol{\alpha}_0\times\mathbf{s} + \boldsymbol{\omega}_l\times(\boldsymbol{\omega}_l\times\mathbf{s})"
+        if turn
+        else r" + \boldsymbol{\omega}_k\times(\boldsymbol{\omega}_k\times\mathbf{s})"
+    )
+    return (
+        f"\\boldsymbol{{\\alpha}}_0 = {alpha} \\\\ \\mathbf{{a}}_0 ="
+        f" \\boldsymbol{{\\omega}}_k\\times(\\boldsymbol{{\\omega}}_k\\times(\\mathbf{{d}} - \\mathbf{{s}})){slide}{own} \\\\"
+        " \\boldsymbol{\\omega}_l ="
+        f" \\boldsymbol{{\\omega}}_k{' + ' + chr(92) + 'dot c' + chr(92) + ',' + chr(92) + 'mathbf{b}' if turn else ''}"
+    )
 
 
 def _geometric(travel: int, turn: int) -> str:
@@ -113,12 +172,22 @@ def _geometric(travel: int, turn: int) -> str:
     row = " + ".join(part for part in (force, moment) if part)
     parts = []
     if travel:
-        parts.append(r"\delta\boldsymbol{\psi}_k\times\mathbf{z}_k" if travel == 1 else f"{travel}\\,\\delta\\boldsymbol{{\\psi}}_k\\times\\mathbf{{z}}_k")
+        parts.append(
+            r"\delta\boldsymbol{\psi}_k\times\mathbf{z}_k"
+            if travel == 1
+            else f"{travel}\\,\\delta\\boldsymbol{{\\psi}}_k\\times\\mathbf{{z}}_k"
+        )
     if turn:
-        parts.append(r"(\delta\boldsymbol{\psi}_k\times\mathbf{b})\times\mathbf{s} + \mathbf{b}\times(\delta\boldsymbol{\psi}_l\times\mathbf{s})")
+        parts.append(
+            r"(\delta\boldsymbol{\psi}_k\times\mathbf{b})\times\mathbf{s} +"
+            r" \mathbf{b}\times(\delta\boldsymbol{\psi}_l\times\mathbf{s})"
+        )
     change = r"\delta\mathbf{d} = \delta\mathbf{r}_l - \delta\mathbf{r}_k"
-    return (f"\\delta\\mathbf{{r}}_k:\\quad \\mathbf{{0}} \\\\ \\delta\\boldsymbol{{\\psi}}_k:\\quad \\delta\\mathbf{{d}}\\times\\mathbf{{f}} \\\\ "
-            f"\\delta c:\\quad {row} \\\\ {change} \\\\ \\delta\\mathbf{{t}} = {' + '.join(parts) or chr(92) + 'mathbf{0}'}")  # fmt: skip
+    return (
+        "\\delta\\mathbf{r}_k:\\quad \\mathbf{0} \\\\ \\delta\\boldsymbol{\\psi}_k:\\quad"
+        f" \\delta\\mathbf{{d}}\\times\\mathbf{{f}} \\\\ \\delta c:\\quad {row} \\\\ {change} \\\\ \\delta\\mathbf{{t}} ="
+        f" {' + '.join(parts) or chr(92) + 'mathbf{0}'}"
+    )
 
 
 # ---- checks ------------------------------------------------------------------------------------------------------------
@@ -156,7 +225,10 @@ def _transformed(twist: tuple[int, int]) -> list[Check]:
         worst = np.maximum(worst, case.errors())
     names = ("transformed damping", "transformed stiffness with its geometric row", "transformed mass")
     kind = "turning" if twist[1] else "sliding"
-    return [Check(f"{name} of a {kind} joint, with a complex step through the motion", float(e)) for name, e in zip(names, worst, strict=True)]
+    return [
+        Check(f"{name} of a {kind} joint, with a complex step through the motion", float(e))
+        for name, e in zip(names, worst, strict=True)
+    ]
 
 
 class _Case:
@@ -229,7 +301,8 @@ def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
     p = prepare(scene)
     rng, worst = np.random.default_rng(4), 0.0
     k, l = (p.model.node(b) for b in (first, second))
-    assert k is not None and l is not None
+    assert k is not None
+    assert l is not None
     for _ in range(5):
         q = np.zeros((1, p.expansion.nq))
         full = p.start.q.copy()

@@ -14,7 +14,8 @@ from mbdae.reports.vectors import Atom, Base, NamedVector, Product, Record, Vect
 from mbdae.symbolic.vectors import Expr
 
 _SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: how tightly a formula holds together
-_VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\mathbf{x}", "y": r"\mathbf{y}", "z": r"\mathbf{z}",
+_VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\mathbf{x}", "y": r"\mathbf{y}",
+            "z": r"\mathbf{z}",
             "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}", "du": r"\delta\mathbf{r}", "dpsi": r"\delta\boldsymbol{\psi}",
             "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}  # fmt: skip
 NAMES = (r"\mathbf{a}", r"\mathbf{b}", r"\mathbf{c}", r"\mathbf{e}", r"\mathbf{f}", r"\mathbf{g}", r"\mathbf{h}", r"\mathbf{p}",
@@ -82,7 +83,7 @@ class Writer:
     def _symbol(self, e: Expr) -> tuple[str, int]:
         if e in self.record.dots:
             a, b = self.record.dots[e]
-            return f"{self.atom(a, True)}\\cdot {self.atom(b, True)}", _PRODUCT if a != b else _PRODUCT
+            return f"{self.atom(a, True)}\\cdot {self.atom(b, True)}", _PRODUCT
         name = str(e)
         self.used.add(name)
         if name not in self.letters:
@@ -138,13 +139,17 @@ class Writer:
             front = f"\\tfrac{{{self._joined(number) or '1'}}}{{{self._joined(below)}}}"
             return f"{sign}{front}{self._joined(rest)}", _SUM if sign else _PRODUCT
         if below:
-            return f"{sign}\\frac{{{self._joined(above, True) or '1'}}}{{{self._joined(below, True)}}}", _SUM if sign else _PRODUCT
+            return f"{sign}\\frac{{{self._joined(above, True) or '1'}}}{{{self._joined(below, True)}}}", (
+                _SUM if sign else _PRODUCT
+            )
         return f"{sign}{self._joined(above)}", _SUM if sign else _PRODUCT
 
     def _joined(self, factors: list[Expr], alone: bool = False) -> str:
         if alone and len(factors) == 1:
             return self.scalar(factors[0])
-        ordered = sorted(factors, key=lambda f: (not f.is_Number, f in self.record.dots, isinstance(f, se.Add | se.Function), str(f)))
+        ordered = sorted(
+            factors, key=lambda f: (not f.is_Number, f in self.record.dots, isinstance(f, se.Add | se.Function), str(f))
+        )
         if len(ordered) == 1 and ordered[0] in self.record.dots:
             return self.scalar(ordered[0])
         return "\\,".join(self.factor(f, _POWER) for f in ordered)
@@ -241,7 +246,9 @@ def name_vectors(record: Record) -> dict[int, str]:
     for number, value in record.vectors.items():
         if number in record.changes:
             sign, of = record.changes[number]
-            found[number] = f"\\ddot{found[of].removeprefix(sign)}" if sign == r"\dot" == found[of][:4] else f"{sign}{{{found[of]}}}"
+            found[number] = (
+                f"\\ddot{found[of].removeprefix(sign)}" if sign == r"\dot" == found[of][:4] else f"{sign}{{{found[of]}}}"
+            )
         elif number in record.gradients:
             kind, symbol, side = record.gradients[number]
             found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
@@ -334,9 +341,10 @@ def _atan2(y: Any, x: Any) -> Any:
 class Numbers:
     """Values of the formulas of a record at many states at once: `atoms` (points, 3), symbols (points,)."""
 
-    def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], NDArray[Any]]) -> None:
+    def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any],
+                 known: Mapping[Base, NDArray[Any]] | None = None) -> None:  # fmt: skip
         self.record, self.atoms, self.symbols = record, atoms, symbols
-        self._known: dict[Any, Any] = {}
+        self._known: dict[Any, Any] = dict(known or {})
 
     def scalar(self, e: Expr) -> Any:
         """A scalar."""

@@ -31,7 +31,11 @@ from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 
 #: typical values of parts, of which a report of their class shows the shape
-_TYPICAL: dict[type[Part], Part] = {Coulomb: Coulomb(0.3, 1e-3), LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4), Hertz: Hertz(1e9, damping=0.3)}
+_TYPICAL: dict[type[Part], Part] = {
+    Coulomb: Coulomb(0.3, 1e-3),
+    LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
+    Hertz: Hertz(1e9, damping=0.3),
+}
 
 
 def exported() -> dict[str, type]:
@@ -39,7 +43,11 @@ def exported() -> dict[str, type]:
     homes = (mbdae.joints, mbdae.forces, mbdae.elements, mbdae.contact, mbdae.friction)
     found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
     found |= {"beam": Beam, "lineload": LineLoad}
-    return {name: law for name, law in found.items() if issubclass(law, Law | Part) and law not in (mbdae.contact.Normal, mbdae.friction.Friction)}
+    return {
+        name: law
+        for name, law in found.items()
+        if issubclass(law, Law | Part) and law not in (mbdae.contact.Normal, mbdae.friction.Friction)
+    }
 
 
 def names() -> list[str]:
@@ -109,5 +117,7 @@ def _clearance(normal: Any, friction: Any, length: float | None) -> Document:
     left_out = {"length": None} if length is None else {}
     rows = joint_report(ClearanceRevolute, structure_of(ClearanceRevolute, {"tilting": length is not None, "drive": None}))
     contact = force_report(JournalContact, structure_of(JournalContact, {"normal": normal, "friction": friction, **left_out}))
-    text = ("A revolute joint with clearance is two laws: rows that still hold, and a contact between pin and race where they meet.")
+    text = (
+        "A revolute joint with clearance is two laws: rows that still hold, and a contact between pin and race where they meet."
+    )
     return Document("Revolute joint with clearance", [Paragraph(text), *(Section(d.title, d.blocks) for d in (rows, contact))])

@@ -12,13 +12,12 @@ import numpy as np
 
 from mbdae.analysis import linearize
 from mbdae.errors import MbdaeError
-from mbdae.formulations import system_for
+from mbdae.formulations import GGL, system_for
 from mbdae.kernels.plan import linearised_plan
-from mbdae.kernels.tree_plan import tree_plan
 from mbdae.reports.document import Block, Document, Paragraph, Picture, Section, Table
 from mbdae.reports.statement import fingerprint
 from mbdae.reports.svg import pattern
-from mbdae.results.checks import Check
+from mbdae.results.checks import Check, tree_operations
 from mbdae.results.drawing import draw
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
@@ -26,8 +25,14 @@ from mbdae.system.model import build
 from mbdae.system.numbering import constraint_rows
 from mbdae.system.prepare import prepare
 
-KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
-         "mu": "stabilising multipliers"}  # fmt: skip
+KINDS = {
+    "q": "positions",
+    "v": "velocities",
+    "s": "internal states",
+    "z": "stresses of beams",
+    "lambda": "multipliers",
+    "mu": "stabilising multipliers",
+}
 LISTED = 60  #: names in full up to so many
 EIGEN_UP_TO = 1500  #: unknowns up to which eigenvalues are sought
 
@@ -51,8 +56,7 @@ def size_of(system: SceneSystem) -> Size:
             p = linearised_plan(group.derived, system.spec.outputs)
             own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
             total += own * len(active)
-    for tree in system.carried.trees:
-        total += tree_plan(tree.structure).operations
+    total += tree_operations(system.carried.trees)
     return Size(system.n, len(system.equations), sum(kind in ("lambda", "mu") for kind in system.kinds), total)
 
 
@@ -62,7 +66,7 @@ def unpruned(scene: SceneData, system: SceneSystem) -> Size | str:
     full.space = "spatial"
     try:
         model = build(full)
-        return size_of(SceneSystem(model, constraint_rows(model), system.spec))
+        return size_of(SceneSystem(model, constraint_rows(model), GGL().for_index(1).spec()))
     except MbdaeError as error:
         return str(error)
 
@@ -78,18 +82,34 @@ class Sheet:
 
     def document(self) -> Document:
         """The whole sheet."""
-        sections = [self.summary(), self.bodies(), self.joints(), self.forces(), self.unknowns(), self.pruned(), self.redundant(),
-                    self.eigenvalues(), self.sparsity(), self.laws()]  # fmt: skip
+        sections = [
+            self.summary(),
+            self.bodies(),
+            self.joints(),
+            self.forces(),
+            self.unknowns(),
+            self.pruned(),
+            self.redundant(),
+            self.eigenvalues(),
+            self.sparsity(),
+            self.laws(),
+        ]
         return Document(f"Scene {self.scene.name}".replace("$", r"\$"), [block for block in sections if block is not None])
 
     def summary(self) -> Section:
         """Drawing and the main numbers."""
         c, m = self.check, self.prepared.model
-        told = (f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {c.degrees_of_freedom} degrees of freedom; {self.system.n} unknowns and "
-                f"{len(self.system.equations)} equations in the form {self.system.label}. Length {m.length:.4g} m, characteristic time "
-                f"{self.prepared.time:.4g} s; gravity ({', '.join(f'{x:g}' for x in self.scene.gravity)}) m/s$^{{2}}$.")  # fmt: skip
+        told = (
+            f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {c.degrees_of_freedom} degrees of freedom; {self.system.n} unknowns"
+            f" and {len(self.system.equations)} equations in the form {self.system.label}. Length {m.length:.4g} m,"
+            f" characteristic time {self.prepared.time:.4g} s; gravity ({', '.join(f'{x:g}' for x in self.scene.gravity)})"
+            " m/s$^{2}$."
+        )
         changes = [Paragraph("Start: " + "; ".join(map(str, self.prepared.start.changes)))] if self.prepared.start.changes else []
-        return Section("Scene", [Paragraph(told), *changes, Picture(self.drawing(), f"The scene as it starts, t = {self.prepared.start.t:g} s.")])
+        return Section(
+            "Scene",
+            [Paragraph(told), *changes, Picture(self.drawing(), f"The scene as it starts, t = {self.prepared.start.t:g} s.")],
+        )
 
     def drawing(self) -> bytes:
         """PNG of the scene."""
@@ -107,20 +127,28 @@ class Sheet:
             node = self.prepared.model.node(b)
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
             rows.append([plain(b.name), what, f"{b.mass:.6g}", ", ".join(f"{x:.4g}" for x in b.position), _inertia(b), kind])
-        return Section("Bodies", [Table(["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"], rows)])
+        return Section(
+            "Bodies", [Table(["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"], rows)]
+        )
 
     def joints(self) -> Section:
         """Joints with models and rows."""
         rows = []
         kept = {row.name for row in self.system.numbering.rows}
-        by_item = {instance.item: (g, instance) for g, _, instance in self.prepared.model.instances() if self.prepared.model.groups[g].derived.rows}
+        by_item = {
+            instance.item: (g, instance)
+            for g, _, instance in self.prepared.model.instances()
+            if self.prepared.model.groups[g].derived.rows
+        }
         for c in self.scene.joints:
             found = by_item.get(c.name)
             names = [r for r in self.prepared.model.groups[found[0]].derived.rows if f"{c.name}.{r}" in kept] if found else []
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
             model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
             drive = plain(str(c.prescribed)) if c.prescribed is not None else ""
-            rows.append([plain(c.name), c.kind, plain(model), plain(c.k.name), plain(c.l.name), ", ".join(names) or "none", drive])
+            rows.append(
+                [plain(c.name), c.kind, plain(model), plain(c.k.name), plain(c.l.name), ", ".join(names) or "none", drive]
+            )
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
@@ -134,38 +162,86 @@ class Sheet:
                 if i.item in joints and group.derived.rows:
                     continue
                 if group.derived.force:
-                    numbers = ", ".join(f"{name} = {getattr(i.law, name):g}" if isinstance(getattr(i.law, name), int | float)
-                                        else f"{name} = {getattr(i.law, name)}" for name in i.law.params if getattr(i.law, name) is not None)  # fmt: skip
+                    numbers = ", ".join(
+                        (
+                            f"{name} = {getattr(i.law, name):g}"
+                            if isinstance(getattr(i.law, name), int | float)
+                            else f"{name} = {getattr(i.law, name)}"
+                        )
+                        for name in i.law.params
+                        if getattr(i.law, name) is not None
+                    )
                     rows.append([plain(i.item), law, plain(numbers)])
         return Section("Forces", [Table(["item", "law", "values (SI)"], rows)] if rows else [Paragraph("There are none.")])
 
     def unknowns(self) -> Section:
         """Unknowns and equations by kind and name."""
         counts = Counter(self.system.kinds)
-        rows = [[KINDS.get(kind, kind), str(n), str(min(int(i) for i, k in zip(self.system.index, self.system.kinds, strict=True) if k == kind)),
-                 listed([name for name, k in zip(self.system.names, self.system.kinds, strict=True) if k == kind])]
-                for kind, n in counts.items()]  # fmt: skip
-        heads = Counter(name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")") for name in self.system.equations)
+        rows = [
+            [
+                KINDS.get(kind, kind),
+                str(n),
+                str(min(int(i) for i, k in zip(self.system.index, self.system.kinds, strict=True) if k == kind)),
+                listed([name for name, k in zip(self.system.names, self.system.kinds, strict=True) if k == kind]),
+            ]
+            for kind, n in counts.items()
+        ]
+        heads = Counter(
+            name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
+            for name in self.system.equations
+        )
         equations = "; ".join(f"{n} of {kind}" for kind, n in heads.items())
-        shared = [Paragraph(f"Rows that need no equation, because bodies share unknowns with a node of a beam: {listed(list(self.check.shared))}.")]
-        return Section("Unknowns and equations", [
-            Table(["unknowns", "number", "index", "names"], rows, f"{self.system.n} unknowns in the form {self.system.label}"),
-            Paragraph(f"{len(self.system.equations)} equations: {equations}."), *(shared if self.check.shared else [])])  # fmt: skip
+        shared = [
+            Paragraph(
+                "Rows that need no equation, because bodies share unknowns with a node of a beam:"
+                f" {listed(list(self.check.shared))}."
+            )
+        ]
+        return Section(
+            "Unknowns and equations",
+            [
+                Table(
+                    ["unknowns", "number", "index", "names"], rows, f"{self.system.n} unknowns in the form {self.system.label}"
+                ),
+                Paragraph(f"{len(self.system.equations)} equations: {equations}."),
+                *(shared if self.check.shared else []),
+            ],
+        )
 
     def pruned(self) -> Section:
         """What the scene does not need."""
         after, before = size_of(self.system), unpruned(self.scene, self.system)
         blocks: list[Block] = []
         if isinstance(before, Size):
-            rows = [[name, str(getattr(before, key)), str(getattr(after, key))] for name, key in
-                    (("unknowns", "unknowns"), ("equations", "equations"), ("multipliers", "multipliers"), ("kernel operations", "operations"))]
-            blocks.append(Table(["", "in space with every row", "as integrated"], rows, "Operations: of residuals and derivatives of all laws but beams, "
-                                "after common subexpressions"))  # fmt: skip
+            rows = [
+                [name, str(getattr(before, key)), str(getattr(after, key))]
+                for name, key in (
+                    ("unknowns", "unknowns"),
+                    ("equations", "equations"),
+                    ("multipliers", "multipliers"),
+                    ("kernel operations", "operations"),
+                )
+            ]
+            blocks.append(
+                Table(
+                    ["", "in space with every row", "as integrated"],
+                    rows,
+                    "Operations: of residuals and derivatives of all laws but beams, after common subexpressions",
+                )
+            )
         else:
-            blocks.append(Paragraph(f"{after.unknowns} unknowns and {after.operations} kernel operations; the scene cannot be modelled in space: "
-                                    f"{plain(before)}."))  # fmt: skip
+            blocks.append(
+                Paragraph(
+                    f"{after.unknowns} unknowns and {after.operations} kernel operations; the scene cannot be modelled in space: "
+                    f"{plain(before)}."
+                )
+            )
         gone = listed(list(self.check.pruned))
-        blocks.append(Paragraph(f"Rows that vanish identically for this scene: {gone}." if self.check.pruned else "No row vanishes identically."))
+        blocks.append(
+            Paragraph(
+                f"Rows that vanish identically for this scene: {gone}." if self.check.pruned else "No row vanishes identically."
+            )
+        )
         return Section("Pruned", blocks)
 
     def redundant(self) -> Section:
@@ -175,8 +251,15 @@ class Sheet:
             return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
         told = f"Left out: {listed(list(c.redundant))}." if c.redundant else "No row is redundant."
         unique = f" Reactions that are not unique: {listed(list(c.not_unique))}." if c.not_unique else ""
-        return Section("Redundant rows", [Paragraph(f"{told}{unique} Smallest singular value of the rows kept (of unit length): "
-                                                    f"{self.prepared.rank.smallest:.3g}.")])  # fmt: skip
+        return Section(
+            "Redundant rows",
+            [
+                Paragraph(
+                    f"{told}{unique} Smallest singular value of the rows kept (of unit length): "
+                    f"{self.prepared.rank.smallest:.3g}."
+                )
+            ],
+        )
 
     def eigenvalues(self) -> Section:
         """Of small departures from the start."""
@@ -186,27 +269,48 @@ class Sheet:
             found = linearize(self.scene)
         except MbdaeError as error:
             return Section("Eigenvalues at the start", [Paragraph(f"There are none to give: {plain(str(error))}")])
-        rows = [[f"{value.real:.6g}", f"{value.imag:.6g}", f"{abs(value.imag) / 2 / np.pi:.6g}"] for value in found.eigenvalues[:40] if value.imag >= 0]
+        rows = [
+            [f"{value.real:.6g}", f"{value.imag:.6g}", f"{abs(value.imag) / 2 / np.pi:.6g}"]
+            for value in found.eigenvalues[:40]
+            if value.imag >= 0
+        ]
         head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
-        return Section("Eigenvalues at the start", [Table(head, rows, f"Of small departures from the start, {len(found.eigenvalues)} in all; of a conjugate "
-                                                                      "pair one")])  # fmt: skip
+        return Section(
+            "Eigenvalues at the start",
+            [Table(head, rows, f"Of small departures from the start, {len(found.eigenvalues)} in all; of a conjugate pair one")],
+        )
 
     def sparsity(self) -> Section:
         """Pattern of the iteration matrix."""
         m = self.system.pattern.tocoo()
         n, nnz = self.system.n, self.system.pattern.nnz
         entries = sorted(zip(m.row.tolist(), m.col.tolist(), strict=True))
-        text = f"Jacobian of the system: {n} x {n}, {nnz} entries ({100 * nnz / max(1, n * n):.1f} %); columns are unknowns in the order above."
+        text = (
+            f"Jacobian of the system: {n} x {n}, {nnz} entries ({100 * nnz / max(1, n * n):.1f} %); columns are unknowns in the"
+            " order above."
+        )
         if len(entries) > 20000:
             return Section("Sparsity", [Paragraph(text)])
         return Section("Sparsity", [Picture(pattern(entries, n, "entries of the Jacobian"), text)])
 
     def laws(self) -> Section:
         """The laws by their hash."""
-        rows = [[group.key[0].__name__, str(len(group.instances)), " - ".join(kind.value for kind, _ in group.key[2]), f"`{fingerprint(group.derived)[:32]}…`"]
-                for group in self.prepared.model.groups]  # fmt: skip
-        text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between two bodies in space.")
-        return Section("Laws", [Paragraph(text), Table(["law", "times", "between nodes", "sha256 of the derived equations"], rows)])
+        rows = [
+            [
+                group.key[0].__name__,
+                str(len(group.instances)),
+                " - ".join(kind.value for kind, _ in group.key[2]),
+                f"`{fingerprint(group.derived)[:32]}…`",
+            ]
+            for group in self.prepared.model.groups
+        ]
+        text = (
+            "Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between two"
+            " bodies in space."
+        )
+        return Section(
+            "Laws", [Paragraph(text), Table(["law", "times", "between nodes", "sha256 of the derived equations"], rows)]
+        )
 
 
 def listed(names: list[str]) -> str:

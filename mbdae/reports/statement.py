@@ -24,9 +24,13 @@ from mbdae.symbolic.vectors import Expr, Vec
 
 #: options of laws in a report of the class, where none are given
 OPTIONS: dict[str, Any] = {
-    "joint": Revolute, "following": False, "follows": False, "tilting": False, "normal": Hertz(1, damping=1).structure(),
+    "joint": Revolute,
+    "following": False,
+    "follows": False,
+    "tilting": False,
+    "normal": Hertz(1, damping=1).structure(),
     "friction": LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.1).structure(),
-}  # fmt: skip
+}
 
 
 def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
@@ -126,10 +130,31 @@ class Statement:
         zero = self.record.zero()
         r, s, v, w = (a(n, side) for n in "rsvw") if kind.moves else (a("r", side), zero, zero, zero)
         center = a("c", side) if kind.moves else r
-        body = (a("bx", side), a("by", side), a("bz", side)) if kind.moves else tuple(self.record.axis(i) for i in range(3))
+        own, fixed = [a(b, side) for b in ("bx", "by", "bz")], [self.record.axis(i) for i in range(3)]
+        body = (own[0], own[1], own[2]) if kind.moves else (fixed[0], fixed[1], fixed[2])
         spin = Vec(*(se.Symbol(f"{side}_W{i + 1}") for i in range(3)))
-        return Frame(side, kind, axes, r, v, a("x", side), a("y", side), a("z", side), w, center, v - w.cross(s), s, body,
-                     se.Symbol(f"{side}_h"), spin, [], [], [], {}, {})  # fmt: skip
+        return Frame(
+            side,
+            kind,
+            axes,
+            r,
+            v,
+            a("x", side),
+            a("y", side),
+            a("z", side),
+            w,
+            center,
+            v - w.cross(s),
+            s,
+            body,
+            se.Symbol(f"{side}_h"),
+            spin,
+            [],
+            [],
+            [],
+            {},
+            {},
+        )
 
     # -- what the law states, its intermediates named
 

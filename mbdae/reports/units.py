@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mbdae.reports.vectors import Base, NamedVector, Record, Vector
 from mbdae.reports.statement import Statement
+from mbdae.reports.vectors import Base, NamedVector, Record, Vector
 from mbdae.symbolic.vectors import Expr
 
 

@@ -76,7 +76,7 @@ class Record:
         self.scalars: dict[Expr, Expr] = {}  #: names of scalars
         self.vectors: dict[int, Vector] = {}  #: names of vectors
         self.labels: dict[Expr | int, str] = {}  #: letters a law gives its names
-        self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: vectors that are the gradient of a named scalar: kind, scalar, side
+        self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: gradients of named scalars: kind, scalar, side
         self.resolve: Callable[[Expr], Expr] = lambda e: e  #: names inside a scalar
         self.cache: dict[Any, Any] = {}  #: gradients of named scalars
         self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
@@ -193,7 +193,7 @@ class Vector(Vec):
     __rmul__ = __mul__
 
     def __truediv__(self, factor: Expr) -> Vector:
-        return self * (1 / se.sympify(factor))
+        return self.__mul__(1 / se.sympify(factor))
 
     def __matmul__(self, other: Vec) -> Expr:
         a, b = self.record.single(self), self.record.single(self.record.lift(other))

@@ -18,7 +18,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 SAMPLE = Document("A & B", [
     Paragraph("Text with $\\mathbf{a}_k < 1$, 5 \\$ and `code`."),
     Section("Part", [
-        Equation(r"\mathbf{a} = \frac{1}{2}\,\mathbf{b} + \begin{cases} 0 & x \le 0 \\ x & \text{otherwise} \end{cases} \\ = c", 3, "note $x$"),
+        Equation(r"\mathbf{a} = \frac{1}{2}\,\mathbf{b} + "
+                 r"\begin{cases} 0 & x \le 0 \\ x & \text{otherwise} \end{cases} \\ = c", 3, "note $x$"),
         Table(["one", "$y^2$"], [["a | b", "$|x|$"], ["100 %", "m/s$^{2}$"]], "caption"), Code("x_1 = {2}"),
         Picture("<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 1 1'/>", "a picture"), Picture(PNG, "a photo")]),
 ])  # fmt: skip
@@ -61,7 +62,8 @@ def test_html_is_well_formed_and_needs_nothing_else():
 
 def test_markdown_and_latex_hold_the_same():
     md, tex = SAMPLE.to_markdown(), SAMPLE.to_latex()
-    assert r"\tag{3}" in md and r"\tag{3}" in tex
+    assert r"\tag{3}" in md
+    assert r"\tag{3}" in tex
     assert r"| a \| b |" in md
     assert r"100 \%" in tex
     assert tex.count(r"\begin{") == tex.count(r"\end{")

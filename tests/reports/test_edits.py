@@ -132,6 +132,7 @@ def test_edits_of_a_row_are_caught(edit):
     e = r.s.rows["tilt_y"]
     (symbol,) = e.free_symbols
     z, x = r.s.record.dots[symbol]
-    change = {"-": -e, "2": 2 * e, "other axis": r.s.record.dot(z, Base("y", "l")), "other body": r.s.record.dot(Base("z", "l"), x)}
+    dot = r.s.record.dot
+    change = {"-": -e, "2": 2 * e, "other axis": dot(z, Base("y", "l")), "other body": dot(Base("z", "l"), x)}
     r.s.rows["tilt_y"] = se.sympify(change[edit])
     assert checked(r)

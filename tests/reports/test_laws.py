@@ -42,7 +42,8 @@ def formulas(document):
             symbols = list(block.head)[:1] == ["symbol"]
             for row in [block.head, *block.rows]:
                 for cell in row[:1] if symbols else row:
-                    (defined if symbols or row is block.head else used).extend(part for formula, part in split_text(cell) if formula)
+                    found = defined if symbols or row is block.head else used
+                    found.extend(part for formula, part in split_text(cell) if formula)
     return " ".join(defined), " ".join(used)
 
 
@@ -82,8 +83,8 @@ def test_hash_follows_the_equations():
     assert fingerprint(derived(Revolute, shape)) != fingerprint(derived(mb.Revolute, shape))
     code = ("import mbdae as mb; from mbdae.reports.statement import *; "
             "print(fingerprint(derived(mb.Revolute, structure_of(mb.Revolute, {}))))")  # fmt: skip
-    seen = {subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() for _ in range(2)}
-    assert seen == {fingerprint(derived(mb.Revolute, shape))}
+    seen = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    assert seen == fingerprint(derived(mb.Revolute, shape))
 
 
 def test_hash_of_a_scene_is_that_of_the_report():
@@ -102,7 +103,8 @@ class Screw(mb.Joint):
 
     def constraints(self, k, l):
         d = l.r - k.r
-        return {"x": k.x @ d, "y": k.y @ d, "tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y, "thread": k.z @ d - self.pitch * self.angle(k, l)}
+        thread = k.z @ d - self.pitch * self.angle(k, l)
+        return {"x": k.x @ d, "y": k.y @ d, "tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y, "thread": thread}
 
 
 class QuarticSpring(mb.Force):
@@ -141,7 +143,7 @@ def test_of_values_models_and_joints():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["revolute", "classical", "recursive", "clearance", "coulomb", "lugre", "beam", "journalcontact"])
+@pytest.mark.parametrize("name", ["revolute", "classical", "recursive", "clearance", "coulomb", "lugre", "beam", "weld"])
 def test_cold_report_takes_less_than_five_seconds(name, tmp_path):
     start = time.perf_counter()
     for ending in ("html", "md", "tex"):
