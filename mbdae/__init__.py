@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.reports.report import report
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
@@ -48,7 +49,7 @@ _HOME = {
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
     "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
-    "selftest": "mbdae.contracts.selftest",
+    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
@@ -56,7 +57,7 @@ __all__ = [
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
     "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "compare", "load",
-    "params", "selftest", "t",
+    "params", "report", "selftest", "t",
 ]  # fmt: skip
 
 

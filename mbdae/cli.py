@@ -20,6 +20,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
 FORMS = ("ggl", "index3", "ode")
+REPORTS = (".html", ".md", ".tex")
 SOLVERS = ("ida", "radau2", "radau3", "cvode")
 
 
@@ -112,6 +113,41 @@ def compare(a: argparse.Namespace) -> int:
         _list(written)
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     return 0 if reached and not w.failures and w.reference.trusted else 1
+
+
+def report(a: argparse.Namespace) -> int:
+    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold."""
+    from mbdae.reports.report import names
+    from mbdae.reports.report import report as make
+
+    if a.what in names():
+        document = make(a.what)
+    elif Path(a.what).suffix or Path(a.what).is_file():
+        document = make(_scene(_load(a.what), a.what))
+    else:
+        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
+    holds = "NOT EQUAL" not in document.to_markdown()
+    ending = Path(a.out).suffix if a.out else ".md"
+    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
+    text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
+    if a.out is None:
+        if a.json:
+            _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "text": text()})
+        else:
+            print(text())
+        return 0 if holds else 1
+    path = Path(a.out)
+    if path.suffix not in REPORTS:
+        path = path / f"{Path(a.what).stem}.{format_}"
+    elif path.suffix != f".{format_}":
+        raise UsageError(f"--out {a.out}: the ending says {path.suffix}, --format {format_}; give one of the two")
+    _folder(str(path.parent))
+    document.save(path)
+    if a.json:
+        _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "written": [str(path)]})
+    else:
+        _list([str(path)])
+    return 0 if holds else 1
 
 
 def validate(a: argparse.Namespace) -> int:
@@ -280,8 +316,20 @@ def _parser() -> argparse.ArgumentParser:
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", metavar="FILE.json", help=resumed)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    _report(commands)
     _validate(commands)
     return parser
+
+
+def _report(commands: Any) -> None:
+    text = "derivation of a law with its checks, or the sheet of a scene"
+    p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("what", metavar="NAME|FILE", help="revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam "
+                   "or any other law; or a Python file with scene()")  # fmt: skip
+    p.add_argument("--format", choices=[ending[1:] for ending in REPORTS], help="default: that of --out, else md")
+    p.add_argument("--out", metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
+    p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
+    p.set_defaults(command=report)
 
 
 def _validate(commands: Any) -> None:

@@ -1,0 +1,1 @@
+"""Reports: what a law or a scene is, derived from what is integrated."""
