@@ -14,7 +14,7 @@ Value = Any  #: a complex number, or a matrix (rows, columns) of them
 
 
 class SizeError(Exception):
-    """Sizes that do not fit."""
+    """A value that cannot be computed: mostly sizes that do not fit."""
 
 
 class Source(Protocol):

@@ -7,8 +7,9 @@ one rule for every kind of phrase. Nothing here knows any printed formula.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from mbdae.reports.audit.evaluate import STEP, Value, evaluate
 from mbdae.reports.audit.laws import Own
 from mbdae.reports.audit.motion import Motion
 from mbdae.reports.audit.notation import AuditError, Node, Statement
-from mbdae.reports.audit.units import Unit
+from mbdae.reports.audit.units import Unit, unit
 
 Rule = Callable[..., Value]
 
@@ -31,19 +32,21 @@ class Phrase:
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
     signed: bool  #: whether the text leaves the side of the equation open on which it stands (a force, its virtual work)
     wording: str
+    needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of what the derivation has and a text may not name
 
 
 PHRASES: list[Phrase] = []
 
 
-def phrase(wording: str, vanishes: bool = False, signed: bool = False) -> Callable[[Rule], Rule]:
+def phrase(wording: str, vanishes: bool = False, signed: bool = False,
+           needs: tuple[tuple[str, str, str], ...] = ()) -> Callable[[Rule], Rule]:  # fmt: skip
     """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} a figure, {...} any words."""
     pattern = re.escape(wording).replace(r"\ ", " ")
     kinds = {"side": "(k|l)", "i": r"(\d+)", "name": r"(\w+)"}
     pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
 
     def register(rule: Rule) -> Rule:
-        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, signed, wording))
+        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, signed, wording, needs))
         return rule
 
     return register
@@ -74,6 +77,12 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0) -> Meaning:
     raise AuditError(f"line {line}: no rule knows the meaning '{text}'; the wordings are listed by mbdae.reports.audit.wordings()")
 
 
+def wordings() -> list[str]:
+    """The wordings a meaning may have; {side} is k or l, {i} a figure, the rest names or lists."""
+    understand("number", ())
+    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
+
+
 @dataclass(frozen=True)
 class Scope:
     """What a formula may refer to: symbols with their meaning, earlier statements by number, the user's laws."""
@@ -81,6 +90,17 @@ class Scope:
     symbols: Mapping[str, Meaning]
     printed: Mapping[str, tuple[Statement, ...]] = field(default_factory=dict)
     own: Own = ()
+
+    def widened(self, names: Iterable[str]) -> Scope:
+        """With what the derivations of those symbols need and the text does not name."""
+        table, known = dict(self.symbols), {m.text for m in self.symbols.values()}
+        for name in names:
+            for new, units, text in self.symbols[name].found.needs:
+                if text not in known:
+                    while new in table:
+                        new += "_"
+                    table[new] = understand(text, (unit(units),))
+        return replace(self, symbols=table)
 
     def printed_side(self, name: str, number: str) -> Node:
         """What an earlier equation prints for a symbol."""
@@ -115,10 +135,15 @@ class Env:
         if name not in self.scope.symbols:
             raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
         meaning = self.scope.symbols[name]
-        value = meaning.value(self) * (self.side if meaning.found.signed else 1)
+        value = meaning.value(self.plain) * (self.side if meaning.found.signed else 1)
         if self.scale is not None:
             value = value * scaled(meaning.units, value, self.scale)
         return value * 0 if name == self.zero else value
+
+    @cached_property
+    def plain(self) -> Env:
+        """In SI units, nothing put to zero: what rules compute in."""
+        return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, known={})
 
     def moved(self, how: str) -> Env:
         """In the state moved by an imaginary step."""

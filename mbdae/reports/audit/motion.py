@@ -12,7 +12,7 @@ from zlib import crc32
 
 import numpy as np
 
-from mbdae.reports.audit.evaluate import STEP, Value, cross
+from mbdae.reports.audit.evaluate import STEP, SizeError, Value, cross
 
 KINDS = ("free", "revolute", "clearance")
 _E3 = np.array([[0.0], [0.0], [1.0]])
@@ -162,7 +162,7 @@ class Motion:
     def stepped_by(self, increments: dict[str, Value], key: Any = None) -> Motion:
         """Moved by i STEP times the increments: "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
         if self.stepped:
-            raise ValueError("a derivative of a derivative is not a complex step")
+            raise SizeError("a derivative of a derivative is not a complex step")
         if key is not None and ("moved", key) in self.memory:
             return self.memory["moved", key]  # type: ignore[no-any-return]
         other = copy(self)

@@ -300,7 +300,7 @@ def _before_rate(env: Env) -> Value:
     return env.number("rate of deflection at the stage before") + 0j
 
 
-@phrase("deflection at the stage by the trapezoidal rule", vanishes=True)
+@phrase("deflection at the stage by the trapezoidal rule", vanishes=True, needs=(("hi", "s", "length of the stage"),))
 def _trapezoidal(env: Env) -> Value:
     """z of (z' + z'_before)/2 = (z - z_before)/length with LuGre's z', which is linear in z."""
     length, v = _stage(env), _se(_speed(env))

@@ -189,7 +189,7 @@ def _reduced_damping(env: Env) -> Value:
     return _tangent(env, "w", "phidot")
 
 
-@phrase("stiffness matrix of l in the unknowns of k and the angle")
+@phrase("stiffness matrix of l in the unknowns of k and the angle", needs=(("r", "N m", "residual of l"),))
 def _reduced_stiffness(env: Env) -> Value:
     return _tangent(env, "turn", "phi")
 

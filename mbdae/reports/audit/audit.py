@@ -1,0 +1,183 @@
+"""Verdicts on printed formulas, by rules that know no formula:
+
+RIGHT          the sides agree in random states (free bodies; else bodies joined as the text says), and stay finite where a
+               quantity they contain vanishes
+MISPRINT       they differ; the repair is the smallest change (of the printed roles, of one place, of two) after which they agree
+INCOMPLETE     they agree as far as the text goes: where a quantity of the derivation that the text names nowhere is zero;
+               or they agree but are not defined where a quantity of the formula vanishes; or a force acts where none is listed
+AMBIGUOUS      they agree on one side of the equations of motion, and another formula of the section on the other side
+NOT EVALUABLE  there is nothing to compare: a piece has no value
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.reports.audit.compare import SAME, STATES, States, compared
+from mbdae.reports.audit.dimensions import faults
+from mbdae.reports.audit.evaluate import SizeError, evaluate
+from mbdae.reports.audit.motion import Motion
+from mbdae.reports.audit.notation import AuditError, is_zero
+from mbdae.reports.audit.reading import Printed, Text
+from mbdae.reports.audit.rules_joints import UnlistedError
+from mbdae.reports.audit.search import Repair, missing_term, repair
+
+RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, NOT_EVALUABLE = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "NOT EVALUABLE"
+SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """The verdict on one equation."""
+
+    printed: Printed
+    verdict: str
+    residual: float  #: largest relative difference as printed
+    repair: str = ""
+    remark: str = ""
+    repaired: Printed | None = None
+    repaired_residual: float | None = None
+    side: int | None = None  #: of forces the text leaves open: where they agree
+
+    @property
+    def equation(self) -> str:
+        """The number of the equation."""
+        return self.printed.number
+
+    @property
+    def derived(self) -> str:
+        """The formula as the derivation has it: printed where that is right, else repaired, else what it is in words."""
+        if self.repaired is not None and self.repaired.statements != self.printed.statements:
+            return self.repaired.text
+        if self.verdict == RIGHT or self.repaired is not None:
+            return self.printed.text
+        return self.repair or meanings(self.printed)
+
+
+def meanings(equation: Printed) -> str:
+    """What the derivation compared the equation with, in words."""
+    if equation.said is not None:
+        return equation.said.text
+    names = [str(s.sides[0]) for s in equation.statements]
+    known = equation.scope.symbols
+    return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
+
+
+def audit_text(text: Text) -> list[Row]:
+    """A verdict on every equation."""
+    shared: dict[tuple[str, int], Motion] = {}
+    rows = [audit_equation(equation, shared) for equation in text.equations]
+    return [_of_group(row, rows) for row in rows]
+
+
+def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None) -> Row:
+    """The verdict on one equation by itself."""
+    states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
+    try:
+        return _verdict(equation, states)
+    except UnlistedError as error:
+        return Row(equation, INCOMPLETE, 0.0, remark=str(error))
+    except AuditError as error:
+        return Row(equation, NOT_EVALUABLE, float("nan"), remark=str(error))
+
+
+def _verdict(equation: Printed, states: States) -> Row:
+    gaps = [compared(s, states) for s in equation.statements]
+    residual = max(c.gap for c in gaps)
+    if _signed(equation):
+        on_left = States(equation, states.inner, -1, shared=states.shared)
+        other = max(compared(s, on_left).gap for s in equation.statements)
+        if min(residual, other) < SAME:
+            return Row(equation, RIGHT, min(residual, other), side=1 if residual < other else -1)
+    if residual < SAME:
+        hole = _hole(equation, states)
+        if hole:
+            return Row(equation, INCOMPLETE, residual, remark=hole)
+        nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
+        units = _units(equation, states)
+        return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else)
+    return _wrong(equation, states, residual)
+
+
+def _signed(equation: Printed) -> bool:
+    used = set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+    return any(equation.scope.symbols[name].found.signed for name in used)
+
+
+def _units(equation: Printed, states: States) -> str:
+    return "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
+
+
+def _wrong(equation: Printed, states: States, residual: float) -> Row:
+    units = _units(equation, states)
+    lacking = _lacking(equation, states)
+    if lacking:
+        name, text = lacking
+        scope = equation.scope.widened(_used(equation))
+        found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
+        remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
+        return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
+    found = repair(equation, states)
+    if found is None:
+        return Row(equation, MISPRINT, residual, remark=units)
+    return _repaired(Row(equation, MISPRINT, residual, str(found), units), found, states)
+
+
+def _repaired(row: Row, found: Repair, states: States) -> Row:
+    again = States(found.equation, found.equation.inner or "l", states.side, shared=states.shared)
+    gap = max(compared(s, again).gap for s in found.equation.statements)
+    return replace(row, repaired=found.equation, repaired_residual=gap)
+
+
+def _used(equation: Printed) -> set[str]:
+    return set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+
+
+def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
+    """A quantity of the derivation, named nowhere in the text, without which the equation is right: symbol and wording."""
+    known = set(equation.scope.symbols)
+    scope = equation.scope.widened(_used(equation))
+    for name in set(scope.symbols) - known:
+        without = States(equation, states.inner, states.side, scope.symbols[name].text)
+        if all(compared(s, without).same for s in equation.statements):
+            return name, scope.symbols[name].text
+    return None
+
+
+def _hole(equation: Printed, states: States) -> str:
+    """Where a formula that agrees is not defined: at the zero of a quantity that may vanish."""
+    for statement in equation.statements:
+        for name in sorted(statement.symbols() - {"I"}):
+            if not equation.scope.symbols[name].found.vanishes:
+                continue
+            for side in statement.sides:
+                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
+                    return f"not defined where {name} = 0"
+    return ""
+
+
+def _finite(side: Any, env: Any) -> bool:
+    try:
+        with np.errstate(all="ignore"):
+            return bool(np.all(np.isfinite(evaluate(side, env))))
+    except (SizeError, ZeroDivisionError):
+        return False
+
+
+def _of_group(row: Row, rows: list[Row]) -> Row:
+    """Forces the text leaves open must stand on one side throughout a section."""
+    if row.side is None:
+        return row
+    group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]
+    against = [r.equation for r in group if r.side != row.side]
+    if not against:
+        return replace(row, remark=f"as {SIDES[row.side]}")
+    remark = f"right {SIDES[row.side]}; {', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
+    return replace(row, verdict=AMBIGUOUS, remark=remark, repair=f"the other sign here, or in {', '.join(against)}")
+
+
+__all__ = ["AMBIGUOUS", "INCOMPLETE", "MISPRINT", "NOT_EVALUABLE", "RIGHT", "STATES", "Mapping", "Row", "audit_equation", "audit_text"]
