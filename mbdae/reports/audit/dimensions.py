@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.reports.audit import notation
-from mbdae.reports.audit.evaluate import SizeError, evaluate
+from mbdae.reports.audit.evaluate import SizeError, evaluate, size
 from mbdae.reports.audit.meaning import Env
 from mbdae.reports.audit.notation import Node, Statement
 from mbdae.reports.audit.units import BASIC, Unit
@@ -41,6 +41,9 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     """What is wrong with the units of a statement."""
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
+        sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)
+        if len(sizes) > 1:
+            return [f"sizes do not fit: {' = '.join(sizes)}"]
     except SizeError as error:
         return [f"sizes do not fit: {error}"]
     for side, p in found:

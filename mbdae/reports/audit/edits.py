@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,15 +21,15 @@ class Edit:
 
     words: str
     table: tuple[tuple[Node, Node], ...] = ()
+    resizes: bool = False  #: whether sizes may change
 
 
 class Candidates:
     """Symbols that may stand for another: of the same unit and size; with dots more or fewer."""
 
-    def __init__(self, scope: Scope, env: Env, extra: Sequence[str] = ()) -> None:
+    def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
-        self.extra = extra
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
@@ -53,6 +53,11 @@ class Candidates:
                     yield other
 
 
+    def numbers(self) -> list[str]:
+        """Symbols that are numbers."""
+        return [name for name in self.scope.symbols if self._size(name) == ()]
+
+
 def _dots(name: str) -> tuple[str, int]:
     for ending, dots in (("ddot", 2), ("dot", 1)):
         if name.endswith(ending):
@@ -63,7 +68,7 @@ def _dots(name: str) -> tuple[str, int]:
 def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """The formula after every single change: first those of single places, then those of all places alike."""
     yield from _inside(node, candidates, lambda new: new)
-    yield from _everywhere(node, candidates)
+    yield from everywhere(node, candidates)
     yield from _exchanges(node, candidates)
 
 
@@ -85,7 +90,7 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
         for other in candidates.of(node.value):
             yield Edit(f"{node} -> {other}"), symbol(other)
     if kind in ("cross", "transposed", "power"):
-        yield Edit(f"{node} -> {parts[0]}"), parts[0]
+        yield Edit(f"{node} -> {parts[0]}", resizes=True), parts[0]
     if kind == "neg":
         yield Edit(f"sign of {parts[0]}"), parts[0]
     if kind == "sum":
@@ -104,25 +109,27 @@ def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
         yield Edit(f"sign of {_bare(term)}"), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
-        yield Edit(f"without the term {term}"), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit(f"without the term {term}", resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
                 inner = Node("sum", None, (term.with_parts(term.parts[cut:]), *parts[:i], *parts[i + 1 :]))
-                yield Edit(f"bracket after {term.with_parts(term.parts[:cut])}"), Node("product", None, (*term.parts[:cut], inner))
+                words = f"bracket after {term.with_parts(term.parts[:cut])}"
+                yield Edit(words, resizes=True), Node("product", None, (*term.parts[:cut], inner))
 
 
 def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
     yield Edit(f"sign of {node}"), negated(node)
     for i, factor in enumerate(parts):
-        yield Edit(f"without the factor {factor}"), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit(f"without the factor {factor}", resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
             head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
-            yield Edit(f"no bracket around {factor}"), Node("sum", None, (head, *factor.parts[1:]))
+            yield Edit(f"no bracket around {factor}", resizes=True), Node("sum", None, (head, *factor.parts[1:]))
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            yield Edit(f"{factor} and {parts[i + 1]} the other way round"), node.with_parts(swapped)
+            words = f"{factor} and {parts[i + 1]} the other way round"
+            yield Edit(words, resizes=True), node.with_parts(swapped)
 
 
 def _in_call(node: Node) -> Iterator[Edited]:
@@ -138,7 +145,7 @@ def _bare(node: Node) -> Node:
     return node.parts[0] if node.kind == "neg" else node
 
 
-def _everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
+def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """A change of all places where a piece stands more than once."""
     counts: dict[Node, int] = {}
     for piece in node.walk():
@@ -150,7 +157,8 @@ def _everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
         if piece.kind == "symbol":
             news = [symbol(other) for other in candidates.of(piece.value)]
         for new in news:
-            yield Edit(f"{piece} -> {new} everywhere", ((piece, new),)), node.replaced({piece: new})
+            words = f"{piece} -> {new} everywhere"
+            yield Edit(words, ((piece, new),), piece.kind != "symbol"), node.replaced({piece: new})
 
 
 def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
@@ -161,6 +169,28 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
             if b in set(candidates.of(a)):
                 table = {symbol(a): symbol(b), symbol(b): symbol(a)}
                 yield Edit(f"{a} and {b} exchanged", tuple(table.items())), node.replaced(table)
+
+
+def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """A factor, a tilde or a transposition more."""
+    yield from _added(node, candidates, lambda new: new)
+
+
+def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) -> Iterator[Edited]:
+    if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
+        factors = node.parts if node.kind == "product" else (node,)
+        for name in candidates.numbers():
+            for extra in (symbol(name), Node("inverse", None, (symbol(name),))):
+                yield Edit(f"{node} times {extra}"), rebuilt(Node("product", None, (extra, *factors)))
+    if node.kind in ("symbol", "cross"):
+        for kind, words in (("cross", f"{node} -> ~{node}"), ("transposed", f"{node} -> {node}'")):
+            yield Edit(words), rebuilt(Node(kind, None, (node,)))
+    for i, part in enumerate(node.parts):
+
+        def outer(new: Node, i: int = i) -> Node:
+            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+        yield from _added(part, candidates, outer)
 
 
 def applied(edit: Edit, node: Node) -> Node:

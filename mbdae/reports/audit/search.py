@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.reports.audit.compare import SAME, States, compared, difference
-from mbdae.reports.audit.edits import Candidates, Edit, applied, edits
+from mbdae.reports.audit.edits import Candidates, Edit, additions, applied, edits, everywhere
 from mbdae.reports.audit.evaluate import SizeError, Value, evaluate
 from mbdae.reports.audit.meaning import Env, Scope
 from mbdae.reports.audit.notation import Node, Statement, symbol
 from mbdae.reports.audit.reading import Printed
 
-LARGEST = 40_000  #: formulas tried for one place with two changes
+LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
 @dataclass(frozen=True)
@@ -123,13 +123,12 @@ def _fits(node: Node, envs: list[Env], targets: list[Value]) -> bool:
     return True
 
 
-def _sized(node: Node, env: Env) -> bool:
+def _sized(node: Node, env: Env, target: Value) -> bool:
     try:
         with np.errstate(all="ignore"):
-            evaluate(node, env)
+            return np.shape(evaluate(node, env)) == np.shape(target)
     except SizeError:
         return False
-    return True
 
 
 def _node(node: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> tuple[Node, list[Edit]] | None:
@@ -149,22 +148,31 @@ def _node(node: Node, envs: list[Env], targets: list[Value], states: States, kno
             once[new] = edit
             if _fits(new, envs, targets):
                 return new, [edit]
-    return _twice(once, envs, targets, candidates)
+    for edit, new in additions(node, candidates):
+        if _fits(new, envs, targets):
+            return new, [edit]
+    return _twice(node, once, envs, targets, candidates)
 
 
-def _twice(once: dict[Node, Edit], envs: list[Env], targets: list[Value], candidates: Candidates) -> tuple[Node, list[Edit]] | None:
-    """Two changes; first those whose first one leaves sizes that fit, and touches all places alike."""
-    order = sorted(once, key=lambda n: (not once[n].table, not _sized(n, envs[0])))
+def _twice(node: Node, once: dict[Node, Edit], envs: list[Env], targets: list[Value],
+           candidates: Candidates) -> tuple[Node, list[Edit]] | None:  # fmt: skip
+    """Two changes; both of all places alike, then those whose first one is such or leaves sizes that fit."""
+    order = sorted(once, key=lambda n: (not once[n].table, not _sized(n, envs[0], targets[0])))
+    if not _sized(node, envs[0], targets[0]):  # one of the two changes is one of sizes: take it first
+        order = [n for n in order if once[n].resizes]
     tried: set[Node] = set(once)
-    for first in order:
-        for edit, new in edits(first, candidates):
-            if new in tried:
-                continue
-            tried.add(new)
-            if len(tried) > LARGEST:
-                return None
-            if _fits(new, envs, targets):
-                return new, [once[first], edit]
+    for alike in (True, False):
+        for first in order:
+            if alike and not once[first].table:
+                break
+            for edit, new in (everywhere if alike else edits)(first, candidates):
+                if new in tried:
+                    continue
+                tried.add(new)
+                if len(tried) > LARGEST:
+                    return None
+                if _fits(new, envs, targets):
+                    return new, [once[first], edit]
     return None
 
 
