@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.reports.audit import Audit, audit
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
@@ -39,6 +40,7 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
+    "Audit": "mbdae.reports.audit", "audit": "mbdae.reports.audit",
     "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
     "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
@@ -52,10 +54,10 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
+    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "compare", "load",
+    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
     "params", "selftest", "t",
 ]  # fmt: skip
 

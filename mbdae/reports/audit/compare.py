@@ -108,7 +108,7 @@ def vanishes(statement: Statement, envs: Iterable[Env]) -> float:
     if not any(notation.is_zero(side) for side in statement.sides):
         return 0.0
     values = [_value(statement.sides[0], env) for env in envs]
-    return max((float(np.max(np.abs(v))) if v is not None else INFINITE) for v in values)
+    return max(INFINITE if v is None else float(np.max(np.abs(v))) for v in values)
 
 
 @dataclass(frozen=True)

@@ -46,12 +46,13 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
             return [f"sizes do not fit: {' = '.join(sizes)}"]
     except SizeError as error:
         return [f"sizes do not fit: {error}"]
+    known = []
     for side, p in found:
         if p is None:
             return [_culprit(side, envs) or f"{side} has no unit"]
-    first, p = found[0]
-    for side, q in found[1:]:
-        assert p is not None and q is not None
+        known.append((side, p))
+    first, p = known[0]
+    for side, q in known[1:]:
         if p.shape == q.shape and np.nanmax(np.abs(p - q), initial=0.0) > 1e-6:
             return [f"{first} has the unit {shown(p)}, {side} the unit {shown(q)}"]
     return []

@@ -74,7 +74,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0) -> Meaning:
         match = known.pattern.match(text)
         if match:
             return Meaning(text, units, known, match.groups())
-    raise AuditError(f"line {line}: no rule knows the meaning '{text}'; the wordings are listed by mbdae.reports.audit.wordings()")
+    raise AuditError(f"line {line}: no rule knows the meaning '{text}'; mbdae.reports.audit.wordings() lists those there are")
 
 
 def wordings() -> list[str]:

@@ -62,6 +62,7 @@ def _other_roles(equation: Printed, states: States) -> Repair | None:
 
 
 Found = tuple[Statement, list[Edit]]
+Changed = tuple[Node, list[Edit]]
 
 
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
@@ -93,7 +94,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, list[En
                 yield i, envs, targets
 
 
-def _side(side: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> tuple[Node, list[Edit]] | None:
+def _side(side: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> Changed | None:
     """A side changed so that it takes its values; a column of blocks row by row."""
     rows = side.parts
     height = len(rows) and targets[0].shape[0] // len(rows) if side.kind == "block" and np.ndim(targets[0]) else 0
@@ -131,7 +132,7 @@ def _sized(node: Node, env: Env, target: Value) -> bool:
         return False
 
 
-def _node(node: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> tuple[Node, list[Edit]] | None:
+def _node(node: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> Changed | None:
     """A formula changed so that it takes its values: not, as elsewhere in the equation, once, twice."""
     if _fits(node, envs, targets):
         return node, []
@@ -155,7 +156,7 @@ def _node(node: Node, envs: list[Env], targets: list[Value], states: States, kno
 
 
 def _twice(node: Node, once: dict[Node, Edit], envs: list[Env], targets: list[Value],
-           candidates: Candidates) -> tuple[Node, list[Edit]] | None:  # fmt: skip
+           candidates: Candidates) -> Changed | None:  # fmt: skip
     """Two changes; both of all places alike, then those whose first one is such or leaves sizes that fit."""
     order = sorted(once, key=lambda n: (not once[n].table, not _sized(n, envs[0], targets[0])))
     if not _sized(node, envs[0], targets[0]):  # one of the two changes is one of sizes: take it first

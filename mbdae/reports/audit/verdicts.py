@@ -11,13 +11,12 @@ NOT EVALUABLE  there is nothing to compare: a piece has no value
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.reports.audit.compare import SAME, STATES, States, compared
+from mbdae.reports.audit.compare import SAME, States, compared
 from mbdae.reports.audit.dimensions import faults
 from mbdae.reports.audit.evaluate import SizeError, evaluate
 from mbdae.reports.audit.motion import Motion
@@ -94,18 +93,18 @@ def _verdict(equation: Printed, states: States) -> Row:
         if min(residual, other) < SAME:
             return Row(equation, RIGHT, min(residual, other), side=1 if residual < other else -1)
     if residual < SAME:
+        nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
         hole = _hole(equation, states)
         if hole:
-            return Row(equation, INCOMPLETE, residual, remark=hole)
-        nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
+            return Row(equation, INCOMPLETE, residual, f"say what holds where {hole} = 0",
+                       f"not defined where {hole} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
         units = _units(equation, states)
         return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else)
     return _wrong(equation, states, residual)
 
 
 def _signed(equation: Printed) -> bool:
-    used = set().union(*(s.symbols() for s in equation.statements)) - {"I"}
-    return any(equation.scope.symbols[name].found.signed for name in used)
+    return any(equation.scope.symbols[name].found.signed for name in _used(equation))
 
 
 def _units(equation: Printed, states: States) -> str:
@@ -130,6 +129,9 @@ def _wrong(equation: Printed, states: States, residual: float) -> Row:
 def _repaired(row: Row, found: Repair, states: States) -> Row:
     again = States(found.equation, found.equation.inner or "l", states.side, shared=states.shared)
     gap = max(compared(s, again).gap for s in found.equation.statements)
+    new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
+           if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
+    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new]))
     return replace(row, repaired=found.equation, repaired_residual=gap)
 
 
@@ -149,14 +151,14 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
 
 
 def _hole(equation: Printed, states: States) -> str:
-    """Where a formula that agrees is not defined: at the zero of a quantity that may vanish."""
+    """The quantity that may vanish at whose zero a formula that agrees is not defined."""
     for statement in equation.statements:
         for name in sorted(statement.symbols() - {"I"}):
             if not equation.scope.symbols[name].found.vanishes:
                 continue
             for side in statement.sides:
                 if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
-                    return f"not defined where {name} = 0"
+                    return name
     return ""
 
 
@@ -179,5 +181,3 @@ def _of_group(row: Row, rows: list[Row]) -> Row:
     remark = f"right {SIDES[row.side]}; {', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
     return replace(row, verdict=AMBIGUOUS, remark=remark, repair=f"the other sign here, or in {', '.join(against)}")
 
-
-__all__ = ["AMBIGUOUS", "INCOMPLETE", "MISPRINT", "NOT_EVALUABLE", "RIGHT", "STATES", "Mapping", "Row", "audit_equation", "audit_text"]
