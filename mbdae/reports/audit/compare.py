@@ -74,33 +74,31 @@ def _value(node: Node, env: Env) -> Value | None:
 def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> float:
     """Largest difference of the sides of a statement (and of what it is said to be) in some states."""
     sides = [side for side in statement.sides if not notation.is_zero(side)]
-    worst, largest = 0.0, 0.0
+    worst, largest, reached, count = 0.0, 0.0, 0, 0
     for env in envs:
+        count += 1
         values = [_value(side, env) for side in sides]
         if equation.said is not None and statement is equation.statements[0]:
             values.append(equation.said.value(env))
         if any(v is None for v in values):
             return INFINITE
+        largest_here: Value = values[0]
         if statement.relation == "<=":
-            worst, largest = max(worst, _excess(values)), max(largest, _share(values))
+            worst, reached = max(worst, _excess(values)), reached + (_excess(values, reached=True) < SAME)
         else:
             worst = max(worst, max((difference(values[0], v) for v in values[1:]), default=0.0))
-            largest = max(largest, float(np.max(np.abs(values[0]))))
+            largest = max(largest, float(np.max(np.abs(largest_here))))
         if worst == INFINITE:
             return worst
     if statement.relation == "<=":
-        return max(worst, abs(1 - largest))  # a bound is reached in one of the states
+        return worst if 2 * reached >= count else INFINITE  # half of the states are at the bound
     return worst if largest > 1e-9 else INFINITE  # 0 = 0 says nothing
 
 
-def _excess(values: list[Value]) -> float:
+def _excess(values: list[Value], reached: bool = False) -> float:
+    """How far a is above b; reached: how far it is from it."""
     a, b = (float(np.real(v)) for v in values)
-    return max(0.0, a - b) / max(abs(a), abs(b), 1e-12)
-
-
-def _share(values: list[Value]) -> float:
-    a, b = (float(np.real(v)) for v in values)
-    return a / b if b > 0 else INFINITE
+    return (abs(a - b) if reached else max(0.0, a - b)) / max(abs(a), abs(b), 1e-12)
 
 
 def vanishes(statement: Statement, envs: Iterable[Env]) -> float:

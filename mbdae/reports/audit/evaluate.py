@@ -111,8 +111,7 @@ def _power(node: Node, at: Source) -> Value:
 
 
 def _inverse(node: Node, at: Source) -> Value:
-    with np.errstate(all="ignore"):
-        return np.complex128(1) / _number(evaluate(node.parts[0], at))
+    return np.complex128(1) / _number(evaluate(node.parts[0], at))
 
 
 def _call(node: Node, at: Source) -> Value:
@@ -140,7 +139,7 @@ def _block(node: Node, at: Source) -> Value:
               for j in range(len(grid[0]))]  # fmt: skip
     rows = [[np.zeros((h, w), dtype=complex) if f else np.reshape(v, (h, w)) for v, f, w in zip(r, fs, widths, strict=True)]
             for r, fs, h in zip(grid, fills, heights, strict=True)]  # fmt: skip
-    out = np.block(rows)
+    out: Any = np.block(rows)
     return out[0, 0] if out.shape == (1, 1) else out
 
 

@@ -41,6 +41,13 @@ class Node:
     value: Any = None
     parts: tuple[Node, ...] = ()
 
+    def __hash__(self) -> int:
+        known = self.__dict__.get("hashed")
+        if known is None:
+            known = hash((self.kind, self.value, self.parts))
+            object.__setattr__(self, "hashed", known)
+        return int(known)
+
     def walk(self) -> Iterator[Node]:
         """This node and all below."""
         yield self

@@ -24,9 +24,11 @@ VERDICTS = {
     "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
     "NOT EVALUABLE": "there is nothing to compare with",
 }
-HOW = ("Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
-       "$\\delta a = \\delta\\psi \\times a$ and complex steps give for the quantity it is said to be: first in free states, then "
-       "in those of the joint the text speaks of. The file of the formulas holds no verdicts and no repairs.")  # fmt: skip
+HOW = (
+    "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
+    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in free states, then in "
+    "those of the joint the text speaks of. The file of the formulas holds no verdicts and no repairs."
+)
 
 
 @dataclass(frozen=True)

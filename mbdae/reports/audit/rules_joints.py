@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from mbdae.reports.audit.evaluate import STEP, Value
@@ -85,7 +87,7 @@ def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
 def _law_force(env: Env, of: str, parts: str) -> Value:
     """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
     state = law(env, of)
-    return _listed(parts, lambda part: state.force(*part.split()))  # type: ignore[arg-type]
+    return _listed(parts, lambda part: state.force(*part.split()))
 
 
 @phrase("applied force of {name} on {parts}", vanishes=True)
@@ -97,15 +99,15 @@ class UnlistedError(Exception):
     """A force acts where the text lists none."""
 
 
-def _listed(parts: str, on: object) -> Value:
+def _listed(parts: str, on: Callable[[str], Value]) -> Value:
     wanted = names(parts)
     unknown = sorted(set(wanted) - set(PARTS))
     if unknown:
         raise AuditError(f"a force acts on {', '.join(PARTS)}, not on '{unknown[0]}'")
     for part in PARTS:
-        if part not in wanted and np.max(np.abs(on(part))) > 1e-12:  # type: ignore[operator]
+        if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
             raise UnlistedError(f"there is a force on {part} too")
-    return _stack([on(part) for part in wanted])  # type: ignore[operator]
+    return _stack([on(part) for part in wanted])
 
 
 @phrase("virtual work of rows {rows} of {name}", vanishes=True)

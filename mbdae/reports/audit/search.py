@@ -114,14 +114,11 @@ def _side(side: Node, envs: list[Env], targets: list[Value], states: States, kno
 
 
 def _fits(node: Node, envs: list[Env], targets: list[Value]) -> bool:
-    for env, target in zip(envs, targets, strict=True):
-        try:
-            with np.errstate(all="ignore"):
-                if difference(evaluate(node, env), target) > SAME:
-                    return False
-        except SizeError:
-            return False
-    return True
+    try:
+        with np.errstate(all="ignore"):
+            return all(difference(evaluate(node, env), target) < SAME for env, target in zip(envs, targets, strict=True))
+    except SizeError:
+        return False
 
 
 def _sized(node: Node, env: Env, target: Value) -> bool:
@@ -193,9 +190,13 @@ def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> 
     blocks = [g[top:bottom, left:right] for g in gaps]
     for term in _terms(name, scope, envs[0]):
         if _fits(term, envs, blocks):
-            place = f"rows {top + 1} to {bottom}, columns {left + 1} to {right}"
+            place = f"{_range('row', top, bottom)} and {_range('column', left, right)}"
             return Repair((f"the term {term} in {place} is missing",), equation)
     return None
+
+
+def _range(what: str, first: int, last: int) -> str:
+    return f"{what} {last}" if last == first + 1 else f"{what}s {first + 1} to {last}"
 
 
 def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:

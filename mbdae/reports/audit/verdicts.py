@@ -52,9 +52,11 @@ class Row:
         """The formula as the derivation has it: printed where that is right, else repaired, else what it is in words."""
         if self.repaired is not None and self.repaired.statements != self.printed.statements:
             return self.repaired.text
-        if self.verdict == RIGHT or self.repaired is not None:
+        if self.residual < SAME or self.repaired is not None:
             return self.printed.text
-        return self.repair or meanings(self.printed)
+        if self.verdict == INCOMPLETE and self.residual > SAME:
+            return f"{self.printed.text}; {self.repair}"
+        return meanings(self.printed)
 
 
 def meanings(equation: Printed) -> str:
@@ -73,25 +75,26 @@ def audit_text(text: Text) -> list[Row]:
     return [_of_group(row, rows) for row in rows]
 
 
-def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None) -> Row:
-    """The verdict on one equation by itself."""
+def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
+    """The verdict on one equation by itself; search: whether a misprint is repaired."""
     states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
     try:
-        return _verdict(equation, states)
+        return _verdict(equation, states, search)
     except UnlistedError as error:
         return Row(equation, INCOMPLETE, 0.0, remark=str(error))
     except AuditError as error:
         return Row(equation, NOT_EVALUABLE, float("nan"), remark=str(error))
 
 
-def _verdict(equation: Printed, states: States) -> Row:
+def _verdict(equation: Printed, states: States, search: bool) -> Row:
     gaps = [compared(s, states) for s in equation.statements]
     residual = max(c.gap for c in gaps)
     if _signed(equation):
         on_left = States(equation, states.inner, -1, shared=states.shared)
         other = max(compared(s, on_left).gap for s in equation.statements)
         if min(residual, other) < SAME:
-            return Row(equation, RIGHT, min(residual, other), side=1 if residual < other else -1)
+            return Row(equation, RIGHT, min(residual, other), remark=_unbalanced(equation, states),
+                       side=1 if residual < other else -1)  # fmt: skip
     if residual < SAME:
         nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
         hole = _hole(equation, states)
@@ -100,18 +103,33 @@ def _verdict(equation: Printed, states: States) -> Row:
                        f"not defined where {hole} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
         units = _units(equation, states)
         return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else)
-    return _wrong(equation, states, residual)
+    return _wrong(equation, states, residual, search)
 
 
 def _signed(equation: Printed) -> bool:
     return any(equation.scope.symbols[name].found.signed for name in _used(equation))
 
 
+def _unbalanced(equation: Printed, states: States) -> str:
+    """Of forces and moments printed for both bodies: what moment action and reaction leave."""
+    env, total = states.joint[0], np.zeros((3, 1))
+    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
+             if n in equation.scope.symbols and equation.scope.symbols[n].found.signed}  # fmt: skip
+    if set(sides) != {"k", "l"}:
+        return ""
+    for side, name in sides.items():
+        value = np.real(env.value(name))
+        if value.shape != (6, 1):
+            return ""
+        total = total + value[3:] + np.cross(np.real(env.motion.place["x"][side]), value[:3], axis=0)
+    return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
+
+
 def _units(equation: Printed, states: States) -> str:
     return "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
 
 
-def _wrong(equation: Printed, states: States, residual: float) -> Row:
+def _wrong(equation: Printed, states: States, residual: float, search: bool) -> Row:
     units = _units(equation, states)
     lacking = _lacking(equation, states)
     if lacking:
@@ -120,7 +138,7 @@ def _wrong(equation: Printed, states: States, residual: float) -> Row:
         found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
-    found = repair(equation, states)
+    found = repair(equation, states) if search else None
     if found is None:
         return Row(equation, MISPRINT, residual, remark=units)
     return _repaired(Row(equation, MISPRINT, residual, str(found), units), found, states)
@@ -177,7 +195,8 @@ def _of_group(row: Row, rows: list[Row]) -> Row:
     group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]
     against = [r.equation for r in group if r.side != row.side]
     if not against:
-        return replace(row, remark=f"as {SIDES[row.side]}")
-    remark = f"right {SIDES[row.side]}; {', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
+        return replace(row, remark="; ".join(filter(None, [f"as {SIDES[row.side]}", row.remark])))
+    others = f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
+    remark = "; ".join(filter(None, [f"right {SIDES[row.side]}", others, row.remark]))
     return replace(row, verdict=AMBIGUOUS, remark=remark, repair=f"the other sign here, or in {', '.join(against)}")
 
