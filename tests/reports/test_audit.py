@@ -47,7 +47,12 @@ wl [rad/s]: angular velocity of l
 c [1]: row tilt_y of Revolute
 cdot [1/s]: number
 u [m]: position of l relative to k
-F [N, N m]: applied force of PointSpring on move l, turn l
+F [N]: applied force of PointSpring on move l
+K [N/m]: parameter stiffness of PointSpring
+C [N s/m]: parameter damping of PointSpring
+L [m]: parameter length of PointSpring
+vk [m/s]: velocity of k
+vl [m/s]: velocity of l
 """
 
 
@@ -217,11 +222,25 @@ def test_rates_and_files(tmp_path) -> None:
     assert found["sign"].repaired is not None
 
 
+def test_force_of_a_spring() -> None:
+    text = MEANINGS.replace("on move l", "on move k, move l")
+    good = "1: F = [u; -u]*(K*(norm(u) - L) + C*u'*(vl - vk)/norm(u))/norm(u)\n"
+    found = mb.audit(text + good + good.replace("- L", "+ L"))
+    assert [r.verdict for r in found.equations] == ["INCOMPLETE", "MISPRINT"]  # a length in a denominator
+    assert found.equations[0].remark == "not defined where u = 0"
+
+
 def test_forces_that_are_not_listed() -> None:
-    head = "b3k [1]: axis 3 of k\nu [m]: position of l relative to k\nm [N]: multiplier of row axial of ClearanceRevolute\n" \
-           "s [1]: parameter scaling of ClearanceRevolute\np [N/m]: parameter penalty of ClearanceRevolute\n" \
-           "c [m]: row axial of ClearanceRevolute\nF [N]: force of row axial of ClearanceRevolute on move k, move l\n"  # fmt: skip
-    row = mb.audit(head + "1: F = [-b3k; b3k]*(s*m + 2*p*c)\n")["1"]
+    text = """
+b3k [1]: axis 3 of k
+m [N]: multiplier of row axial of ClearanceRevolute
+s [1]: parameter scaling of ClearanceRevolute
+p [N/m]: parameter penalty of ClearanceRevolute
+c [m]: row axial of ClearanceRevolute
+F [N]: force of row axial of ClearanceRevolute on move k, move l
+1: F = [-b3k; b3k]*(s*m + 2*p*c)
+"""
+    row = mb.audit(text)["1"]
     assert (row.verdict, row.remark) == ("INCOMPLETE", "there is a force on turn k too")
 
 
@@ -233,16 +252,16 @@ def test_units_alone_can_be_wrong() -> None:
 
 
 @pytest.mark.parametrize(("line", "told"), [
-    ("1: c = b3k'*b9l", "line 10: the symbol 'b9l' has no meaning"),
-    ("1: c = b3k'*(b1l", r"line 10: '\)' is missing"),
-    ("1: c = b3k' ! b1l", "line 10: '!' is not in the notation"),
-    ("1: c = dot(b3k, b1l)", "line 10: 'dot' is no function of the notation"),
+    ("1: c = b3k'*b9l", "line 15: the symbol 'b9l' has no meaning"),
+    ("1: c = b3k'*(b1l", r"line 15: '\)' is missing"),
+    ("1: c = b3k' ! b1l", "line 15: '!' is not in the notation"),
+    ("1: c = dot(b3k, b1l)", "line 15: 'dot' is no function of the notation"),
     ("1: c = atan2(c)", "'atan2' takes 2 arguments, not 1"),
     ("1: c = [b3k; b3k, b1l]", "the rows of a block differ in length"),
     ("1: c", "there is no '='"),
     ("1: c = b3k'*", "the formula ends too early"),
-    ("x [m]: length of something", "line 10: no rule knows the meaning 'length of something'"),
-    ("x [furlong]: number", "line 10: the unit 'furlong' is not known"),
+    ("x [m]: length of something", "line 15: no rule knows the meaning 'length of something'"),
+    ("x [furlong]: number", "line 15: the unit 'furlong' is not known"),
     ("inner race: m", "say k or l"),
     ("states: welded", "say one of free, revolute, clearance"),
     ("what is this", "is neither"),

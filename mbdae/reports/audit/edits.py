@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbdae.errors import MbdaeError
 from mbdae.reports.audit.evaluate import SizeError
 from mbdae.reports.audit.meaning import Env, Scope
 from mbdae.reports.audit.notation import Node, negated, number, symbol
@@ -35,7 +36,7 @@ class Candidates:
         if name not in self.sizes:
             try:
                 self.sizes[name] = np.shape(self.env.value(name))
-            except SizeError:
+            except (SizeError, MbdaeError):
                 self.sizes[name] = (0,)
         return self.sizes[name]
 

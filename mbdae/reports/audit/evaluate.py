@@ -20,6 +20,10 @@ class SizeError(Exception):
 class Source(Protocol):
     """Where the values of symbols come from: a state of the joint."""
 
+    @property
+    def second(self) -> float:
+        """The size of the unit of time."""
+
     def value(self, name: str) -> Value:
         """The value of a symbol."""
 
@@ -117,7 +121,8 @@ def _inverse(node: Node, at: Source) -> Value:
 def _call(node: Node, at: Source) -> Value:
     name = node.value
     if name in ("delta", "rate"):
-        return np.imag(evaluate(node.parts[0], at.moved("virtual" if name == "delta" else "time"))) / STEP + 0j
+        change = np.imag(evaluate(node.parts[0], at.moved("virtual" if name == "delta" else "time"))) / STEP + 0j
+        return change if name == "delta" else change / at.second
     if name == "diff":
         if node.parts[1].kind != "symbol":
             raise SizeError("diff by something that is no symbol")

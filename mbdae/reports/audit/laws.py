@@ -40,10 +40,10 @@ def derived(name: str, own: Own = ()) -> Derived:
     """A law derived between two bodies in space, all of its parameters present."""
     cls: Any = law_class(name, own)
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
+    values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
-        options = {"normal": Hertz(1.0)}
-    absent = {"length"} & set(cls.params)
-    law = cls("audited", None, None, **dict.fromkeys(set(cls.params) - absent, 1.0), **options)
+        options, values = {"normal": Hertz(1.0)}, {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
+    law = cls("audited", None, None, **values, **options)
     sides = (_SIDE, _SIDE) + (_COORDINATE,) * bool(law.own_coordinates)
     return derive(cls, law.structure(), sides)
 

@@ -140,6 +140,11 @@ class Env:
             value = value * scaled(meaning.units, value, self.scale)
         return value * 0 if name == self.zero else value
 
+    @property
+    def second(self) -> float:
+        """The size of the unit of time."""
+        return 1.0 if self.scale is None else self.scale["s"]
+
     @cached_property
     def plain(self) -> Env:
         """In SI units, nothing put to zero: what rules compute in."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from mbdae.errors import MbdaeError
 from mbdae.reports.audit.evaluate import STEP, Value
 from mbdae.reports.audit.laws import LawState, law_class
 from mbdae.reports.audit.meaning import Env, phrase
@@ -95,7 +96,7 @@ def _applied_force(env: Env, of: str, parts: str) -> Value:
     return -_law_force(env, of, parts)
 
 
-class UnlistedError(Exception):
+class UnlistedError(MbdaeError):
     """A force acts where the text lists none."""
 
 

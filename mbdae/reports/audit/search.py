@@ -81,10 +81,10 @@ def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> F
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, list[Env], list[Value]]]:
     """Sides that may be changed, with the states and the values they must take."""
     said = states.equation.said if statement is states.equation.statements[0] else None
+    order = sorted(range(len(statement.sides)), key=lambda i: statement.sides[i].kind == "symbol")  # bare symbols last
     for envs in [states.free] if states.equation.only else [states.free, states.joint]:
-        for i, side in enumerate(statement.sides):
-            bare = side.kind in ("symbol", "number")
-            if (bare and said is None) or side.kind == "number":
+        for i in order:
+            if statement.sides[i].kind == "number":
                 continue
             try:
                 targets = [said.value(e) if said else evaluate(statement.sides[0 if i else 1], e) for e in envs]

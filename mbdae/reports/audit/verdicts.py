@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.errors import MbdaeError
 from mbdae.reports.audit.compare import SAME, States, compared
 from mbdae.reports.audit.dimensions import faults
 from mbdae.reports.audit.evaluate import SizeError, evaluate
 from mbdae.reports.audit.motion import Motion
-from mbdae.reports.audit.notation import AuditError, is_zero
+from mbdae.reports.audit.notation import is_zero
 from mbdae.reports.audit.reading import Printed, Text
 from mbdae.reports.audit.rules_joints import UnlistedError
 from mbdae.reports.audit.search import Repair, missing_term, repair
@@ -82,7 +83,7 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
         return _verdict(equation, states, search)
     except UnlistedError as error:
         return Row(equation, INCOMPLETE, 0.0, remark=str(error))
-    except AuditError as error:
+    except MbdaeError as error:
         return Row(equation, NOT_EVALUABLE, float("nan"), remark=str(error))
 
 
