@@ -40,7 +40,7 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Audit": "mbdae.reports.audit", "audit": "mbdae.reports.audit",
+    "Audit": "mbdae.reports.audit",
     "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
     "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
@@ -49,7 +49,8 @@ _HOME = {
     "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit",
+    "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
     "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 

@@ -110,6 +110,13 @@ def compare(a: argparse.Namespace) -> int:
     return 0 if reached and not w.failures and w.reference.trusted else 1
 
 
+def report(a: argparse.Namespace) -> int:
+    """An audit of published formulas."""
+    if a.what == "paper" or a.what.endswith(".audit"):
+        return _report_audit(a)
+    raise UsageError(f"report '{a.what}': give paper, or a file of printed formulas (.audit)")
+
+
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
     from mbdae import validation
@@ -150,6 +157,21 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
         "drift": float(np.max(r.drift.position, initial=0.0)), "energy_balance_J": float(np.max(np.abs(r.energy.balance))),
         "warnings": list(r.warnings), "written": written,
     }  # fmt: skip
+
+
+def _report_audit(a: argparse.Namespace) -> int:
+    """Verdicts on published formulas; 0 whatever they are."""
+    from mbdae.reports.audit.command import report_audit
+
+    if a.what != "paper" and not Path(a.what).is_file():
+        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")
+    found, text, written = report_audit(a.what, a.format, a.out)
+    if a.json:
+        _json(a, found.to_dict() | ({"written": [written]} if written else {}))
+    else:
+        print(text)
+        _list([written] if written else [])
+    return 0
 
 
 def _write_result(r: Any, measure: str | None, out: Path, stem: str) -> list[str]:
@@ -274,8 +296,19 @@ def _parser() -> argparse.ArgumentParser:
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", metavar="FILE.json", help=resumed)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    _report(commands)
     _validate(commands)
     return parser
+
+
+def _report(commands: Any) -> None:
+    text = "audit of published formulas"
+    p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("what", metavar="paper|FILE", help="paper: the formulas of the paper; or a file of printed formulas (.audit)")
+    p.add_argument("--format", choices=("html", "md", "tex"), help="of the document (default: that of --out, else a table)")
+    p.add_argument("--out", metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
+    p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
+    p.set_defaults(command=report)
 
 
 def _validate(commands: Any) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,16 +14,24 @@ from mbdae.reports.audit.meaning import Env, Scope
 from mbdae.reports.audit.notation import Node, negated, number, symbol
 
 Edited = tuple["Edit", Node]
+Place = tuple[Counter[Node], tuple[Node, ...]]  #: how often pieces stand in the formula, and the pieces around this one
 _EXCHANGED = {"sin": "cos", "cos": "sin"}
 
 
 @dataclass(frozen=True)
 class Edit:
-    """A change in words, and the pieces it replaces wherever they stand (empty where it is tied to its place)."""
+    """A change in words (put together when they are read), and the pieces it replaces wherever they stand."""
 
-    words: str
+    form: str
+    pieces: tuple[object, ...] = ()
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether sizes may change
+    where: Node | None = None  #: the piece it happens in
+
+    @property
+    def words(self) -> str:
+        """What is changed."""
+        return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
 
 
 class Candidates:
@@ -68,20 +77,29 @@ def _dots(name: str) -> tuple[str, int]:
 
 def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """The formula after every single change: first those of single places, then those of all places alike."""
-    yield from _inside(node, candidates, lambda new: new)
+    yield from _inside(node, candidates, lambda new: new, (Counter(node.walk()), ()))
     yield from everywhere(node, candidates)
     yield from _exchanges(node, candidates)
 
 
-def _inside(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) -> Iterator[Edited]:
+def _inside(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], place: Place) -> Iterator[Edited]:
     for edit, new in _here(node, candidates):
-        yield edit, rebuilt(new)
+        yield _placed(edit, node, place), rebuilt(new)
     for i, part in enumerate(node.parts):
 
         def outer(new: Node, i: int = i) -> Node:
             return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
 
-        yield from _inside(part, candidates, outer)
+        yield from _inside(part, candidates, outer, (place[0], (node, *place[1])))
+
+
+def _placed(edit: Edit, node: Node, place: Place) -> Edit:
+    """The edit with the piece it happens in, where the node itself stands more than once."""
+    counts, around = place
+    if counts[node] == 1:
+        return edit
+    where = next((a for a in around if a.kind != "row" and counts[a] == 1), None)
+    return edit if where is None else replace(edit, where=where)
 
 
 def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
@@ -89,11 +107,11 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
     kind, parts = node.kind, node.parts
     if kind == "symbol":
         for other in candidates.of(node.value):
-            yield Edit(f"{node} -> {other}"), symbol(other)
+            yield Edit("{} -> {}", (node, other)), symbol(other)
     if kind in ("cross", "transposed", "power"):
-        yield Edit(f"{node} -> {parts[0]}", resizes=True), parts[0]
+        yield Edit("{} -> {}", (node, parts[0]), resizes=True), parts[0]
     if kind == "neg":
-        yield Edit(f"sign of {parts[0]}"), parts[0]
+        yield Edit("sign of {}", (parts[0],)), parts[0]
     if kind == "sum":
         yield from _in_sum(node)
     if kind == "product":
@@ -101,7 +119,7 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
     if kind == "call":
         yield from _in_call(node)
     if kind == "number" and node.value not in (0.0, 1.0):
-        yield Edit(f"{node} -> 1"), number(1.0)
+        yield Edit("{} -> 1", (node,)), number(1.0)
     if kind == "number" and node.value == 1.0:
         yield Edit("1 -> 2"), number(2.0)
 
@@ -109,35 +127,35 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit(f"sign of {_bare(term)}"), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
-        yield Edit(f"without the term {term}", resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("sign of {}", (_bare(term),)), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
                 inner = Node("sum", None, (term.with_parts(term.parts[cut:]), *parts[:i], *parts[i + 1 :]))
-                words = f"bracket after {term.with_parts(term.parts[:cut])}"
-                yield Edit(words, resizes=True), Node("product", None, (*term.parts[:cut], inner))
+                edit = Edit("bracket after {}", (term.with_parts(term.parts[:cut]),), resizes=True)
+                yield edit, Node("product", None, (*term.parts[:cut], inner))
 
 
 def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
-    yield Edit(f"sign of {node}"), negated(node)
+    yield Edit("sign of {}", (node,)), negated(node)
     for i, factor in enumerate(parts):
-        yield Edit(f"without the factor {factor}", resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
             head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
-            yield Edit(f"no bracket around {factor}", resizes=True), Node("sum", None, (head, *factor.parts[1:]))
+            yield Edit("no bracket around {}", (factor,), resizes=True), Node("sum", None, (head, *factor.parts[1:]))
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            words = f"{factor} and {parts[i + 1]} the other way round"
-            yield Edit(words, resizes=True), node.with_parts(swapped)
+            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True)
+            yield edit, node.with_parts(swapped)
 
 
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value in ("abs",):
-        yield Edit(f"{node} -> {node.parts[0]}"), node.parts[0]
+        yield Edit("{} -> {}", (node, node.parts[0])), node.parts[0]
     if node.value in _EXCHANGED:
-        yield Edit(f"{node.value} -> {_EXCHANGED[node.value]}"), Node("call", _EXCHANGED[node.value], node.parts)
+        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value])), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":
         yield Edit("arguments of atan2 exchanged"), Node("call", "atan2", node.parts[::-1])
 
@@ -148,9 +166,7 @@ def _bare(node: Node) -> Node:
 
 def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """A change of all places where a piece stands more than once."""
-    counts: dict[Node, int] = {}
-    for piece in node.walk():
-        counts[piece] = counts.get(piece, 0) + 1
+    counts = Counter(node.walk())
     for piece, count in counts.items():
         if count < 2:
             continue
@@ -158,8 +174,8 @@ def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
         if piece.kind == "symbol":
             news = [symbol(other) for other in candidates.of(piece.value)]
         for new in news:
-            words = f"{piece} -> {new} everywhere"
-            yield Edit(words, ((piece, new),), piece.kind != "symbol"), node.replaced({piece: new})
+            edit = Edit("{} -> {} everywhere", (piece, new), ((piece, new),), piece.kind != "symbol")
+            yield edit, node.replaced({piece: new})
 
 
 def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
@@ -169,7 +185,7 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
         for b in names[i + 1 :]:
             if b in set(candidates.of(a)):
                 table = {symbol(a): symbol(b), symbol(b): symbol(a)}
-                yield Edit(f"{a} and {b} exchanged", tuple(table.items())), node.replaced(table)
+                yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
 
 
 def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
@@ -182,10 +198,11 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
         factors = node.parts if node.kind == "product" else (node,)
         for name in candidates.numbers():
             for extra in (symbol(name), Node("inverse", None, (symbol(name),))):
-                yield Edit(f"{node} times {extra}"), rebuilt(Node("product", None, (extra, *factors)))
+                yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
     if node.kind in ("symbol", "cross"):
-        for kind, words in (("cross", f"{node} -> ~{node}"), ("transposed", f"{node} -> {node}'")):
-            yield Edit(words), rebuilt(Node(kind, None, (node,)))
+        for kind in ("cross", "transposed"):
+            new = Node(kind, None, (node,))
+            yield Edit("{} -> {}", (node, new)), rebuilt(new)
     for i, part in enumerate(node.parts):
 
         def outer(new: Node, i: int = i) -> Node:
