@@ -7,6 +7,7 @@ import random
 import re
 from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -303,3 +304,42 @@ def test_json_and_documents(paper: Audit, tmp_path) -> None:
 def test_wordings_are_listed() -> None:
     assert "axis {i} of {side}" in wordings()
     assert len(wordings()) > 60
+
+
+def test_example_of_the_documentation(tmp_path, monkeypatch) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reports.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "universal.audit").write_text(re.search(r"```text\n(title: The cross.*?)```", page, re.S)[1])
+    names: dict = {}
+    exec(re.search(r"```python\n(import mbdae as mb\n\nclass Universal.*?)```", page, re.S)[1], names)
+    assert [(r.verdict, r.repair) for r in names["found"].equations] == [
+        ("RIGHT", ""), ("MISPRINT", "sign of ~b1k*b2l*(s*mu + 2*p*c)")]  # fmt: skip
+    assert (tmp_path / "universal.html").is_file()
+
+
+def test_command_line(tmp_path, capsys, monkeypatch) -> None:
+    from mbdae.cli import main
+
+    text = "c [1]: row tilt_y of Revolute\nb3k [1]: axis 3 of k\nb1l [1]: axis 1 of l\n1: c = -b3k'*b1l\n"
+    (tmp_path / "own.audit").write_text(text)
+    assert main(["report", str(tmp_path / "own.audit"), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["equations"]
+    assert (row["equation"], row["verdict"], row["derived"]) == ("1", "MISPRINT", "c = b3k'*b1l")
+    assert main(["report", str(tmp_path / "own.audit"), "--format", "tex", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "own.tex").is_file()
+    assert main(["report", str(tmp_path / "own.audit"), "--format", "md", "--out", str(tmp_path / "own.tex")]) == 2
+    assert main(["report", "nowhere.audit"]) == 2
+    capsys.readouterr()
+
+
+def test_paper_on_the_command_line(paper: Audit, capsys, monkeypatch) -> None:
+    from mbdae.cli import main
+    from mbdae.reports.audit import command
+
+    monkeypatch.setattr(command, "audit_paper", lambda: paper)  # once is enough
+    assert main(["report", "paper", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert {row["verdict"] for row in data["equations"]} == {"RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS"}
+    for format in ("html", "md", "tex"):
+        assert main(["report", "paper", "--format", format]) == 0
+        assert "MISPRINT" in capsys.readouterr().out
