@@ -197,7 +197,8 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
     if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
         factors = node.parts if node.kind == "product" else (node,)
         for name in candidates.numbers():
-            for extra in (symbol(name), Node("inverse", None, (symbol(name),))):
+            inverse = () if candidates.scope.symbols[name].found.vanishes else (Node("inverse", None, (symbol(name),)),)
+            for extra in (symbol(name), *inverse):
                 yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
     if node.kind in ("symbol", "cross"):
         for kind in ("cross", "transposed"):
@@ -209,6 +210,33 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
             return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
 
         yield from _added(part, candidates, outer)
+
+
+def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """A term, or a factor that is a vector or a matrix, more: what was left out altogether."""
+    yield from _supplied(node, candidates, lambda new: new, True)
+
+
+def _supplied(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], top: bool = False) -> Iterator[Edited]:
+    numbers = set(candidates.numbers())
+    if node.kind in ("product", "symbol", "cross", "transposed"):
+        factors = node.parts if node.kind == "product" else (node,)
+        for name in candidates.scope.symbols:
+            if name not in numbers:
+                for extra in (symbol(name), Node("transposed", None, (symbol(name),)), Node("cross", None, (symbol(name),))):
+                    for around in ((extra, *factors), (*factors, extra)):
+                        yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, around))
+    if top or node.kind == "sum":
+        terms = node.parts if node.kind == "sum" else (node,)
+        for name in candidates.scope.symbols:
+            for term in (symbol(name), negated(symbol(name))):
+                yield Edit("the term {} more", (term,)), rebuilt(Node("sum", None, (*terms, term)))
+    for i, part in enumerate(node.parts):
+
+        def outer(new: Node, i: int = i) -> Node:
+            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+        yield from _supplied(part, candidates, outer)
 
 
 def applied(edit: Edit, node: Node) -> Node:

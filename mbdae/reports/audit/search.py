@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.reports.audit.compare import SAME, States, compared, difference
-from mbdae.reports.audit.edits import Candidates, Edit, additions, applied, edits, everywhere
+from mbdae.reports.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
 from mbdae.reports.audit.evaluate import SizeError, Value, evaluate
 from mbdae.reports.audit.meaning import Env, Scope
 from mbdae.reports.audit.notation import Node, Statement, symbol
@@ -149,7 +149,13 @@ def _node(node: Node, envs: list[Env], targets: list[Value], states: States, kno
     for edit, new in additions(node, candidates):
         if _fits(new, envs, targets):
             return new, [edit]
-    return _twice(node, once, envs, targets, candidates)
+    found = _twice(node, once, envs, targets, candidates)
+    if found is not None:
+        return found
+    for edit, new in supplements(node, candidates):
+        if _fits(new, envs, targets):
+            return new, [edit]
+    return None
 
 
 def _twice(node: Node, once: dict[Node, Edit], envs: list[Env], targets: list[Value],
