@@ -65,47 +65,84 @@ Found = tuple[Statement, list[Edit]]
 Changed = tuple[Node, list[Edit]]
 
 
+@dataclass(frozen=True)
+class _Goal:
+    """Values a formula must take in some states, and formulas it must not become (the other sides)."""
+
+    envs: Sequence[Env]
+    values: Sequence[Value]
+    banned: frozenset[Node] = frozenset()
+
+    def met(self, node: Node) -> bool:
+        """Whether a formula takes the values."""
+        try:
+            with np.errstate(all="ignore"):
+                pairs = zip(self.envs, self.values, strict=True)
+                return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
+        except SizeError:
+            return False
+
+    def sized(self, node: Node) -> bool:
+        """Whether its size is right."""
+        try:
+            with np.errstate(all="ignore"):
+                return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
+        except SizeError:
+            return False
+
+    def rows(self, count: int) -> list[_Goal]:
+        """The goals of the rows of a column of blocks; none where it is no such column."""
+        shape = np.shape(self.values[0])
+        height = shape[0] // count if len(shape) == 2 and shape[1] == 1 else 0
+        if not height or shape[0] != height * count:
+            return []
+        parts = [[v[i * height : (i + 1) * height] for v in self.values] for i in range(count)]
+        return [_Goal(self.envs, [v[0, 0] for v in p] if height == 1 else p) for p in parts]
+
+
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
     """The repair with the fewest changes of one statement."""
     best: Found | None = None
-    for i, envs, targets in _places(statement, states):
-        found = _side(statement.sides[i], envs, targets, states, known)
+    envs: Sequence[Env] = ()
+    for i, goal in _places(statement, states):
+        if best is not None and (statement.sides[i].kind == "symbol" or goal.envs is not envs):
+            break  # neither another symbol on the left nor the joint's own states are needed
+        envs = goal.envs
+        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
         if found is not None and (best is None or len(found[1]) < len(best[1])):
-            sides = (*statement.sides[:i], found[0], *statement.sides[i + 1 :])
-            tried = replace(statement, sides=sides)
-            if len(set(sides)) == len(sides) and compared(tried, states).same:
+            tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
+            if compared(tried, states).same:
                 best = tried, found[1]
     return best
 
 
-def _places(statement: Statement, states: States) -> Iterator[tuple[int, list[Env], list[Value]]]:
-    """Sides that may be changed, with the states and the values they must take."""
+def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
+    """Sides that may be changed, and what they must become: what the first side is, or is said to be."""
     said = states.equation.said if statement is states.equation.statements[0] else None
-    order = sorted(range(len(statement.sides)), key=lambda i: statement.sides[i].kind == "symbol")  # bare symbols last
+    sides = statement.sides
+    order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
     for envs in [states.free] if states.equation.only else [states.free, states.joint]:
         for i in order:
-            if statement.sides[i].kind == "number":
+            if sides[i].kind == "number":
                 continue
             try:
-                targets = [said.value(e) if said else evaluate(statement.sides[0 if i else 1], e) for e in envs]
+                values = [said.value(e) if said else evaluate(sides[0 if i else 1], e) for e in envs]
             except SizeError:
                 continue
-            if max(float(np.max(np.abs(t))) for t in targets) > 1e-9:
-                yield i, envs, targets
+            goal = _Goal(envs, values, frozenset(sides[:i] + sides[i + 1 :]))
+            if max(float(np.max(np.abs(t))) for t in values) > 1e-9 and not (goal.met(sides[i]) and not said):
+                yield i, goal
 
 
-def _side(side: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> Changed | None:
+def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
     """A side changed so that it takes its values; a column of blocks row by row."""
     rows = side.parts
-    height = len(rows) and targets[0].shape[0] // len(rows) if side.kind == "block" and np.ndim(targets[0]) else 0
-    if not (height and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) and targets[0].shape == (height * len(rows), 1)):
-        return _node(side, envs, targets, states, known)
+    goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
+    if not goals:
+        return _node(side, goal, candidates, known)
     new, done = [], list[Edit]()
-    for i, row in enumerate(rows):
-        parts = [t[i * height : (i + 1) * height] for t in targets]
-        if height == 1:
-            parts = [p[0, 0] for p in parts]
-        found = _node(row.parts[0], envs, parts, states, [*known, *done])
+    for row, its in zip(rows, goals, strict=True):
+        found = _node(row.parts[0], its, candidates, [*known, *done])
         if found is None:
             return None
         new.append(row.with_parts((found[0],)))
@@ -113,56 +150,33 @@ def _side(side: Node, envs: list[Env], targets: list[Value], states: States, kno
     return side.with_parts(tuple(new)), done
 
 
-def _fits(node: Node, envs: list[Env], targets: list[Value]) -> bool:
-    try:
-        with np.errstate(all="ignore"):
-            return all(difference(evaluate(node, env), target) < SAME for env, target in zip(envs, targets, strict=True))
-    except SizeError:
-        return False
-
-
-def _sized(node: Node, env: Env, target: Value) -> bool:
-    try:
-        with np.errstate(all="ignore"):
-            return np.shape(evaluate(node, env)) == np.shape(target)
-    except SizeError:
-        return False
-
-
-def _node(node: Node, envs: list[Env], targets: list[Value], states: States, known: Sequence[Edit]) -> Changed | None:
+def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
     """A formula changed so that it takes its values: not, as elsewhere in the equation, once, twice."""
-    if _fits(node, envs, targets):
+    if goal.met(node):
         return node, []
-    if known:
-        again = node
-        for edit in known:
-            again = applied(edit, again)
-        if again != node and _fits(again, envs, targets):
-            return again, list(known)
-    candidates = Candidates(states.equation.scope, envs[0])
+    again = node
+    for edit in known:
+        again = applied(edit, again)
+    if again != node and goal.met(again):
+        return again, list(known)
     once = dict[Node, Edit]()
     for edit, new in edits(node, candidates):
         if new not in once and new != node:
             once[new] = edit
-            if _fits(new, envs, targets):
+            if goal.met(new):
                 return new, [edit]
-    for edit, new in additions(node, candidates):
-        if _fits(new, envs, targets):
-            return new, [edit]
-    found = _twice(node, once, envs, targets, candidates)
-    if found is not None:
-        return found
-    for edit, new in supplements(node, candidates):
-        if _fits(new, envs, targets):
-            return new, [edit]
-    return None
+    return (_first(additions(node, candidates), goal) or _twice(node, once, goal, candidates)
+            or _first(supplements(node, candidates), goal))  # fmt: skip
 
 
-def _twice(node: Node, once: dict[Node, Edit], envs: list[Env], targets: list[Value],
-           candidates: Candidates) -> Changed | None:  # fmt: skip
+def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    return next(((new, [edit]) for edit, new in tried if goal.met(new)), None)
+
+
+def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:
     """Two changes; both of all places alike, then those whose first one is such or leaves sizes that fit."""
-    order = sorted(once, key=lambda n: (not once[n].table, not _sized(n, envs[0], targets[0])))
-    if not _sized(node, envs[0], targets[0]):  # one of the two changes is one of sizes: take it first
+    order = sorted(once, key=lambda n: (not once[n].table, not goal.sized(n)))
+    if not goal.sized(node):  # one of the two changes is one of sizes: take it first
         order = [n for n in order if once[n].resizes]
     tried: set[Node] = set(once)
     for alike in (True, False):
@@ -175,7 +189,7 @@ def _twice(node: Node, once: dict[Node, Edit], envs: list[Env], targets: list[Va
                 tried.add(new)
                 if len(tried) > LARGEST:
                     return None
-                if _fits(new, envs, targets):
+                if goal.met(new):
                     return new, [once[first], edit]
     return None
 
@@ -195,7 +209,7 @@ def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> 
     (top, left), (bottom, right) = where.min(axis=0), where.max(axis=0) + 1
     blocks = [g[top:bottom, left:right] for g in gaps]
     for term in _terms(name, scope, envs[0]):
-        if _fits(term, envs, blocks):
+        if _Goal(envs, blocks).met(term):
             place = f"{_range('row', top, bottom)} and {_range('column', left, right)}"
             return Repair((f"the term {term} in {place} is missing",), equation)
     return None
