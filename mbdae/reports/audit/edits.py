@@ -63,6 +63,10 @@ class Candidates:
                     yield other
 
 
+    def known(self) -> list[str]:
+        """Symbols that have a value in this state."""
+        return [name for name in self.scope.symbols if self._size(name) != (0,)]
+
     def numbers(self) -> list[str]:
         """Symbols that are numbers."""
         return [name for name in self.scope.symbols if self._size(name) == ()]
@@ -221,14 +225,14 @@ def _supplied(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node
     numbers = set(candidates.numbers())
     if node.kind in ("product", "symbol", "cross", "transposed"):
         factors = node.parts if node.kind == "product" else (node,)
-        for name in candidates.scope.symbols:
+        for name in candidates.known():
             if name not in numbers:
                 for extra in (symbol(name), Node("transposed", None, (symbol(name),)), Node("cross", None, (symbol(name),))):
                     for around in ((extra, *factors), (*factors, extra)):
                         yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, around))
     if top or node.kind == "sum":
         terms = node.parts if node.kind == "sum" else (node,)
-        for name in candidates.scope.symbols:
+        for name in candidates.known():
             for term in (symbol(name), negated(symbol(name))):
                 yield Edit("the term {} more", (term,)), rebuilt(Node("sum", None, (*terms, term)))
     for i, part in enumerate(node.parts):

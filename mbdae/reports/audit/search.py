@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.errors import MbdaeError
 from mbdae.reports.audit.compare import SAME, States, compared, difference
 from mbdae.reports.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
 from mbdae.reports.audit.evaluate import SizeError, Value, evaluate
@@ -79,7 +80,7 @@ class _Goal:
             with np.errstate(all="ignore"):
                 pairs = zip(self.envs, self.values, strict=True)
                 return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
-        except SizeError:
+        except (SizeError, MbdaeError):
             return False
 
     def sized(self, node: Node) -> bool:
