@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.reports.audit import Audit, audit
+    from mbdae.reports.report import report
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
@@ -49,9 +50,8 @@ _HOME = {
     "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit",
-    "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
-    "selftest": "mbdae.contracts.selftest",
+    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare", "load": "mbdae.results.storage",
+    "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
@@ -59,7 +59,7 @@ __all__ = [
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
     "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
-    "params", "selftest", "t",
+    "params", "report", "selftest", "t",
 ]  # fmt: skip
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
 FORMS = ("ggl", "index3", "ode")
+REPORTS = (".html", ".md", ".tex")
 SOLVERS = ("ida", "radau2", "radau3", "cvode")
 
 
@@ -111,10 +112,40 @@ def compare(a: argparse.Namespace) -> int:
 
 
 def report(a: argparse.Namespace) -> int:
-    """An audit of published formulas."""
+    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
     if a.what == "paper" or a.what.endswith(".audit"):
         return _report_audit(a)
-    raise UsageError(f"report '{a.what}': give paper, or a file of printed formulas (.audit)")
+    from mbdae.reports.report import names
+    from mbdae.reports.report import report as make
+
+    if a.what in names():
+        document = make(a.what)
+    elif Path(a.what).suffix or Path(a.what).is_file():
+        document = make(_scene(_load(a.what), a.what))
+    else:
+        raise UsageError(f"report '{a.what}': neither a file nor one of paper, {', '.join(names())}")
+    holds = "NOT EQUAL" not in document.to_markdown()
+    ending = Path(a.out).suffix if a.out else ".md"
+    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
+    text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
+    if a.out is None:
+        if a.json:
+            _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "text": text()})
+        else:
+            print(text())
+        return 0 if holds else 1
+    path = Path(a.out)
+    if path.suffix not in REPORTS:
+        path = path / f"{Path(a.what).stem}.{format_}"
+    elif path.suffix != f".{format_}":
+        raise UsageError(f"--out {a.out}: the ending says {path.suffix}, --format {format_}; give one of the two")
+    _folder(str(path.parent))
+    document.save(path)
+    if a.json:
+        _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "written": [str(path)]})
+    else:
+        _list([str(path)])
+    return 0 if holds else 1
 
 
 def validate(a: argparse.Namespace) -> int:
@@ -302,10 +333,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _report(commands: Any) -> None:
-    text = "audit of published formulas"
+    text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("what", metavar="paper|FILE", help="paper: the formulas of the paper; or a file of printed formulas (.audit)")
-    p.add_argument("--format", choices=("html", "md", "tex"), help="of the document (default: that of --out, else a table)")
+    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; paper: its formulas "
+            "audited; a Python file with scene(); a file of formulas (.audit)")  # fmt: skip
+    formats = [ending[1:] for ending in REPORTS]
+    p.add_argument("what", metavar="NAME|paper|FILE", help=what)
+    p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
     p.add_argument("--out", metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
     p.set_defaults(command=report)

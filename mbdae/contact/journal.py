@@ -38,11 +38,6 @@ def _tilts(k: Frame, l: Frame) -> bool:
     return l.kind.oriented and not k.kind.flat
 
 
-def named(v: Vec) -> Vec:
-    """A vector whose components are named intermediates."""
-    return Vec(*(c if c.is_Number else let(c) for c in v))
-
-
 class JournalContact(Force):
     """A pin on l (radius `inner`) inside a race on k (radius `outer`); paper Eqs. 33-44 with k the outer race.
 
@@ -90,17 +85,17 @@ class JournalContact(Force):
         clearance = self.outer - self.inner
         u = l.r + shift - k.r
         along = k.z @ u
-        radial = named(u - k.z * along)
-        distance = let(se.sqrt(radial @ radial + CENTRED))
-        normal = named(radial * self._inverse(radial, distance, clearance / 2))
+        radial = (u - k.z * along).named("u")
+        distance = let(se.sqrt(radial @ radial + CENTRED), "d")
+        normal = (radial * self._inverse(radial, distance, clearance / 2)).named("n")
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
-        arm = named(k.r + from_k - l.r) if l.kind.oriented else ZERO
-        velocity = named(self._sliding(k, l, arm, from_k))
-        rate = let(velocity @ normal)
-        penetration = let(distance - clearance)
-        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)))
-        slip = let(velocity @ tangent)
+        arm = (k.r + from_k - l.r).named("h") if l.kind.oriented else ZERO
+        velocity = self._sliding(k, l, arm, from_k).named("v")
+        rate = let(velocity @ normal, r"\dot a")
+        penetration = let(distance - clearance, "p")
+        overlap = let(se.Piecewise((penetration, penetration > 0), (0, True)), "a")
+        slip = let(velocity @ tangent, "v_t")
         return _Station(penetration, rate, overlap, normal, tangent, velocity - normal * rate, slip, arm)
 
     @staticmethod
@@ -113,7 +108,7 @@ class JournalContact(Force):
         """1 / distance, continued with its slope of the product radial / distance inside the core, where nothing touches."""
         square = radial @ radial
         inside = core + CORE
-        return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)))
+        return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)), r"\beta")
 
     # -- forces
 
@@ -122,9 +117,9 @@ class JournalContact(Force):
         elastic = self.normal.elastic_force(at.overlap)
         damped = self.normal.damping_force(at.overlap, at.rate)
         if damped == 0:
-            return let(elastic), se.Integer(0)
+            return let(elastic, "f_n"), se.Integer(0)
         total = let(elastic + damped)
-        force = let(se.Piecewise((total, total > 0), (0, True)))
+        force = let(se.Piecewise((total, total > 0), (0, True)), "f_n")
         return force, force - elastic
 
     def _friction_of(self, end: str) -> Any:
@@ -149,7 +144,7 @@ class JournalContact(Force):
         force, torque = ZERO, ZERO
         for at, end in self._stations(k, l):
             normal, damped = self._normal_force(at)
-            part = named((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l))
+            part = ((at.normal * (-damped) + self._friction(at, end, normal)) * self._equal(k, l)).named("f")
             force, torque = force + part, torque + at.arm.cross(part)
         return force, torque
 

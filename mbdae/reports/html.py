@@ -42,7 +42,6 @@ mtable.cases mtd, mtable.aligned mtd { text-align: left; }
 .scroll { overflow-x: auto; max-width: 100%; margin: .8rem 0; }
 .scroll:focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
 table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; padding-bottom: .35rem; color: #444; }
 th, td { padding: .28rem .7rem .28rem 0; text-align: left; vertical-align: baseline; border-bottom: 1px solid #e2e2e2; }
 thead th { border-bottom: 1px solid #888; font-weight: 600; vertical-align: bottom; }
 tbody th { font-weight: 400; }
@@ -124,12 +123,12 @@ class _Writer:
     def table(self, table: Table) -> str:
         """A table that scrolls in its own box, by keyboard too."""
         self.tables += 1
-        caption = f"<caption>{_text(table.caption)}</caption>" if table.caption else ""
+        caption = f'<p class="note">{_text(table.caption)}</p>\n' if table.caption else ""
         head = "".join(f'<th scope="col">{_text(cell)}</th>' for cell in table.head)
         rows = "".join(f'<tr><th scope="row">{_text(row[0])}</th>{"".join(f"<td>{_text(c)}</td>" for c in row[1:])}</tr>\n'
                        for row in table.rows)  # fmt: skip
         label = escape(_plain(table.caption) or f"table {self.tables}")
-        return (f'<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table>{caption}<thead>'
+        return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
                 f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")  # fmt: skip
 
 

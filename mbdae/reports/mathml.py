@@ -43,6 +43,7 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
+_DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
 
@@ -52,17 +53,16 @@ class FormulaError(MbdaeError):
 
 def inline(latex: str) -> str:
     """Pieces of a formula as `<math>` elements, between which a line may be broken."""
-    return "<br>".join(" ".join(f"<math>{_piece(piece)}</math>" for piece in line) for line in pieces(latex))
+    return "<br>".join(_line(line, "<math>") for line in pieces(latex))
 
 
 def display(latex: str) -> str:
     """The same in display style, each line of the formula in an element of its own."""
-    lines = (" ".join(f'<math displaystyle="true">{_piece(piece)}</math>' for piece in line) for line in pieces(latex))
-    return "".join(f'<div class="line">{line}</div>' for line in lines)
+    return "".join(f'<div class="line">{_line(line, _DISPLAY)}</div>' for line in pieces(latex))
 
 
-def _piece(latex: str) -> str:
-    return _Reader(latex).everything()
+def _line(line: list[str], opening: str) -> str:
+    return " ".join(f"{opening}{_Reader(piece, i > 0).everything()}</math>" for i, piece in enumerate(line))
 
 
 def _sign(text: str, attributes: str = "") -> str:
@@ -78,8 +78,8 @@ def _letter(text: str, font: str) -> str:
 class _Reader:
     """Reads tokens from the left."""
 
-    def __init__(self, latex: str) -> None:
-        self.latex, self.tokens, self.i = latex, tokens(latex), 0
+    def __init__(self, latex: str, continued: bool = False) -> None:
+        self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
     def everything(self) -> str:
         """The whole formula."""
@@ -102,7 +102,7 @@ class _Reader:
         """Everything up to a token of `stop`, which stays."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
-            base = self.atom(font, first=not out)
+            base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
             out.append(self.scripts(base, font))
         return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
 
@@ -148,9 +148,9 @@ class _Reader:
 
     def _operator(self, text: str, token: str, first: bool) -> str:
         """A sign; at the start of a continued line it is still between two terms."""
-        continues = first and token in RELATIONS | BINARY and self.i > 0 and self.latex.strip() != token
-        prefix = first and token in BINARY and not self.latex.startswith(token)
-        return _sign(text, ' form="infix"' if continues and not prefix else "")
+        continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
+        prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
+        return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")
 
     def _letters(self, token: str, font: str) -> str:
         while font == "n" and self.i < len(self.tokens) and self.tokens[self.i].isalnum():
@@ -183,7 +183,8 @@ class _Reader:
         if name == "begin":
             return self.matrix(font)
         if name in SIGNS:
-            return _sign(SIGNS[name], _FIXED) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
+            form = f' form="{"prefix" if name[0] == "l" else "postfix"}"' if name[0] in "lr" else ""
+            return _sign(SIGNS[name], _FIXED + form) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
         raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'")
 
     def raw(self) -> str:

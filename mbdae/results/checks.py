@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.trees import Tree
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,11 @@ class Check:
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
         return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
+
+
+def tree_operations(trees: Sequence[Tree]) -> int:
+    """Operations of the programs of trees of recursive joints."""
+    return sum(tree_plan(tree.structure).operations for tree in trees)
 
 
 def doubts(p: Prepared) -> list[str]:

@@ -19,9 +19,9 @@ _LET, _RATE = se.Function("let"), se.Function("rate")
 _ZERO = se.Integer(0)
 
 
-def let(e: Expr) -> Expr:
-    """Name an intermediate result."""
-    return _LET(se.sympify(e))
+def let(e: Expr, name: str = "") -> Expr:
+    """Name an intermediate result; `name` is its letter in a report (LaTeX)."""
+    return _LET(se.sympify(e), se.Symbol(name)) if name else _LET(se.sympify(e))
 
 
 def rate(e: Expr) -> Expr:

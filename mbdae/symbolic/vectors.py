@@ -7,6 +7,7 @@ from typing import Any
 
 import symengine as se
 
+_LET = se.Function("let")
 Expr = Any  #: a symengine expression (SymPy expressions are converted on entry)
 
 
@@ -52,6 +53,10 @@ class Vec:
     def norm(self) -> Expr:
         """Euclidean length."""
         return se.sqrt(self @ self)
+
+    def named(self, name: str = "") -> Vec:
+        """The vector with named intermediates for components (see `variation.let`); `name` is its letter in a report (LaTeX)."""
+        return Vec(*(c if c.is_Number else _LET(c) for c in self.c))
 
     def __repr__(self) -> str:
         return f"Vec{self.c}"

@@ -1,0 +1,86 @@
+"""Solution set of a joint's rows, by numbers: rank, free motions, branches that are not meant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.reports.document import Block, Equation, Paragraph
+from mbdae.reports.states import State, random_state
+from mbdae.reports.vectors import Base
+
+if TYPE_CHECKING:
+    from mbdae.reports.joint_checks import JointChecks
+
+STARTS = 60  #: random attitudes from which the rows are solved
+
+
+def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
+    """(points, rows, 6) rows by displacement and rotation of l."""
+    n, out = r.book.numbers(state), []
+    for pairs, _ in r.duals.values():
+        parts = [np.broadcast_to(n.vector(part), (state.points, 3)) for part in pairs["l"]]
+        out.append(np.concatenate(parts, axis=-1))
+    return np.stack(out, axis=1)
+
+
+def solved(r: JointChecks, state: State) -> State:
+    """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a law is undefined they stay."""
+    for _ in range(60):
+        n = r.book.numbers(state)
+        c = np.stack([np.broadcast_to(n.scalar(e), (state.points,)) for e in r.s.rows.values()], axis=-1)
+        if np.max(np.abs(c)) < 1e-13:
+            break
+        with np.errstate(all="ignore"):
+            J = jacobian(r, state)
+        J[~np.isfinite(J).all(axis=(1, 2))] = 0.0
+        step = -np.einsum("pij,pj->pi", np.linalg.pinv(J, rcond=1e-9), c)
+        turn = step[:, 3:]
+        turn = turn * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300))
+        state = state.changed(1.0, {"l": (step[:, :3], turn)})
+    return state
+
+
+def solution_set(r: JointChecks) -> list[Block]:
+    """Rank and freedoms on the solution set, and what else solves the rows."""
+    state = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
+    n = r.book.numbers(state)
+    c = np.max([np.abs(np.broadcast_to(n.scalar(e), (STARTS,))) for e in r.s.rows.values()], axis=0)
+    reached = c < 1e-9
+    with np.errstate(all="ignore"):
+        J = jacobian(r, state)
+    reached &= np.isfinite(J).all(axis=(1, 2))
+    J = J[reached]
+    if not len(J):
+        return [Paragraph(f"From none of {STARTS} random attitudes were the rows solved by moving l alone.")]
+    rank = int(np.linalg.matrix_rank(J, tol=1e-7).max())
+    count = len(r.s.rows) - sum(not np.any(np.abs(J[:, i]) > 1e-12) for i in range(J.shape[1]))
+    free, motions = 6 - rank, ("motion", "motions")
+    text = (
+        f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution."
+        f" There the {count} rows that the place of l can change have rank {rank}: {free} relative {motions[free != 1]} of the"
+        f" bodies {'is' if free == 1 else 'are'} left."
+    )
+    blocks: list[Block] = [Paragraph(text)]
+    if not r.s.branches:
+        return [*blocks, Paragraph("The rows have no other branch that is not meant.")]
+    wrong = np.zeros(STARTS, dtype=bool)
+    for name, e in r.s.branches.items():
+        wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
+        blocks.append(
+            Equation(f"{r.book.writer.scalar(e)} > 0", note=f"{name}: required, where the rows alone admit the opposite")
+        )
+    ended = int((wrong & reached).sum())
+    blocks.append(
+        Paragraph(
+            f"{ended} of the {int(reached.sum())} solutions lie on a branch that is not meant; the start of a scene refuses them."
+        )
+    )
+    return blocks
+
+
+def axis_of(side: str) -> Base:
+    """The joint's axis."""
+    return Base("z", side)

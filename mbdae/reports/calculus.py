@@ -1,0 +1,223 @@
+"""Differentiation of recorded statements by one rule, delta a = delta psi x a; formulas stay formulas of vectors.
+
+`Motion` goes forwards (rates, variations), `Dual` backwards (forces). Both are checked against what is integrated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import symengine as se
+
+from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
+from mbdae.symbolic.vectors import Expr
+
+_ZERO = se.Integer(0)
+Pair = tuple[Vector, Vector]  #: force at the point of the frame, moment about it
+
+
+def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr]]:
+    """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts."""
+    for symbol in sorted(e.free_symbols, key=str):
+        if leaf(symbol):
+            partial = tidy(se.diff(e, symbol))
+            if partial != 0:
+                yield partial, symbol
+
+
+def _divides(e: Expr) -> bool:
+    """Whether a sum stands in a denominator: expanded it would be repeated."""
+    if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 and isinstance(e.args[0], se.Add):
+        return True
+    return any(_divides(a) for a in e.args)
+
+
+def tidy(e: Expr) -> Expr:
+    """The expression without cases that are all the same."""
+    if not e.args or e.is_Number:
+        return e
+    if isinstance(e, se.Piecewise):
+        values, conditions = [tidy(a) for a in e.args[::2]], e.args[1::2]
+        return values[0] if all(v == values[0] for v in values) else se.Piecewise(*zip(values, conditions, strict=True))
+    if not hasattr(e, "func"):  # a comparison
+        return e
+    function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
+    return function(*map(tidy, e.args))
+
+
+class Motion:
+    """Forward derivative: frame vectors change by `base`, symbols by `clock`."""
+
+    def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str) -> None:
+        self.record, self.base, self.clock, self.sign = record, base, clock, sign
+        self._known: dict[Any, Any] = {}
+
+    def scalar(self, e: Expr) -> Expr:
+        """Change of a scalar."""
+        e = se.sympify(e)
+        total = sum((p * self.clock[s] for p, s in _through(e, self.clock.__contains__)), _ZERO)
+        total += sum((p * self._dot(s) for p, s in _through(e, self.record.dots.__contains__)), _ZERO)
+        total += sum((p * self._name(s) for p, s in _through(e, self.record.scalars.__contains__)), _ZERO)
+        return total if _divides(total) else se.expand(total)
+
+    def _dot(self, symbol: Expr) -> Expr:
+        if symbol not in self._known:
+            a, b = self.record.dots[symbol]
+            self._known[symbol] = self._each(self.atom(a), b) + self._each(self.atom(b), a)
+        return self._known[symbol]
+
+    def _each(self, change: Vector, other: Atom) -> Expr:
+        """Inner product term by term: changes need no name."""
+        return sum((c * self.record.dot(atom, other) for atom, c in change.terms.items()), _ZERO)
+
+    def _name(self, symbol: Expr) -> Expr:
+        if symbol not in self._known:
+            value = self.record.scalars[symbol]
+            self._known[symbol] = _ZERO if isinstance(value, se.floor) else self.scalar(value)
+        return self._known[symbol]
+
+    def atom(self, atom: Atom) -> Vector:
+        """Change of an atom."""
+        if atom in self._known:
+            return self._known[atom]  # type: ignore[no-any-return]
+        if isinstance(atom, Base):
+            found = self.base(atom) or self.record.zero()
+        elif isinstance(atom, NamedVector):
+            found = self.vector(self.record.vectors[atom.number])
+            if len(found.terms) > 1 or any(c != 1 for c in found.terms.values()):
+                found = self.record.name_vector(found, (self.sign, atom.number))
+        else:
+            found = _distributed(self.atom(atom.left), atom.right) - _distributed(self.atom(atom.right), atom.left)
+        self._known[atom] = found
+        return found
+
+    def vector(self, a: Vector) -> Vector:
+        """Change of a vector."""
+        total = self.record.zero()
+        for atom, c in a.terms.items():
+            total = total + self.atom(atom) * c + Vector(self.record, {atom: self.scalar(c)})
+        return total
+
+
+def _distributed(a: Vector, b: Atom) -> Vector:
+    """a x b term by term."""
+    total = a.record.zero()
+    for atom, c in a.terms.items():
+        total = total + (Vector(a.record, {atom: c}).cross(Vector(a.record, {b: se.Integer(1)})))
+    return total
+
+
+@dataclass
+class Dual:
+    """Backward derivative of a scalar: per side the force and moment dual to translations and rotations, or velocities."""
+
+    record: Record
+    velocities: bool = False  #: by velocities rather than positions
+    symbols: tuple[Expr, ...] = ()  #: further unknowns
+
+    def of(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
+        """(side -> force and moment, symbol -> derivative)."""
+        zero = self.record.zero
+        self.pairs: dict[str, list[Vector]] = {side: [zero(), zero()] for side in "kl"}
+        self.partial: dict[Expr, Expr] = dict.fromkeys(self.symbols, _ZERO)
+        self._scalar(se.sympify(e), se.Integer(1))
+        return {side: (pair[0], pair[1]) for side, pair in self.pairs.items()}, self.partial
+
+    def _scalar(self, e: Expr, weight: Expr) -> None:
+        for p, s in _through(e, self.partial.__contains__):
+            self.partial[s] += weight * p
+        for p, s in _through(e, self.record.dots.__contains__):
+            a, b = self.record.dots[s]
+            for one, other in ((a, b), (b, a)):
+                self._atom(one, Vector(self.record, {other: weight * p}))
+        for p, s in _through(e, self.record.scalars.__contains__):
+            if not isinstance(self.record.scalars[s], se.floor):
+                self._through_name(s, weight * p)
+
+    def _through_name(self, symbol: Expr, weight: Expr) -> None:
+        """The gradient of a named scalar, its vectors named."""
+        key = symbol, self.velocities, self.symbols
+        cache = self.record.cache
+        if key not in cache:
+            pairs, partial = Dual(self.record, self.velocities, self.symbols).of(self.record.scalars[symbol])
+            kinds = ("v", r"\omega") if self.velocities else ("r", r"\psi")
+            cache[key] = {side: tuple(self._named(part, (kind, symbol, side)) for kind, part in zip(kinds, pair, strict=True))
+                          for side, pair in pairs.items()}, partial  # fmt: skip
+        pairs, partial = cache[key]
+        for side, pair in pairs.items():
+            for i in range(2):
+                self.pairs[side][i] = self.pairs[side][i] + pair[i] * weight
+        for s, p in partial.items():
+            self.partial[s] += weight * p
+
+    def _named(self, a: Vector, gradient: tuple[str, Expr, str]) -> Vector:
+        if len(a.terms) == 0 or (len(a.terms) == 1 and all(c in (1, -1) for c in a.terms.values())):
+            return a
+        found = self.record.name_vector(a)
+        self.record.gradients[next(iter(found.terms)).number] = gradient  # type: ignore[union-attr]
+        return found
+
+    def _atom(self, atom: Atom, dual: Vector) -> None:
+        if isinstance(atom, Base):
+            self._base(atom, dual)
+        elif isinstance(atom, NamedVector):
+            for inner, c in self.record.vectors[atom.number].terms.items():
+                self._atom(inner, dual * c)
+                if c.free_symbols:
+                    self._scalar(c, sum((q * self.record.dot(inner, other) for other, q in dual.terms.items()), _ZERO))
+        else:
+            self._atom(atom.left, -_distributed(dual, atom.right))
+            self._atom(atom.right, _distributed(dual, atom.left))
+
+    def _base(self, atom: Base, dual: Vector) -> None:
+        if atom.side not in self.pairs:
+            return
+        pair = self.pairs[atom.side]
+        if self.velocities:
+            if atom.kind in ("v", "w"):
+                pair[atom.kind == "w"] = pair[atom.kind == "w"] + dual
+        elif atom.kind in ("r", "c"):
+            pair[0] = pair[0] + dual
+            if atom.kind == "c":  # the point of the frame is s off the centre
+                pair[1] = pair[1] + _distributed(dual, Base("s", atom.side))
+        elif atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
+            pair[1] = pair[1] - _distributed(dual, atom)
+        elif atom.kind == "v":
+            raise NotImplementedError("a potential that depends on velocities")
+
+
+def virtual(record: Record) -> Callable[[Base], Vector | None]:
+    """Change of frame vectors in a virtual displacement: delta r of the points, delta psi of the bodies."""
+
+    def base(atom: Base) -> Vector | None:
+        if atom.kind == "r":
+            return record.atom("du", atom.side)
+        if atom.kind == "c":
+            return record.atom("du", atom.side) - record.atom("dpsi", atom.side).cross(record.atom("s", atom.side))
+        if atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
+            return record.atom("dpsi", atom.side).cross(Vector(record, {atom: se.Integer(1)}))
+        return None
+
+    return base
+
+
+def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vector | None]:
+    """Rates of frame vectors without accelerations of the nodes: r by v, v by omega x (omega x s)."""
+
+    def base(atom: Base) -> Vector | None:
+        if atom.side not in ("k", "l") or atom.side in still:
+            return None
+        w = record.atom("w", atom.side)
+        if atom.kind == "r":
+            return record.atom("v", atom.side)
+        if atom.kind == "c":
+            return record.atom("v", atom.side) - w.cross(record.atom("s", atom.side))
+        if atom.kind == "v":
+            return w.cross(w.cross(record.atom("s", atom.side)))
+        if atom.kind in ("x", "y", "z", "s", "bx", "by", "bz"):
+            return w.cross(Vector(record, {atom: se.Integer(1)}))
+        return None
+
+    return base

@@ -1,0 +1,254 @@
+"""Report of a law stated by an energy, a dissipation function or a wrench: springs, dampers, loads, contact."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.kernels.plan import plan
+from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
+from mbdae.reports.calculus import Dual, Pair
+from mbdae.reports.document import Block, Document, Equation, Paragraph, Section
+from mbdae.reports.joint import CONVENTION
+from mbdae.reports.joint_checks import planar_of, resistance_pairs
+from mbdae.reports.letters import Letter
+from mbdae.reports.parts import part_sections
+from mbdae.reports.statement import Statement
+from mbdae.reports.states import POINTS, State, random_state, residual
+from mbdae.reports.vectors import Base
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Force, Structure
+from mbdae.symbolic.outputs import dynamics
+from mbdae.symbolic.vectors import Expr
+
+
+class ForceReport:
+    """One law of force."""
+
+    def __init__(self, law: type[Force], structure: Structure) -> None:
+        self.s = Statement(law, structure)
+        self.energy, self.dissipation, self.wrench = self.s.energy, self.s.dissipation, self.s.wrench
+        self.losses = {name: self.s.scalar(e) for name, e in self.s.law.losses(self.s.k, self.s.l).items()}
+        self.gaps = [(self.s.scalar(g), self.s.scalar(rate)) for g, rate in self.s.law.gaps(self.s.k, self.s.l)]
+        self.rates, self.starts = self.s.states("rates"), self.s.states("initial")
+        self.book, self.d = Book(self.s, "law"), self.s.derived
+        self.state = random_state(self.d)
+        symbols = tuple(self.s.coordinates.values())
+        self.elastic = Dual(self.s.record, symbols=symbols).of(self.energy)
+        speeds = tuple(self.s.clock[s] for s in symbols)
+        self.drag = Dual(self.s.record, velocities=True, symbols=speeds).of(self.dissipation)
+
+    def document(self) -> Document:
+        """The whole report."""
+        sections = [self.statement(), self.forces(), *self.states(), *self.one_sided(), self.power()]
+        sections += part_sections(self.s, self.book)
+        self.run_checks()
+        planar = planar_of(self.s)
+        symbols = Section("Symbols", [self.book.symbols(), Paragraph(CONVENTION)])
+        checked = Section("Numeric check", checks_table(self.book.checks, POINTS))
+        return Document(
+            title_of(self.s.cls), [*described(self.s.cls), symbols, *sections, plane(planar), checked, provenance(self.d, planar)]
+        )
+
+    def statement(self) -> Section:
+        """V, R, F and T as stated."""
+        w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
+        if self.energy != 0:
+            blocks += [Paragraph("Potential energy, J:"), Equation(f"V = {w.scalar(self.energy)}")]
+        if self.dissipation != 0:
+            blocks += [
+                Paragraph("Rayleigh dissipation function, half the dissipated power, W:"),
+                Equation(f"D = {w.scalar(self.dissipation)}"),
+            ]
+        if self.wrench is not None:
+            on_k = "" if external(self.s) else "; the opposite acts on k at the same point"
+            blocks += [
+                Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
+                Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
+            ]
+        named = self.book.definitions(mark)
+        return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
+
+    def total(self) -> dict[str, Pair]:
+        """Left-hand side on both bodies, at their points."""
+        added = self.wrench_pairs
+        out = {}
+        for side in "kl":
+            force, moment = (self.elastic[0][side][i] + self.drag[0][side][i] for i in range(2))
+            out[side] = (force + added[side][0], moment + added[side][1]) if added else (force, moment)
+        return out
+
+    @cached_property
+    def wrench_pairs(self) -> dict[str, Pair] | None:
+        """The stated force on both bodies, left-hand side, at their points."""
+        return resistance_pairs(self.s)
+
+    def forces(self) -> Section:
+        """Forces and moments the bodies feel."""
+        w, mark = self.book.writer, self.book.mark()
+        total = self.total()
+        self.book.refresh()
+        lines = []
+        for side in [side for side in "lk" if side not in self.s.still]:
+            lines.append(f"\\mathbf{{f}}_{side} = {w.vector(-total[side][0])}")
+            lines.append(f"\\mathbf{{m}}_{side} = {w.vector(-total[side][1])}")
+        for name, e in self.coordinate_rows().items():
+            lines.append(f"h_{{{name}}} = {w.scalar(e)}")
+        text = (
+            "What the bodies feel at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated"
+            " force; carried to the centre of a body the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+        )
+        if self.s.coordinates:
+            text += " $h$ is what the law adds to the left-hand side of the row of the joint's own coordinate."
+        named = self.book.definitions(mark)
+        blocks = [Paragraph(text), *_equations(lines), *([Paragraph("with"), *named] if named else [])]
+        if not external(self.s):
+            blocks.append(Paragraph(self.balance(total)))
+        return Section("Forces on both bodies", blocks)
+
+    def coordinate_rows(self) -> dict[str, Expr]:
+        """What the law adds to rows of joint coordinates."""
+        return {name: self.elastic[1][symbol] + self.drag[1][self.s.clock[symbol]] for name, symbol in self.s.coordinates.items()}
+
+    def balance(self, total: dict[str, Pair]) -> str:
+        """Sums of forces and moments."""
+        n, st = self.book.numbers(self.state), self.state
+        arm = st.atom(Base("r", "l")) - st.atom(Base("r", "k"))
+        force = n.vector(total["k"][0]) + n.vector(total["l"][0])
+        moment = n.vector(total["k"][1]) + n.vector(total["l"][1]) + np.cross(arm, n.vector(total["l"][0]))
+        size = n.vector(total["l"][0])
+        errors = [
+            residual(force + size, size + 0 * force),
+            residual(moment + n.vector(total["l"][1]), n.vector(total["l"][1]) + 0 * moment),
+        ]
+        self.book.checks += [Check("sum of forces vanishes", errors[0]), Check("sum of moments vanishes", errors[1])]
+        return (
+            "Balance: $\\mathbf{f}_k + \\mathbf{f}_l = \\mathbf{0}$ and $\\mathbf{m}_k + \\mathbf{m}_l +"
+            " (\\mathbf{r}_l - \\mathbf{r}_k)\\times\\mathbf{f}_l = \\mathbf{0}$ at every state; they hold within"
+            f" {max(errors):.1e} at the random states."
+        )
+
+    def states(self) -> list[Section]:
+        """Internal states."""
+        if not self.rates:
+            return []
+        w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
+        for name in self.rates:
+            latex = self.book.known[f"state_{name}"].latex
+            blocks.append(
+                Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}")
+            )
+        named = self.book.definitions(mark)
+        return [Section("Internal states", [*blocks, *([Paragraph("with"), *named] if named else [])])]
+
+    def one_sided(self) -> list[Section]:
+        """Gaps of a law that acts where they are negative."""
+        if not self.gaps:
+            return []
+        w, mark = self.book.writer, self.book.mark()
+        lines = [f"g = {w.scalar(g)} \\\\ \\dot g = {w.scalar(rate)}" for g, rate in self.gaps]
+        self.book.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
+        w.used.add("gap")
+        named = self.book.definitions(mark)
+        return [
+            Section(
+                "Gap",
+                [
+                    Paragraph("The law acts where the gap is negative; no step of a solver passes over that."),
+                    *_equations(lines),
+                    *([Paragraph("with"), *named] if named else []),
+                ],
+            )
+        ]
+
+    def power(self) -> Section:
+        """Power and its sign."""
+        w, mark, n = self.book.writer, self.book.mark(), self.book.numbers(self.state)
+        lines = [f"P_{{\\text{{{name}}}}} = {w.scalar(e)}" for name, e in self.losses.items()]
+        dissipated = np.asarray(self.state.scalar(self.d.dissipated_power))
+        if self.losses:
+            self.check(
+                "losses by cause, with the dissipated power that is integrated",
+                n.scalar(sum(self.losses.values(), se.Integer(0))),
+                dissipated,
+            )
+        blocks: list[Block] = []
+        if np.any(dissipated != 0):
+            least = float(np.min(dissipated))
+            sign = (
+                "never negative" if least >= -1e-12 else "of either sign, because internal states store energy and give it back"
+            )
+            blocks.append(Paragraph(f"Dissipated power: {sign} at {POINTS} random states."))
+        else:
+            blocks.append(
+                Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work.")
+            )
+        named = self.book.definitions(mark)
+        return Section("Power", [*blocks, *_equations(lines), *([Paragraph("with"), *named] if named else [])])
+
+    # -- checks
+
+    def check(self, what: str, got: Any, wanted: Any) -> None:
+        """Compare formula and integrated equation."""
+        self.book.checks.append(Check(what, residual(got, wanted)))
+
+    def run_checks(self) -> None:
+        """Formulas against the compiled kernel."""
+        st, n = self.state, self.book.numbers(self.state)
+        kernel = compiled(self.d, st)
+        self.check("potential energy", np.broadcast_to(n.scalar(self.energy), (POINTS,)), st.scalar(self.d.energy))
+        for side, (force, moment) in self.total().items():
+            if side in self.s.still:
+                continue
+            f = st.frame(side)
+            F = np.broadcast_to(n.vector(force), (POINTS, 3))
+            M = n.vector(moment) + np.cross(st.vector(f.arm), F)
+            got = [*np.moveaxis(F, -1, 0), *(np.sum(st.vector(column) * M, axis=-1) for column in f.body)]
+            wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
+            self.check(f"force on {side}, with the compiled kernel", got[:3], wanted[:3])
+            self.check(f"moment on {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
+        for name, e in self.coordinate_rows().items():
+            self.check(
+                f"row of {name}, with the compiled kernel",
+                np.broadcast_to(n.scalar(e), (POINTS,)),
+                kernel.get(("u", "c", 0), np.zeros(POINTS)),
+            )
+        stated_gaps = [e for pair in self.d.law.gaps(*self.d.sides) for e in pair]
+        for e, wanted_ in zip((e for pair in self.gaps for e in pair), stated_gaps, strict=True):
+            self.check("gap or its rate", n.scalar(e), st.scalar(self.d.variation.name(wanted_)))
+        for what, stated, derived_ in (("rate", self.rates, self.d.state_rates), ("start", self.starts, self.d.state_starts)):
+            for (name, e), wanted_ in zip(stated.items(), derived_, strict=True):
+                self.check(f"{what} of {name}", np.broadcast_to(n.scalar(e), (POINTS,)), st.scalar(wanted_))
+
+
+def compiled(d: Derived, state: State) -> dict[Any, Any]:
+    """Forces of the compiled kernel (LLVM) at states, by target."""
+    p = plan(d, dynamics)
+    if not p.targets:
+        return {}
+    x = np.stack([state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
+    return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+
+def _equations(lines: list[str]) -> list[Equation]:
+    return [Equation(" \\\\ ".join(lines))] if lines else []
+
+
+def plane(planar: Derived | None) -> Section:
+    """The planar form of a force."""
+    if planar is None:
+        return Section("Planar form", [Paragraph("The law has no planar form.")])
+    text = (
+        "Where all motions lie in the plane z = 0 the vectors above have two components, rotations and moments one,"
+        " $\\boldsymbol{\\omega} = \\omega\\,\\mathbf{i}_z$; forces out of the plane vanish identically, which the derivation"
+        " checks."
+    )
+    return Section("Planar form", [Paragraph(text)])
+
+
+def force_report(law: type[Force], structure: Structure) -> Document:
+    """The report of a force law."""
+    return ForceReport(law, structure).document()

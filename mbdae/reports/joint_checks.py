@@ -1,0 +1,216 @@
+"""A joint law beside its derived equations: every formula of its report is compared with what is integrated."""
+
+from __future__ import annotations
+
+import functools
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.kernels.plan import plan
+from mbdae.reports.book import Book, Check, row_name
+from mbdae.reports.calculus import Dual, Motion, Pair
+from mbdae.reports.render import Numbers
+from mbdae.reports.statement import Statement, derived
+from mbdae.reports.states import POINTS, State, random_state, residual
+from mbdae.reports.vectors import Base, Vector
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Joint, Structure
+from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
+from mbdae.symbolic.vectors import Expr, Vec
+
+STEP = 1e-30
+
+
+class JointChecks:
+    """The rows of one joint law with the forces that follow from them, and their checks."""
+
+    def __init__(self, law: type[Joint], structure: Structure) -> None:
+        self.s = Statement(law, structure)
+        _ = self.s.rows, self.s.branches
+        self.book = Book(self.s)
+        self.d = self.s.derived
+        self.state = random_state(self.d)
+        self.duals: dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]] = {}
+        for name, e in self.s.rows.items():
+            self.duals[name] = Dual(self.s.record, symbols=tuple(self.s.coordinates.values())).of(e)
+        self.weights = {row: se.Symbol(f"lambda_{row}") for row in self.s.rows}
+
+    def check(self, what: str, got: Any, wanted: Any) -> None:
+        """Compare formula and integrated equation."""
+        self.book.checks.append(Check(what, residual(got, wanted)))
+
+    def compiled(self, state: State) -> dict[Any, Any]:
+        """Outputs of the compiled kernel (LLVM) at states, by target."""
+        p = plan(self.d, report_outputs)
+        x = np.stack([state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    def total(self) -> dict[str, Pair]:
+        """G^T lambda on both sides."""
+        zero = self.s.record.zero()
+        out = dict.fromkeys("kl", (zero, zero))
+        for row, (pairs, _) in self.duals.items():
+            out = {
+                side: (out[side][0] + pairs[side][0] * self.weights[row], out[side][1] + pairs[side][1] * self.weights[row])
+                for side in "kl"
+            }
+        return out
+
+    @cached_property
+    def resisted(self) -> dict[str, Pair] | None:
+        """Friction on both bodies, left-hand side, at their points."""
+        return resistance_pairs(self.s)
+
+    def run_checks(self, rate: Motion, rates: dict[str, Expr]) -> None:
+        """Every displayed formula against the compiled equations."""
+        n, kernel = self.book.numbers(self.state), self.compiled(self.state)
+        order = list(self.s.rows)
+        for target, values in kernel.items():
+            if target[0] in ("g", "gd", "gdd"):
+                row = self.d.rows[target[1]]
+                e = self.s.rows[row] if target[0] == "g" else rates[row] if target[0] == "gd" else rate.scalar(rates[row])
+                kind = {"g": "constraint", "gd": "rate", "gdd": "second rate"}[target[0]]
+                self.check(f"{kind} {row_name(row)}, with the compiled kernel", n.scalar(e), values)
+        stated = self.d.law.branches(*self.d.sides)
+        for name, e in self.s.branches.items():
+            self.check(f"branch: {name}", n.scalar(e), self.state.scalar(self.d.variation.name(stated[name])))
+        missing = [row for row in order if row not in self.d.rows]
+        if missing:
+            raise LawError(f"row '{missing[0]}' vanishes in space: state it where it does not")
+        self._check_forces(n, kernel)
+        self._check_motion(rates)
+
+    def _check_forces(self, n: Any, kernel: dict[Any, Any]) -> None:
+        stated = self.resisted
+        for side, (force, moment) in self.total().items():
+            f = self.state.frame(side)
+            if stated is not None:
+                force, moment = force + stated[side][0], moment + stated[side][1]
+            F = np.broadcast_to(n.vector(force), (POINTS, 3))
+            M = n.vector(moment) + np.cross(self.state.vector(f.arm), F)
+            body = [np.sum(self.state.vector(column) * M, axis=-1) for column in f.body]
+            got = [*np.moveaxis(F, -1, 0), *body]
+            wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
+            self.check(f"force on the side of {side}, with the compiled kernel", got[:3], wanted[:3])
+            self.check(
+                f"moment on the side of {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:]
+            )
+        for name, symbol in self.s.coordinates.items():
+            total = sum(self.weights[row] * partial[symbol] for row, (_, partial) in self.duals.items())
+            self.check(f"row of {name}, with the compiled kernel", n.scalar(total), kernel[("u", "c", 0)])
+
+    def _check_motion(self, rates: dict[str, Expr]) -> None:
+        """dg/dt by moving the bodies (complex step through the quaternions) against G u; the same for forces."""
+        st = self.state
+        moved = st.changed(
+            1j * STEP, {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in "kl"}, self._clock()
+        )
+        n, got = self.book.numbers(st), self.book.numbers(moved)
+        for row, e in self.s.rows.items():
+            change = np.imag(np.broadcast_to(got.scalar(e), (POINTS,))) / STEP
+            self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
+        virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in "kl"}
+        varied, rule = st.changed(1j * STEP, virtual), self.s.variation()
+        derived_rows = State(varied.d, varied.given)
+        for row, e in self.s.rows.items():
+            index = self.d.rows.index(row)
+            wanted = np.imag(derived_rows.scalar(self.d.g[index])) / STEP
+            self.check(
+                f"variation of row {row_name(row)} by moving the bodies",
+                np.broadcast_to(n.scalar(rule.scalar(e)), (POINTS,)),
+                wanted,
+            )
+        for side, pair in covectors(self.d).items():
+            arm = self.state.frame(side).arm
+            for part, what, formula in ((pair[0], "force", self.total()[side][0]), (pair[1], "moment", self.total()[side][1])):
+                at_point = part if what == "force" else part - arm.cross(pair[0])
+                wanted = np.imag(varied.vector(at_point)) / STEP
+                self.check(f"geometric stiffness, {what} on the side of {side}", n.vector(rule.vector(formula)), wanted)
+
+    def _clock(self) -> dict[str, Any]:
+        return {str(s): self.state.symbol(str(ds)) for s, ds in self.s.clock.items() if str(s) in self.state.given}
+
+    def _check_body_frame(self) -> None:
+        """J^T of products equals products of J^T: the substitution the table makes."""
+        st = self.state
+        for side in "kl":
+            J = np.stack([st.atom(Base(a, side)) for a in "xyz"], axis=-1)
+            plain = self.book.numbers(st)
+            axes = {Base("E", a): J[:, i] for i, a in enumerate("xyz")}
+            resolved = Numbers(self.s.record, functools.partial(_resolved, st, J), st.symbol, axes)
+            for part, what in zip(self.total()[side], ("force", "moment"), strict=True):
+                wanted = np.einsum("pji,pj->pi", J, np.broadcast_to(plain.vector(part), (POINTS, 3)))
+                self.check(f"{what} on the side of {side} in joint axes", resolved.vector(part), wanted)
+
+    def _rate_proof(self, rates: dict[str, Expr]) -> float:
+        """G u from the table of forces against the rates."""
+        n, worst = self.book.numbers(self.state), 0.0
+        for row, (pairs, partial) in self.duals.items():
+            Gu: Any = np.zeros(POINTS)
+            for side in "kl":
+                Gu = Gu + np.sum(
+                    n.vector(pairs[side][0]) * n.atom(Base("v", side)) + n.vector(pairs[side][1]) * n.atom(Base("w", side)), -1
+                )
+            Gu = Gu + sum(n.scalar(p) * n.scalar(self.s.clock[s]) for s, p in partial.items())
+            of_time = sum((se.diff(self.s.rows[row], p) * dp for p, dp in self.d.variation.clock.items()), se.Integer(0))
+            for a in [
+                a
+                for a in self.s.record.vectors.values()
+                if any(c.free_symbols & set(self.d.variation.clock) for c in a.terms.values())
+            ]:
+                of_time += self._clocked(row, a)
+            error = residual(Gu + n.scalar(of_time), n.scalar(rates[row]))
+            worst = max(worst, error)
+            self.book.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
+        return worst
+
+    def _clocked(self, row: str, a: Vector) -> Expr:
+        """What a row changes by the clock inside a named vector."""
+        record = self.s.record
+        numbers = [n for n, value in record.vectors.items() if value is a and n not in record.changes]
+        total: Expr = se.Integer(0)
+        for symbol in self.s.rows[row].free_symbols & set(record.dots):
+            for one, other in (record.dots[symbol], record.dots[symbol][::-1]):
+                if getattr(one, "number", None) in numbers:
+                    changed = {
+                        atom: sum((se.diff(c, p) * dp for p, dp in self.d.variation.clock.items()), se.Integer(0))
+                        for atom, c in a.terms.items()
+                    }
+                    total += se.diff(self.s.rows[row], symbol) * sum(c * record.dot(atom, other) for atom, c in changed.items())
+        return total
+
+
+def _resolved(state: State, J: Any, base: Base) -> Any:
+    """A frame vector in the axes J."""
+    return np.einsum("pji,pj->pi", J, state.atom(base))
+
+
+def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
+    """What a joint adds to the equations, rows with both rates."""
+    return [*position(d), *velocity(d), *acceleration(d), *dynamics(d)]
+
+
+def covectors(d: Derived) -> dict[str, tuple[Vec, Vec]]:
+    """G^T lambda of both sides as derived: force, moment about the centre, inertial."""
+    return {f.side: weighted(d, d.multipliers, f.side) for f in d.sides}
+
+
+def resistance_pairs(s: Statement) -> dict[str, Pair] | None:
+    """Forces a joint states besides its rows, left-hand side, at the points."""
+    if s.wrench is None:
+        return None
+    force, torque = s.wrench
+    d = s.record.single(s.record.atom("r", "l") - s.record.atom("r", "k"))
+    return {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
+
+
+def planar_of(s: Statement) -> Derived | None:
+    """The law in the plane, where it has a planar form."""
+    try:
+        return derived(s.cls, s.structure, planar=True)
+    except LawError:
+        return None

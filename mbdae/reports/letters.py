@@ -1,0 +1,92 @@
+"""Letters of symbols: how a parameter, a state or a multiplier is written, with unit and meaning."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from mbdae.symbolic.law import Law, Structure
+
+GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
+         "rho",
+         "sigma", "tau", "phi", "chi", "psi", "omega"}  # fmt: skip
+#: letters of parameters that have words for names
+WORDS = {
+    "stiffness": "k", "damping": "c", "length": "L", "mass": "m", "rest": "c_0", "turns": r"\varphi_n", "torque": r"\tau",
+    "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l",
+    "scaling": "s", "penalty": "p",
+    "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
+    "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Letter:
+    """How a symbol is written, its unit and what it is."""
+
+    latex: str
+    unit: str
+    meaning: str
+
+
+def of_name(name: str, unit: str = "") -> str:
+    """LaTeX of a parameter or state by its name."""
+    if name == "drive":
+        return r"\varphi_d" if unit == "rad" else "s_d"
+    if name in WORDS:
+        return WORDS[name]
+    for option in ("friction_", "normal_"):
+        if name.startswith(option):
+            return of_name(name.removeprefix(option), unit)
+    base, *lower = name.split("_")
+    match = re.fullmatch(r"([A-Za-z]+?)(\d+)", base)
+    if match:
+        base, lower = match[1], [match[2], *lower]
+    elif re.fullmatch(r"[A-Za-z][xyz]{1,2}", base):
+        base, lower = base[0], [base[1:], *lower]
+    if base in WORDS and lower:
+        base = WORDS[base]
+    first = f"\\{base}" if base.lower() in GREEK else base if len(base) == 1 else f"\\text{{{base}}}"
+    if not lower:
+        return first
+    below = ",".join(f"\\{part}" if part in GREEK else part if len(part) == 1 or part.isdigit() else f"\\text{{{part}}}"
+                     for part in lower)  # fmt: skip
+    return f"{first}_{{{below}}}"
+
+
+def multiplier(row: str) -> str:
+    """LaTeX of the multiplier of a row."""
+    return f"\\lambda_{{\\text{{{row.replace('_', ' ')}}}}}"
+
+
+def unit_text(unit: str) -> str:
+    """A unit as text: exponents as mathematics, "1" as a dash."""
+    if unit in ("1", ""):
+        return "1" if unit else ""
+    return re.sub(r"\^\(?([-0-9.]+)\)?", r"$^{\1}$", unit)
+
+
+def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter]:
+    """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates."""
+    found: dict[str, Letter] = {}
+    specs = [(name, name, spec) for name, spec in instance.params.items()]
+    specs += [(f"state_{name}", name, spec) for name, spec in instance.states.items()]
+    for symbol, name, spec in specs:
+        state, latex = symbol != name, of_name(name, spec.unit)
+        timed = name in shape.timed
+        known = {letter.latex for letter in found.values()}
+        if latex in known:
+            latex = f"\\text{{{name.replace('_', ' ')}}}"
+        meaning = spec.meaning + (", given over time" if timed else ", internal state" if state else "")
+        found[symbol] = Letter(latex, spec.unit, meaning)
+        for end, dots, per in (("_dot", r"\dot", "/s"), ("_ddot", r"\ddot", "/s^2")):
+            if timed:
+                found[name + end] = Letter(
+                    f"{dots}{{{latex}}}", _per(spec.unit, per), f"its {'rate' if per == '/s' else 'second rate'}"
+                )
+    return found
+
+
+def _per(unit: str, per: str) -> str:
+    return f"1{per}" if unit in ("1", "") else f"{unit}{per}"

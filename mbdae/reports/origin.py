@@ -1,0 +1,33 @@
+"""Where the report of a part comes from: the law that uses it, as it is integrated."""
+
+from __future__ import annotations
+
+from mbdae.contact import Hertz, JournalContact
+from mbdae.forces import SlideFriction
+from mbdae.friction import Friction
+from mbdae.reports.document import Block, Paragraph, Section
+from mbdae.reports.statement import derived, fingerprint, structure_of
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.part import Part, PartStructure
+
+
+def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
+    """The hash of a law with this part."""
+    user: type[Force] = SlideFriction if issubclass(cls, Friction) else JournalContact
+    options = {"friction": structure} if issubclass(cls, Friction) else {"normal": structure, "friction": None}
+    d = derived(user, structure_of(user, options))
+    return [
+        Section(
+            "Origin",
+            [
+                Paragraph(
+                    f"This report was made from the object that is integrated, `{cls.__module__}.{cls.__qualname__}`. The sha256"
+                    f" of the derived equations of `{user.__name__}` with it, between two bodies in space, is:"
+                ),
+                Paragraph(f"`{fingerprint(d)}`"),
+            ],
+        )
+    ]
+
+
+__all__ = ["Hertz", "part_origin"]

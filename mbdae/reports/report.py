@@ -1,0 +1,123 @@
+"""`mb.report`: what a law, a joint model or a scene is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mbdae.contact
+import mbdae.elements
+import mbdae.forces
+import mbdae.friction
+import mbdae.joints
+from mbdae.contact import Hertz, JournalContact
+from mbdae.elements.beam import Beam
+from mbdae.errors import LawError, OptionError
+from mbdae.forces.line_load import LineLoad
+from mbdae.friction import Coulomb, LuGre
+from mbdae.joints import ClassicalRevolute, ClearanceRevolute, Revolute
+from mbdae.reports.document import Document, Paragraph, Section
+from mbdae.reports.element import element_report
+from mbdae.reports.force import force_report
+from mbdae.reports.joint import joint_report
+from mbdae.reports.line import line_report
+from mbdae.reports.parts import part_report
+from mbdae.reports.recursive import recursive_report
+from mbdae.reports.scene_sheet import scene_sheet
+from mbdae.reports.statement import structure_of
+from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
+from mbdae.symbolic.line import LineLaw
+from mbdae.symbolic.part import Part
+
+#: typical values of parts, of which a report of their class shows the shape
+_TYPICAL: dict[type[Part], Part] = {
+    Coulomb: Coulomb(0.3, 1e-3),
+    LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
+    Hertz: Hertz(1e9, damping=0.3),
+}
+
+
+def exported() -> dict[str, type]:
+    """Every law of the package by its name in small letters."""
+    homes = (mbdae.joints, mbdae.forces, mbdae.elements, mbdae.contact, mbdae.friction)
+    found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
+    found |= {"beam": Beam, "lineload": LineLoad}
+    return {
+        name: law
+        for name, law in found.items()
+        if issubclass(law, Law | Part) and law not in (mbdae.contact.Normal, mbdae.friction.Friction)
+    }
+
+
+def names() -> list[str]:
+    """Names `mbdae report` knows."""
+    return sorted({"kinematic", "classical", "recursive", "clearance", *exported()})
+
+
+def report(what: Any, **options: Any) -> Document:
+    """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
+
+    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement.
+    `.save("x.html")`, also .md and .tex."""
+    if isinstance(what, SceneData):
+        return scene_sheet(what)
+    if isinstance(what, str):
+        return _by_name(what, options)
+    if isinstance(what, Connection):
+        return report(what.joint, **options)
+    model = what() if what in (Kinematic, Classical, Recursive) else what
+    if isinstance(model, JointModel):
+        return _of_model(model)
+    if isinstance(what, Part):
+        return part_report(type(what), what.structure())
+    if isinstance(what, Law):
+        timed = frozenset(p for p in what.params if hasattr(getattr(what, p), "free_symbols"))
+        return _of_law(type(what), what.structure(timed))
+    if isinstance(what, type) and issubclass(what, Part):
+        if what not in _TYPICAL:
+            raise LawError(f"{what.__name__} needs values to be reported: say mb.report({what.__name__}(...))")
+        return part_report(what, _TYPICAL[what].structure())
+    if isinstance(what, type) and issubclass(what, Law):
+        return _of_law(what, structure_of(what, options))
+    raise OptionError(f"report({what!r}): give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
+
+
+def _by_name(name: str, options: dict[str, Any]) -> Document:
+    known: dict[str, Any] = {"kinematic": Revolute, "classical": ClassicalRevolute, "recursive": Recursive, **exported()}
+    if name == "clearance":
+        return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
+    if name not in known:
+        raise OptionError(f"report '{name}': not known; give one of {', '.join(names())}, or a file")
+    return report(known[name], **options)
+
+
+def _of_law(law: type[Law], structure: Structure) -> Document:
+    if issubclass(law, Joint):
+        return joint_report(law, structure)
+    if issubclass(law, Force):
+        return force_report(law, structure)
+    if issubclass(law, LineLaw):
+        return line_report(law, structure)
+    if issubclass(law, Element):
+        return element_report(law, structure)
+    raise LawError(f"{law.__name__} is neither joint, force, body nor line: there is no report of it")
+
+
+def _of_model(model: JointModel) -> Document:
+    if isinstance(model, Clearance):
+        return _clearance(model.normal, model.friction, model.length)
+    if isinstance(model, Recursive):
+        return recursive_report()
+    return report(ClassicalRevolute if isinstance(model, Classical) else Revolute)
+
+
+def _clearance(normal: Any, friction: Any, length: float | None) -> Document:
+    """What remains constrained, and the contact."""
+    left_out = {"length": None} if length is None else {}
+    rows = joint_report(ClearanceRevolute, structure_of(ClearanceRevolute, {"tilting": length is not None, "drive": None}))
+    contact = force_report(JournalContact, structure_of(JournalContact, {"normal": normal, "friction": friction, **left_out}))
+    text = (
+        "A revolute joint with clearance is two laws: rows that still hold, and a contact between pin and race where they meet."
+    )
+    return Document("Revolute joint with clearance", [Paragraph(text), *(Section(d.title, d.blocks) for d in (rows, contact))])

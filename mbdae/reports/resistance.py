@@ -1,0 +1,59 @@
+"""Forces of a joint that its own reactions cause: friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mbdae.reports.document import Block, Equation, Paragraph, Section
+from mbdae.reports.states import POINTS
+from mbdae.reports.vectors import Base
+
+if TYPE_CHECKING:
+    from mbdae.reports.joint_checks import JointChecks
+
+
+def resistance_section(r: JointChecks) -> Section | None:
+    """What the joint states besides its rows, its states and the sign of its power."""
+    s, w = r.s, r.book.writer
+    if s.wrench is None:
+        return None
+    force, torque = s.wrench
+    rates = s.states("rates")
+    r.book.refresh()
+    mark = r.book.mark()
+    blocks: list[Block] = [
+        Paragraph(
+            "Besides, the reactions themselves cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
+            " opposite acts on k at the same point."
+        ),
+        Equation(f"\\mathbf{{F}} = {w.vector(force)} \\\\ \\mathbf{{T}} = {w.vector(torque)}"),
+    ]
+    for name, rate in rates.items():
+        blocks.append(
+            Equation(f"\\dot {r.book.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
+        )
+    named = r.book.definitions(mark)
+    blocks += [Paragraph("with"), *named] if named else []
+    n, st = r.book.numbers(r.state), r.state
+    relative = (
+        st.atom(Base("v", "l"))
+        - st.atom(Base("v", "k"))
+        - np.cross(st.atom(Base("w", "k")), st.atom(Base("r", "l")) - st.atom(Base("r", "k")))
+    )
+    power = np.sum(n.vector(force) * relative + n.vector(torque) * (st.atom(Base("w", "l")) - st.atom(Base("w", "k"))), axis=-1)
+    r.check(
+        "dissipated power, with the energy balance that is integrated",
+        -np.broadcast_to(power, (POINTS,)),
+        st.scalar(r.d.dissipated_power),
+    )
+    sign = "never positive" if np.all(power <= 1e-12) else "of either sign: internal states store energy and may give it back"
+    blocks.append(
+        Paragraph(
+            "Power on the bodies $\\mathbf{F}\\cdot(\\mathbf{v}_l - \\mathbf{v}_k -"
+            " \\boldsymbol{\\omega}_k\\times(\\mathbf{r}_l - \\mathbf{r}_k)) +"
+            f" \\mathbf{{T}}\\cdot(\\boldsymbol{{\\omega}}_l - \\boldsymbol{{\\omega}}_k)$: {sign} at {POINTS} random states."
+        )
+    )
+    return Section("Friction", blocks)

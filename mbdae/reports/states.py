@@ -1,0 +1,125 @@
+"""Random states of motion at which the formulas of a report are compared with what is integrated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.reports.render import Values, value
+from mbdae.reports.vectors import Base
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.system.rotations import quaternion, rotation_matrices, turned
+
+POINTS = 20  #: states of every check
+
+
+class State:
+    """Values of all symbols of a derived law at several states."""
+
+    def __init__(self, d: Derived, given: Values) -> None:
+        self.d, self.given = d, given
+        self._known: dict[Expr, Any] = {}
+        self._meaning = {s: e for f in d.frames for table in (f.structure, f.meaning) for s, e in table.items()}
+        self._meaning |= d.variation.values
+
+    def get(self, symbol: Expr) -> Any:
+        """Value of a symbol: given, or by its meaning."""
+        if symbol not in self._known:
+            name = str(symbol)
+            if name in self.given:
+                self._known[symbol] = self.given[name]
+            else:
+                self._known[symbol] = value(se.sympify(self._meaning[symbol]), self.get)
+        return self._known[symbol]
+
+    def symbol(self, name: str) -> Any:
+        """The same by name."""
+        return self.get(se.Symbol(name))
+
+    def scalar(self, e: Expr) -> Any:
+        """A derived expression."""
+        return np.broadcast_to(value(se.sympify(e), self.get), (self.points,))
+
+    def vector(self, a: Vec) -> NDArray[Any]:
+        """Components (points, 3)."""
+        return np.stack([self.scalar(c) for c in a.c], axis=-1)
+
+    @property
+    def points(self) -> int:
+        """Number of states."""
+        return len(next(iter(self.given.values())))
+
+    def frame(self, side: str) -> Frame:
+        """A side's frame."""
+        return next(f for f in self.d.frames if f.side == side)
+
+    def atom(self, base: Base) -> NDArray[Any]:
+        """A vector of a frame (points, 3)."""
+        if base.kind in ("du", "dpsi"):
+            return np.stack([self.given[f"{base.kind}_{base.side}{i}"] for i in range(3)], axis=-1)
+        f = self.frame(base.side)
+        vectors = {"r": f.r, "s": f.arm, "c": f.center, "x": f.x, "y": f.y, "z": f.z, "v": f.v, "w": f.w,
+                   "bx": f.body[0], "by": f.body[1], "bz": f.body[2]}  # fmt: skip
+        return self.vector(vectors[base.kind])
+
+    def changed(self, step: complex, motion: dict[str, tuple[Any, Any]], symbols: dict[str, Any] | None = None) -> State:
+        """After a small motion: per side the displacement of its point and its rotation (points, 3), further symbols."""
+        given = dict(self.given)
+        for side, (move, turn) in motion.items():
+            f = self.frame(side)
+            if not f.kind.moves:
+                continue
+            center = move - np.cross(turn, self.vector(f.arm))
+            P = np.stack([self.given[str(s)] for s in f.q[3:]], axis=-1)
+            dP = _rate(P, turn)
+            changes = [*np.moveaxis(center, -1, 0), *np.moveaxis(dP, -1, 0)]
+            given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
+        given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
+        return State(self.d, given)
+
+
+def _rate(P: NDArray[Any], turn: NDArray[Any]) -> NDArray[Any]:
+    """Change of a quaternion for a small rotation, inertial components: (0, turn) o P / 2."""
+    scalar = -np.sum(turn * P[:, 1:], axis=-1, keepdims=True)
+    return np.concatenate([scalar, P[:, :1] * turn + np.cross(turn, P[:, 1:])], axis=-1) / 2
+
+
+def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5, together: bool = False) -> State:
+    """Random attitudes, places, velocities, parameters and multipliers; `together`: relative rotations of `spread` rad."""
+    rng = np.random.default_rng(seed)
+    given: Values = {}
+    for f in d.frames:
+        J = np.array([_matrix(rng.uniform(-spread, spread, 3)) for _ in range(points)])
+        Q = np.array([_matrix(rng.uniform(-1, 1, 3)) for _ in range(points)])
+        if f.kind is NodeKind.SPATIAL:
+            P = np.array([quaternion(j @ q.T) for j, q in zip(J, Q, strict=True)]) * rng.uniform(0.5, 2, (points, 1))
+            given |= {str(s): c for s, c in zip(f.q[3:], P.T, strict=True)}
+        else:
+            Q = J
+        if f.kind is not NodeKind.COORDINATE:
+            given |= {f"{f.side}_Q{a}{i + 1}": Q[:, i, j] for j, a in enumerate("xyz") for i in range(3)}
+            given |= {f"{f.side}_p{i + 1}": rng.normal(size=points) for i in range(3)}
+        given |= {str(s): rng.normal(size=points) for s in (*f.q, *f.u) if str(s) not in given}
+    for name in d.law.params:
+        given[name] = rng.uniform(0.5, 1.5, points)
+        given |= {name + end: rng.normal(size=points) for end in ("_dot", "_ddot")}
+    given |= {f"state_{name}": rng.normal(size=points) for name in d.law.states}
+    given |= {str(s): rng.normal(size=points) for s in [*d.multipliers, *d.stabilisers]}
+    given |= {f"{kind}_{f.side}{i}": rng.normal(size=points) for f in d.frames for kind in ("du", "dpsi") for i in range(3)}
+    return State(d, given)
+
+
+def _matrix(vector: Any) -> NDArray[np.float64]:
+    return rotation_matrices(turned(np.array([1.0, 0, 0, 0]), np.asarray(vector, dtype=float)))
+
+
+def residual(got: Any, wanted: Any) -> float:
+    """Largest difference relative to the largest value wanted (at least 1)."""
+    scale = max(1.0, float(np.max(np.abs(wanted), initial=0.0)))
+    worst = float(np.max(np.abs(np.asarray(got) - np.asarray(wanted)), initial=0.0)) / scale
+    return worst if worst == worst else float("inf")

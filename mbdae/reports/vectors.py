@@ -1,0 +1,232 @@
+"""Vectors that stay vectors: a law is stated on them as on `symbolic.vectors.Vec`, and what it did is recorded.
+
+A vector is a sum of scalars times atoms: frame vectors (r, v, x, y, z, omega of k and l), inertial axes, vectors with a name of
+their own, and products of two atoms. Scalars stay symengine expressions: an inner product is a symbol whose factors the record
+knows, so laws may use any function of it. Sums that enter a product get a name (d = r_l - r_k), as `let` gives one to scalars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.vectors import Expr, Vec
+
+_ZERO, _ONE = se.Integer(0), se.Integer(1)
+_ORDER = {"r": 0, "s": 1, "c": 2, "x": 3, "y": 4, "z": 5, "v": 6, "w": 7, "du": 8, "dpsi": 9, "E": 10}
+
+
+@dataclass(frozen=True)
+class Base:
+    """A vector of a frame ("k", "l"), or an inertial axis ("E", "x" to "z")."""
+
+    kind: str
+    side: str
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Order among atoms."""
+        return (0, self.side, _ORDER.get(self.kind, 11), self.kind)
+
+
+@dataclass(frozen=True)
+class NamedVector:
+    """A vector with a name of its own; the record knows its value."""
+
+    number: int
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Order among atoms."""
+        return (1, self.number)
+
+
+@dataclass(frozen=True)
+class Product:
+    """The vector product of two atoms."""
+
+    left: Atom
+    right: Atom
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Order among atoms."""
+        return (2, self.left.key, self.right.key)
+
+
+Atom = Base | NamedVector | Product
+
+
+def _turning(atom: Atom) -> tuple[Any, ...]:
+    """Order of the factors of a vector product: rotations come first."""
+    return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi")), atom.key)
+
+
+AXES = tuple(Base("E", side) for side in "xyz")
+
+
+class Record:
+    """Names, inner products and vector names of one statement."""
+
+    def __init__(self) -> None:
+        self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product and its factors
+        self.scalars: dict[Expr, Expr] = {}  #: names of scalars
+        self.vectors: dict[int, Vector] = {}  #: names of vectors
+        self.labels: dict[Expr | int, str] = {}  #: letters a law gives its names
+        self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: gradients of named scalars: kind, scalar, side
+        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: names inside a scalar
+        self.cache: dict[Any, Any] = {}  #: gradients of named scalars
+        self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
+
+    def atom(self, kind: str, side: str) -> Vector:
+        """A vector of a frame."""
+        return Vector(self, {Base(kind, side): _ONE})
+
+    def zero(self) -> Vector:
+        """The zero vector."""
+        return Vector(self, {})
+
+    def axis(self, i: int) -> Vector:
+        """An inertial axis."""
+        return Vector(self, {AXES[i]: _ONE})
+
+    def lift(self, a: Vec) -> Vector:
+        """A vector of components as one of atoms."""
+        if isinstance(a, Vector):
+            return a
+        return Vector(self, {axis: c for axis, c in zip(AXES, a.c, strict=True) if c != 0})
+
+    def dot(self, a: Atom, b: Atom) -> Expr:
+        """The symbol of an inner product."""
+        if isinstance(a, Base) and isinstance(b, Base) and a.kind == b.kind == "E":
+            return _ONE if a == b else _ZERO
+        a, b = sorted((a, b), key=lambda atom: atom.key)
+        if isinstance(a, Base) and a.kind == "E":
+            a, b = b, a
+        for symbol, factors in self.dots.items():
+            if factors == (a, b):
+                return symbol
+        symbol = se.Symbol(f"dot{len(self.dots) + 1}")
+        self.dots[symbol] = (a, b)
+        return symbol
+
+    def single(self, a: Vector) -> Vector:
+        """The vector as a factor of a product: a sum gets a name."""
+        return a if len(a.terms) <= 1 else self.known(a)
+
+    def known(self, a: Vector) -> Vector:
+        """A vector under the name it has, or a new one."""
+        a = Vector(self, {atom: self.resolve(c) for atom, c in a.terms.items()})
+        for number, value in self.vectors.items():
+            if value.terms == a.terms:
+                return Vector(self, {NamedVector(number): _ONE})
+            if value.terms == (-a).terms:
+                return Vector(self, {NamedVector(number): -_ONE})
+        return self.name_vector(a)
+
+    def name_vector(self, a: Vector, change: tuple[str, int] | None = None) -> Vector:
+        """A vector under a new name; `change`: the sign and number of the vector it is the change of."""
+        number = len(self.vectors) + 1
+        if change is not None:
+            self.changes[number] = change
+        self.vectors[number] = a
+        return Vector(self, {NamedVector(number): _ONE})
+
+    def name_scalar(self, e: Expr, label: str = "") -> Expr:
+        """A scalar under a name; what is a number or a symbol has one, an inner product only where the law gives a letter."""
+        if e.is_Number or (isinstance(e, se.Symbol) and not (label and e in self.dots)):
+            return e
+        for name, value in self.scalars.items():
+            if value == e:
+                return name
+        name = se.Symbol(f"scalar{len(self.scalars) + 1}")
+        self.scalars[name] = e
+        if label:
+            self.labels[name] = label
+        return name
+
+
+class Vector(Vec):
+    """A sum of scalars times atoms, with the operations of `Vec`."""
+
+    __slots__ = ("record", "terms")
+
+    def __init__(self, record: Record, terms: dict[Atom, Expr]) -> None:
+        self.record = record
+        self.terms = {atom: c for atom, c in terms.items() if c != 0}
+
+    @property
+    def c(self) -> tuple[Expr, Expr, Expr]:  # type: ignore[override]
+        """Inertial components, as inner products."""
+        x, y, z = (self @ self.record.axis(i) for i in range(3))
+        return x, y, z
+
+    def __iter__(self) -> Iterator[Expr]:
+        return iter(self.c)
+
+    def __getitem__(self, i: int) -> Expr:
+        return self.c[i]
+
+    def __add__(self, other: Vec) -> Vector:
+        terms = dict(self.terms)
+        for atom, c in self.record.lift(other).terms.items():
+            terms[atom] = se.expand(terms.get(atom, _ZERO) + c) if atom in terms else c
+        return Vector(self.record, terms)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Vector:
+        return self * -1
+
+    def __sub__(self, other: Vec) -> Vector:
+        return self + (-self.record.lift(other))
+
+    def __rsub__(self, other: Vec) -> Vector:
+        return -self + other
+
+    def __mul__(self, factor: Expr) -> Vector:
+        return Vector(self.record, {atom: se.sympify(factor) * c for atom, c in self.terms.items()})
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, factor: Expr) -> Vector:
+        return self.__mul__(1 / se.sympify(factor))
+
+    def __matmul__(self, other: Vec) -> Expr:
+        a, b = self.record.single(self), self.record.single(self.record.lift(other))
+        return sum((p * q * self.record.dot(i, j) for i, p in a.terms.items() for j, q in b.terms.items()), _ZERO)
+
+    def __rmatmul__(self, other: Vec) -> Expr:
+        return self @ other
+
+    def cross(self, other: Vec) -> Vector:
+        """The vector product self x other."""
+        a, b = self.record.single(self), self.record.single(self.record.lift(other))
+        total = self.record.zero()
+        for i, p in a.terms.items():
+            for j, q in b.terms.items():
+                if i != j:
+                    flipped = _turning(j) < _turning(i)
+                    atom = Product(j, i) if flipped else Product(i, j)
+                    total = total + Vector(self.record, {atom: -p * q if flipped else p * q})
+        return total
+
+    def norm(self) -> Expr:
+        """Euclidean length."""
+        return se.sqrt(self @ self)
+
+    def named(self, name: str = "") -> Vector:
+        """The same vector as a named intermediate."""
+        if not self.terms or (len(self.terms) == 1 and _ONE in self.terms.values()):
+            return self
+        found = self.record.known(self)
+        ((atom, _),) = found.terms.items()
+        if name and isinstance(atom, NamedVector):
+            self.record.labels.setdefault(atom.number, name)
+        return found
+
+    def __repr__(self) -> str:
+        return f"Vector({self.terms})"

@@ -1,0 +1,67 @@
+"""Chromium over chromedriver's own protocol."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import subprocess
+import time
+import urllib.request
+
+import pytest
+
+FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+         "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+
+
+class Browser:
+    """A window of a given width."""
+
+    def __init__(self, port, profile):
+        self.port, self.session = port, ""
+        wanted = {"goog:chromeOptions": {"args": [*FLAGS, f"--user-data-dir={profile}"]}, "goog:loggingPrefs": {"browser": "ALL"}}
+        self.session = "/" + self.call("", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
+
+    def call(self, path, body=None, method="POST"):
+        data = None if body is None else json.dumps(body).encode()
+        url = f"http://127.0.0.1:{self.port}/session{self.session}{path}"
+        request = urllib.request.Request(url, data, {"Content-Type": "application/json"}, method=method)
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            return json.load(answer)["value"]
+
+    def cdp(self, command, **params):
+        return self.call("/goog/cdp/execute", {"cmd": command, "params": params})
+
+    def show(self, path, width):
+        self.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 500)
+        self.call("/url", {"url": path.as_uri()})
+
+    def script(self, text):
+        return self.call("/execute/sync", {"script": text, "args": []})
+
+    def log(self):
+        return self.call("/se/log", {"type": "browser"})
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    driver = shutil.which("chromedriver")
+    if driver is None or shutil.which("chromium") is None:
+        pytest.skip("chromium and chromedriver are needed to look at the page; install them to run this")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    process = subprocess.Popen([driver, f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(100):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        shown = Browser(port, tmp_path_factory.mktemp("profile"))
+        yield shown
+        shown.call("", method="DELETE")
+    finally:
+        process.terminate()
+        process.wait()

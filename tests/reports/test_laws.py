@@ -1,0 +1,153 @@
+"""Reports of all laws: they hold, they define what they write, they come from what is integrated."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+
+import mbdae as mb
+from mbdae.reports.document import Equation, Paragraph, Section, Table
+from mbdae.reports.formulas import split_text
+from mbdae.reports.report import exported, names
+from mbdae.reports.statement import derived, fingerprint, structure_of
+from mbdae.symbolic.law import Law
+
+VECTORS = re.compile(r"\\(?:mathbf|boldsymbol)\{(?:[^{}]|\{[^{}]*\})*\}(?:_[a-z])?")
+SCALARS = re.compile(r"\\(?:eta|lambda|varphi|mu|sigma)_(?:\{(?:[^{}]|\{[^{}]*\})*\}|[a-z0-9])")
+
+
+def blocks_of(blocks):
+    for block in blocks:
+        yield block
+        if isinstance(block, Section):
+            yield from blocks_of(block.blocks)
+
+
+def formulas(document):
+    """(what defines, what is used) of all formulas."""
+    defined, used = [], []
+    for block in blocks_of(document.blocks):
+        if isinstance(block, Equation):
+            for line in block.latex.split(r" \\ "):
+                defined.append(line.split("=")[0].split(r"\approx")[0])
+                used.append(line)
+            defined += [part for formula, part in split_text(block.note) if formula]
+        elif isinstance(block, Paragraph):
+            defined += [part for formula, part in split_text(block.text) if formula]
+        elif isinstance(block, Table):
+            symbols = list(block.head)[:1] == ["symbol"]
+            for row in [block.head, *block.rows]:
+                for cell in row[:1] if symbols else row:
+                    found = defined if symbols or row is block.head else used
+                    found.extend(part for formula, part in split_text(cell) if formula)
+    return " ".join(defined), " ".join(used)
+
+
+@pytest.mark.parametrize("name", names())
+def test_report_holds_and_defines_its_symbols(name):
+    document = mb.report(name)
+    text = document.to_markdown()
+    assert "NOT EQUAL" not in text
+    assert "NEGATIVE" not in text
+    assert "nan" not in text.lower().split()
+    defined, used = formulas(document)
+    for symbol in {*VECTORS.findall(used), *SCALARS.findall(used)}:
+        if symbol == r"\mathbf{0}":
+            continue
+        plain = symbol.removeprefix(r"\mathbf{\bar").strip()
+        assert plain in defined or re.sub(r"_[kl]$", "", plain) in defined, f"{name}: {symbol} is not defined"
+    html, tex = document.to_html(), document.to_latex()
+    assert "<math" in html
+    assert tex.count("{") - tex.count(r"\{") == tex.count("}") - tex.count(r"\}")
+    assert tex.count(r"\begin{") == tex.count(r"\end{")
+    assert tex.count(r"\left") == tex.count(r"\right")
+
+
+@pytest.mark.parametrize("name", [n for n, law in exported().items() if issubclass(law, mb.Joint | mb.Force)])
+def test_hash_is_that_of_the_derived_equations(name):
+    law = exported()[name]
+    assert fingerprint(derived(law, structure_of(law, {}))) in mb.report(law).to_markdown()
+
+
+def test_hash_follows_the_equations():
+    shape = structure_of(mb.Revolute, {})
+
+    class Revolute(mb.Revolute):
+        def constraints(self, k, l):
+            return super().constraints(k, l) | {"tilt_x": -(k.z @ l.y)}
+
+    assert fingerprint(derived(Revolute, shape)) != fingerprint(derived(mb.Revolute, shape))
+    code = ("import mbdae as mb; from mbdae.reports.statement import *; "
+            "print(fingerprint(derived(mb.Revolute, structure_of(mb.Revolute, {}))))")  # fmt: skip
+    seen = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    assert seen == fingerprint(derived(mb.Revolute, shape))
+
+
+def test_hash_of_a_scene_is_that_of_the_report():
+    s = mb.Scene("two bodies", space="spatial")
+    a, b = s.rigid_body("a", 1.0, (1, 1, 1)), s.rigid_body("b", 1.0, (1, 1, 1), at=(1, 0, 0))
+    s.spherical("joint", a, b, at=(0.5, 0, 0))
+    known = fingerprint(derived(mb.Spherical, structure_of(mb.Spherical, {})))
+    assert known in mb.report(mb.Spherical).to_markdown()
+    assert known[:32] in mb.report(s).to_markdown()
+
+
+class Screw(mb.Joint):
+    """A nut on a thread: one turn moves it by 2 pi pitch."""
+
+    params = mb.params(pitch=("m/rad", "travel per angle"))
+
+    def constraints(self, k, l):
+        d = l.r - k.r
+        thread = k.z @ d - self.pitch * self.angle(k, l)
+        return {"x": k.x @ d, "y": k.y @ d, "tilt_y": k.z @ l.x, "tilt_x": k.z @ l.y, "thread": thread}
+
+
+class QuarticSpring(mb.Force):
+    """Spring between two points that stiffens with its length."""
+
+    params = mb.params(stiffness=("N/m^3", "stiffness"))
+
+    def energy(self, k, l):
+        d = l.r - k.r
+        return self.stiffness * (d @ d) ** 2 / 4
+
+
+@pytest.mark.parametrize("law", [Screw, QuarticSpring])
+def test_a_new_law_has_its_report(law):
+    text = mb.report(law).to_markdown()
+    assert "comparisons hold" in text
+    assert law.__doc__.split(":")[0] in text
+    assert next(iter(law.params.values())).meaning in text
+
+
+def test_of_values_models_and_joints():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    assert mb.report(s["hinge"]).title == "Revolute joint"
+    assert mb.report(mb.Classical()).title == "Classical Revolute joint"
+    assert mb.report(mb.Recursive).title == "Recursive joint"
+    clearance = mb.Clearance(0.0501, 0.05, mb.Hertz(1e9, damping=0.3), mb.Coulomb(0.3, 1e-3))
+    assert "f_n" in mb.report(clearance).to_markdown()
+    assert mb.report(mb.Coulomb(0.2, 0.01)).title == "Coulomb friction"
+    with pytest.raises(mb.OptionError, match="give a law"):
+        mb.report(3)
+    with pytest.raises(mb.OptionError, match="not known; give one of"):
+        mb.report("revolut")
+    assert issubclass(exported()["revolute"], Law)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["revolute", "classical", "recursive", "clearance", "coulomb", "lugre", "beam", "weld"])
+def test_cold_report_takes_less_than_five_seconds(name, tmp_path):
+    start = time.perf_counter()
+    for ending in ("html", "md", "tex"):
+        subprocess.run([sys.executable, "-m", "mbdae", "report", name, "--out", str(tmp_path / f"{name}.{ending}")], check=True,
+                       capture_output=True)  # fmt: skip
+        assert time.perf_counter() - start < 5
+        start = time.perf_counter()

@@ -1,0 +1,124 @@
+"""The sheet of a scene: every number is one of the system that would be integrated."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.cli import main
+from mbdae.kernels.plan import linearised_plan
+from mbdae.reports.document import Section, Table
+from mbdae.reports.scene_sheet import KINDS, Sheet, Size, size_of, unpruned
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def four_bar():
+    return runpy.run_path(str(EXAMPLES / "four_bar.py"))["scene"]()
+
+
+def pendulum():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (0, -1), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0), damper=0.1)
+    return s
+
+
+def table(document, title):
+    section = next(b for b in document.blocks if isinstance(b, Section) and b.title == title)
+    return next(b for b in section.blocks if isinstance(b, Table))
+
+
+def test_numbers_are_those_of_the_system():
+    s = four_bar()
+    system, document = s.system(), mb.report(s)
+    counted = {row[0]: int(row[1]) for row in table(document, "Unknowns and equations").rows}
+    assert counted == {KINDS[kind]: n for kind, n in Counter(system.kinds).items()}
+    named = {row[0]: row[3].split(", ") for row in table(document, "Unknowns and equations").rows}
+    assert [name for names in named.values() for name in names] == list(system.names)
+    rows = {row[0]: [int(cell) for cell in row[1:]] for row in table(document, "Pruned").rows}
+    assert rows["unknowns"][1] == system.n
+    assert rows["equations"][1] == len(system.equations) == system.n
+    assert rows["multipliers"] == [42, sum(kind in ("lambda", "mu") for kind in system.kinds)]
+    plans = [(linearised_plan(g.derived, system.spec.outputs), len(g.instances)) for g in system.model.groups]
+    operations = sum(n * p.residual.operations for p, n in plans if p.nonlinear)
+    operations += sum(n * p.jacobian.operations for p, n in plans if p.jacobian_places)
+    assert rows["kernel operations"][1] == operations
+    assert rows["kernel operations"][0] > 10 * operations
+    text = document.to_markdown()
+    assert f"{system.n} x {system.n}, {system.pattern.nnz} entries" in text
+    check = s.check()
+    assert f"{check.degrees_of_freedom} degrees of freedom" in text
+    assert all(row in text for row in check.pruned)
+    used = {row.name for row in system.numbering.rows}
+    stated = {f"{row[0]}.{name}" for row in table(document, "Joints").rows for name in row[5].split(", ")}
+    assert stated == used
+
+
+def test_eigenvalues_are_those_of_the_linearisation():
+    s = pendulum()
+    found = [complex(float(row[0]), float(row[1])) for row in table(mb.report(s), "Eigenvalues at the start").rows]
+    wanted = [value for value in s.linearize().eigenvalues if value.imag >= 0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-5)
+    inertia, stiffness = 1 / 3, 9.81 / 2  # of a rod about its end: I phi'' + c phi' + m g l/2 phi = 0
+    np.testing.assert_allclose(found[0], (-0.1 + 1j * np.sqrt(4 * inertia * stiffness - 0.01)) / (2 * inertia), rtol=1e-5)
+
+
+def test_redundant_rows_and_drawing():
+    s = mb.Scene("door", space="spatial")
+    door = s.rigid_body("door", 1.0, (1, 1, 1), at=(0.5, 0, 0))
+    s.revolute("low", s.ground, door, at=(0, 0, -1))
+    s.revolute("high", s.ground, door, at=(0, 0, 1))
+    document = mb.report(s)
+    text = document.to_markdown()
+    assert all(row in text for row in s.check().redundant)
+    picture = next(document.pictures())
+    assert picture.content.startswith(b"\x89PNG")
+
+
+def test_recursive_and_flexible_scenes_have_sheets():
+    tree = pendulum().recursive()
+    sheet = Sheet(tree)
+    assert sheet.system.label == "ODE"
+    before, after = unpruned(tree, sheet.system), size_of(sheet.system)
+    assert isinstance(before, Size)
+    assert after.unknowns == 2 < before.unknowns
+    s = mb.Scene("cantilever", gravity=(0, -9.81, 0))
+    beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.circular(5e-3, E=210e9, nu=0.3, rho=7850), elements=2)
+    s.weld("clamp", s.ground, beam, at=(0, 0))
+    text = mb.report(s).to_markdown()
+    assert "beam, 2 elements" in text
+    assert "clamp.x" in text
+
+
+# ---- command line ----------------------------------------------------------------------------------------------------------
+
+
+def test_command_line_writes_the_format_of_the_ending(tmp_path, capsys):
+    assert main(["report", "revolute", "--out", str(tmp_path / "r.html")]) == 0
+    assert "<math" in (tmp_path / "r.html").read_text()
+    assert main(["report", str(EXAMPLES / "pendulum.py"), "--format", "tex", "--out", str(tmp_path)]) == 0
+    assert r"\section*{Bodies}" in (tmp_path / "pendulum.tex").read_text()
+    capsys.readouterr()
+    assert main(["report", "coulomb"]) == 0
+    assert capsys.readouterr().out.startswith("# Coulomb friction")
+    assert main(["report", "lugre", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["holds"] is True
+    assert re.search("z_", data["text"])
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["report", "revolut"], "neither a file nor one of"), (["report", "nowhere.py"], "there is no file 'nowhere.py'"),
+    (["report", "weld", "--format", "md", "--out", "w.html"], "give one of the two"),
+])  # fmt: skip
+def test_command_line_tells_what_is_wrong(words, message, capsys):
+    assert main(words) == 2
+    assert message in capsys.readouterr().err
