@@ -109,6 +109,12 @@ def test_missing_term_and_conventions(paper: Audit) -> None:
     assert "leave a moment" in paper["44"].remark
 
 
+def test_polynomials_are_compared_in_symbols(paper: Audit) -> None:
+    symbolic = {r.equation for r in paper.equations if r.symbolic}
+    assert {"1", "3", "8", "10", "11", "12", "13", "30", "31", "32"} <= symbolic
+    assert not symbolic & {"9", "16", "18", "33"}  # hold for bodies that are joined
+
+
 def test_units_find_the_bracket(paper: Audit) -> None:
     assert "1/sigma0*muk has the unit m" in paper["52"].remark
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
+import symengine as se
 
 from mbdae.reports.audit.notation import Node
 
@@ -23,6 +24,9 @@ class Source(Protocol):
     @property
     def second(self) -> float:
         """The size of the unit of time."""
+
+    def constant(self, number: float) -> Value:
+        """A number of a formula."""
 
     def value(self, name: str) -> Value:
         """The value of a symbol."""
@@ -72,8 +76,7 @@ def _atan2(y: Value, x: Value) -> Value:
 
 _PLAIN: dict[str, Callable[..., Value]] = {
     "norm": _length, "abs": lambda v: magnitude(_number(v)), "atan2": _atan2,
-    "sin": lambda v: np.sin(_number(v)), "cos": lambda v: np.cos(_number(v)), "tan": lambda v: np.tan(_number(v)),
-    "tanh": lambda v: np.tanh(_number(v)), "exp": lambda v: np.exp(_number(v)), "sqrt": lambda v: np.sqrt(_number(v) + 0j),
+    "sqrt": lambda v: np.sqrt(_number(v) + 0j),
 }  # fmt: skip
 
 
@@ -111,11 +114,14 @@ def _times(a: Value, b: Value) -> Value:
 
 def _power(node: Node, at: Source) -> Value:
     base, exponent = (_number(evaluate(p, at)) for p in node.parts)
+    if isinstance(base, se.Basic):
+        return base**exponent
     return np.asarray(base, dtype=complex)[()] ** exponent
 
 
 def _inverse(node: Node, at: Source) -> Value:
-    return np.complex128(1) / _number(evaluate(node.parts[0], at))
+    below = _number(evaluate(node.parts[0], at))
+    return 1 / below if isinstance(below, se.Basic) else np.complex128(1) / below
 
 
 def _call(node: Node, at: Source) -> Value:
@@ -127,6 +133,9 @@ def _call(node: Node, at: Source) -> Value:
         if node.parts[1].kind != "symbol":
             raise SizeError("diff by something that is no symbol")
         return np.imag(evaluate(node.parts[0], at.shifted(node.parts[1].value))) / STEP + 0j
+    if name not in _PLAIN:  # sin, cos, tan, tanh, exp
+        v = _number(evaluate(node.parts[0], at))
+        return getattr(se if isinstance(v, se.Basic) else np, name)(v)
     return _PLAIN[name](*(evaluate(p, at) for p in node.parts))
 
 
@@ -156,7 +165,7 @@ def _common(sizes: list[int]) -> int:
 
 
 _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
-    "number": lambda n, at: complex(n.value), "symbol": lambda n, at: at.value(n.value), "sum": _sum, "product": _product,
+    "number": lambda n, at: at.constant(n.value), "symbol": lambda n, at: at.value(n.value), "sum": _sum, "product": _product,
     "neg": lambda n, at: -evaluate(n.parts[0], at), "inverse": _inverse, "power": _power, "call": _call,
     "cross": lambda n, at: cross(evaluate(n.parts[0], at)), "transposed": _transposed, "block": _block,
 }  # fmt: skip

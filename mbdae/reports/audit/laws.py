@@ -64,7 +64,7 @@ class LawState:
         for row in self.d.rows:
             self._put([se.Symbol(f"lambda_{row}")], [motion.number(f"multiplier {row}")])
         for state in self.d.states:
-            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])
+            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # all states follow an angle
 
     def _frame(self, f: Frame, side: str) -> None:
         m = self.motion
@@ -78,6 +78,9 @@ class LawState:
 
     def _put(self, symbols: Any, numbers: Any) -> None:
         for s, n in zip(symbols, numbers, strict=True):
+            if isinstance(n, se.Basic):
+                self.values[s] = n
+                continue
             n = complex(n)
             self.values[s] = se.RealDouble(n.real) if n.imag == 0 else se.sympify(n)
 
@@ -88,6 +91,8 @@ class LawState:
         for name in e.free_symbols - self.values.keys():
             self.values[name] = se.sympify(self.number(names[name], raw=True))
         e = e.subs({x: self.values[x] for x in e.free_symbols})
+        if self.motion.letters:
+            return e
         if isinstance(e, se.atan2 | se.floor):  # always names of their own
             numbers = [float(a.n(real=True)) for a in e.args]
             e = se.RealDouble(float((math.atan2 if isinstance(e, se.atan2) else math.floor)(*numbers)))

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.reports.audit.evaluate import STEP, Value, evaluate
 from mbdae.reports.audit.laws import Own
@@ -131,7 +132,7 @@ class Env:
 
     def _value(self, name: str) -> Value:
         if name == "I":
-            return np.eye(3) + 0j
+            return np.eye(3, dtype=int).astype(object) if self.motion.letters else np.eye(3) + 0j
         if name not in self.scope.symbols:
             raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
         meaning = self.scope.symbols[name]
@@ -144,6 +145,12 @@ class Env:
     def second(self) -> float:
         """The size of the unit of time."""
         return 1.0 if self.scale is None else self.scale["s"]
+
+    def constant(self, number: float) -> Value:
+        """A number of a formula."""
+        if not self.motion.letters:
+            return complex(number)
+        return se.Integer(int(number)) if number == int(number) else se.RealDouble(number)
 
     @cached_property
     def plain(self) -> Env:

@@ -17,7 +17,7 @@ from mbdae.reports.audit.evaluate import STEP, SizeError, Value, cross
 KINDS = ("free", "revolute", "clearance")
 _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent quantities of motion and the sizes of their increments
-_VECTORS = ("x", "v", "a", "w", "alpha")
+VECTORS = ("x", "v", "a", "w", "alpha")
 
 
 def turned(vector: Value) -> Value:
@@ -46,10 +46,11 @@ class Motion:
         self.used: set[str] = set()  #: ingredients that were looked at
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
         self.memory: dict[Any, Any] = {}
+        self.letters = False  #: whether its quantities are letters
         self.Q = {s: turned(self.vector(f"attitude {s}")) + 0j for s in "kl"}
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
-        self.place: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in _VECTORS}
+        self.place: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
         self.phi, self.phidot, self.phiddot = (self.number(n) + 0j for n in ("phi", "phidot", "phiddot"))
         if kind != "free":
             self._join()

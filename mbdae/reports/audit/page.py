@@ -27,7 +27,8 @@ VERDICTS = {
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
     r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in free states, then in "
-    "those of the joint the text speaks of. The file of the formulas holds no verdicts and no repairs."
+    "those of the joint the text speaks of; formulas that are polynomials in free vectors also in symbols. The file of the "
+    "formulas holds no verdicts and no repairs."
 )
 
 
@@ -63,7 +64,7 @@ class Audit:
                 {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
                  "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
                  "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
-                 "residual_repaired": _finite(r.repaired_residual)} for r in self.equations],
+                 "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
             "claims": [
                 {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
                  "remark": c.remark or None} for c in self.claims],
@@ -118,11 +119,13 @@ def _plain(text: str) -> str:
 
 
 def _blocks(row: Row) -> list[Block]:
-    out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict)]
+    how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
+    out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
         out.append(Paragraph(_plain(_told(row)) + "."))
+    after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
-        out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}"))
+        out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
     return out
 
 

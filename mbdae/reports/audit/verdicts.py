@@ -20,6 +20,7 @@ from mbdae.errors import MbdaeError
 from mbdae.reports.audit.compare import SAME, States, compared
 from mbdae.reports.audit.dimensions import faults
 from mbdae.reports.audit.evaluate import SizeError, evaluate
+from mbdae.reports.audit.letters import identical
 from mbdae.reports.audit.motion import Motion
 from mbdae.reports.audit.notation import is_zero
 from mbdae.reports.audit.reading import Printed, Text
@@ -41,6 +42,7 @@ class Row:
     remark: str = ""
     repaired: Printed | None = None
     repaired_residual: float | None = None
+    symbolic: bool = False  #: whether the sides (after the repair, if any) are identical in symbols too
     side: int | None = None  #: of forces the text leaves open: where they agree
 
     @property
@@ -94,8 +96,9 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
         on_left = States(equation, states.inner, -1, shared=states.shared)
         other = max(compared(s, on_left).gap for s in equation.statements)
         if min(residual, other) < SAME:
+            side = 1 if residual < other else -1
             return Row(equation, RIGHT, min(residual, other), remark=_unbalanced(equation, states),
-                       side=1 if residual < other else -1)  # fmt: skip
+                       symbolic=identical(equation, states.inner, side), side=side)  # fmt: skip
     if residual < SAME:
         nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
         hole = _hole(equation, states)
@@ -103,7 +106,8 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
             return Row(equation, INCOMPLETE, residual, f"say what holds where {hole} = 0",
                        f"not defined where {hole} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
         units = _units(equation, states)
-        return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else)
+        return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else,
+                   symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
     return _wrong(equation, states, residual, search)
 
 
@@ -151,7 +155,8 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
            if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
     row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new]))
-    return replace(row, repaired=found.equation, repaired_residual=gap)
+    same = identical(found.equation, again.inner, states.side)
+    return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
 
 
 def _used(equation: Printed) -> set[str]:
