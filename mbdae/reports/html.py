@@ -29,7 +29,7 @@ math mi, math mn, math mtext { font-family: "STIX Two Text", "Latin Modern Roman
   "DejaVu Serif", serif; }
 math mi { text-transform: none; font-style: italic; }
 math mi.n { font-style: normal; }
-math mi.b { font-style: normal; font-weight: 700; }
+math mi.b, math mn.b { font-style: normal; font-weight: 700; }
 math mi.bi { font-style: italic; font-weight: 700; }
 mtable.cases mtd, mtable.aligned mtd { text-align: left; }
 .equation { display: flex; gap: .8rem; align-items: baseline; margin: .6rem 0; padding: .15rem 0 .15rem 1rem;

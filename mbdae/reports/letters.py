@@ -64,7 +64,7 @@ def unit_text(unit: str) -> str:
     """A unit as text: exponents as mathematics, "1" as a dash."""
     if unit in ("1", ""):
         return "1" if unit else ""
-    return re.sub(r"\^\(?([-0-9.]+)\)?", r"$^{\1}$", unit)
+    return re.sub(r"\^\(?([-0-9.]+)\)?", r"$^{\1}$", re.sub(r"\^([23])(?![0-9.])", lambda m: "²³"[int(m[1]) - 2], unit))
 
 
 def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter]:

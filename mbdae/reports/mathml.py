@@ -135,7 +135,7 @@ class _Reader:
             while self.i < len(self.tokens) and (self.tokens[self.i].isdigit() or self.tokens[self.i] == "."):
                 token += self.tokens[self.i]
                 self.i += 1
-            return f"<mn>{token}</mn>"
+            return f'<mn class="b">{token}</mn>' if font == "b" else f"<mn>{token}</mn>"
         if token.isalpha():
             return self._letters(token, font)
         if token in "()[]|":
