@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.reports.audit import Audit, audit
     from mbdae.reports.report import report
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
@@ -40,6 +41,7 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
+    "Audit": "mbdae.reports.audit",
     "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
     "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
@@ -48,15 +50,15 @@ _HOME = {
     "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "compare": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
-    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
+    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare", "load": "mbdae.results.storage",
+    "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
+    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "compare", "load",
+    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
     "params", "report", "selftest", "t",
 ]  # fmt: skip
 

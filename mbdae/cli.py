@@ -116,7 +116,9 @@ def compare(a: argparse.Namespace) -> int:
 
 
 def report(a: argparse.Namespace) -> int:
-    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold."""
+    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
+    if a.what == "paper" or a.what.endswith(".audit"):
+        return _report_audit(a)
     from mbdae.reports.report import names
     from mbdae.reports.report import report as make
 
@@ -125,7 +127,7 @@ def report(a: argparse.Namespace) -> int:
     elif Path(a.what).suffix or Path(a.what).is_file():
         document = make(_scene(_load(a.what), a.what))
     else:
-        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
+        raise UsageError(f"report '{a.what}': neither a file nor one of paper, {', '.join(names())}")
     holds = "NOT EQUAL" not in document.to_markdown()
     ending = Path(a.out).suffix if a.out else ".md"
     format_ = a.format or (ending[1:] if ending in REPORTS else "html")
@@ -192,6 +194,21 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
                                              for joint, c in r.contacts.items()},
         "warnings": list(r.warnings), "written": written,
     }  # fmt: skip
+
+
+def _report_audit(a: argparse.Namespace) -> int:
+    """Verdicts on published formulas; 0 whatever they are."""
+    from mbdae.reports.audit.command import report_audit
+
+    if a.what != "paper" and not Path(a.what).is_file():
+        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")
+    found, text, written = report_audit(a.what, a.format, a.out)
+    if a.json:
+        _json(a, found.to_dict() | ({"written": [written]} if written else {}))
+    else:
+        print(text)
+        _list([written] if written else [])
+    return 0
 
 
 def _write_result(r: Any, measure: str | None, out: Path, stem: str) -> list[str]:
@@ -322,11 +339,13 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _report(commands: Any) -> None:
-    text = "derivation of a law with its checks, or the sheet of a scene"
+    text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("what", metavar="NAME|FILE", help="revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam "
-                   "or any other law; or a Python file with scene()")  # fmt: skip
-    p.add_argument("--format", choices=[ending[1:] for ending in REPORTS], help="default: that of --out, else md")
+    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; paper: its formulas "
+            "audited; a Python file with scene(); a file of formulas (.audit)")  # fmt: skip
+    formats = [ending[1:] for ending in REPORTS]
+    p.add_argument("what", metavar="NAME|paper|FILE", help=what)
+    p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
     p.add_argument("--out", metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
     p.set_defaults(command=report)

@@ -1,0 +1,295 @@
+"""A small readable notation for printed formulas: text to trees, trees to text, trees to numbers.
+
+    a + b, a - b, a*b, a/b, a^2     sums, (matrix) products, quotients, powers
+    ~b                              the matrix with ~b c = b x c
+    b'                              transposed
+    [a, b; c, d]                    blocks; 0 and I take the size their neighbours leave
+    norm(u) abs(v) sin cos tan tanh exp sqrt atan2(y, x)
+    delta(e)                        change of e by a virtual displacement
+    rate(e)                         time derivative of e
+    diff(e, x)                      derivative of e by the number x
+
+A statement is `side = side`, `side = side = 0` or `side <= side`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mbdae.errors import MbdaeError
+
+FUNCTIONS = {"norm": 1, "abs": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "exp": 1, "sqrt": 1, "atan2": 2,
+             "delta": 1, "rate": 1, "diff": 2}  # fmt: skip
+_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
+
+
+class AuditError(MbdaeError):
+    """A file of printed formulas that cannot be read; says the line and what stands there."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """A piece of a formula: kind, name or number, parts.
+
+    kinds: number, symbol, sum (terms), neg, product (factors), inverse, power, cross (~), transposed, call, block (rows), row.
+    """
+
+    kind: str
+    value: Any = None
+    parts: tuple[Node, ...] = ()
+
+    def __hash__(self) -> int:
+        known = self.__dict__.get("hashed")
+        if known is None:
+            known = hash((self.kind, self.value, self.parts))
+            object.__setattr__(self, "hashed", known)
+        return int(known)
+
+    def walk(self) -> Iterator[Node]:
+        """This node and all below."""
+        yield self
+        for part in self.parts:
+            yield from part.walk()
+
+    def symbols(self) -> set[str]:
+        """Names that appear."""
+        return {n.value for n in self.walk() if n.kind == "symbol"}
+
+    def with_parts(self, parts: tuple[Node, ...]) -> Node:
+        """The same with other parts; sums and products of one are that one."""
+        if self.kind in ("sum", "product") and len(parts) == 1:
+            return parts[0]
+        return Node(self.kind, self.value, parts)
+
+    def replaced(self, table: Mapping[Node, Node]) -> Node:
+        """With pieces replaced wherever they appear."""
+        if self in table:
+            return table[self]
+        return self.with_parts(tuple(p.replaced(table) for p in self.parts)) if self.parts else self
+
+    def __str__(self) -> str:
+        return _text(self, 0)
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Sides joined by `=` or `<=`, in the line of a file."""
+
+    sides: tuple[Node, ...]
+    relation: str = "="
+    line: int = 0
+
+    def symbols(self) -> set[str]:
+        """Names that appear."""
+        return set().union(*(side.symbols() for side in self.sides))
+
+    def __str__(self) -> str:
+        return f" {self.relation} ".join(map(str, self.sides))
+
+
+def number(value: float) -> Node:
+    """A number as a piece of a formula."""
+    return Node("number", float(value))
+
+
+def symbol(name: str) -> Node:
+    """A symbol as a piece of a formula."""
+    return Node("symbol", name)
+
+
+ZERO = number(0)
+
+
+def is_zero(node: Node) -> bool:
+    """Whether a side is the literal 0."""
+    return node == ZERO
+
+
+def negated(node: Node) -> Node:
+    """The piece with the other sign."""
+    return node.parts[0] if node.kind == "neg" else Node("neg", None, (node,))
+
+
+# -- reading
+
+
+class Reader:
+    """Reads one statement."""
+
+    def __init__(self, text: str, line: int = 0) -> None:
+        self.text, self.line, self.tokens, self.at = text, line, _tokens(text, line), 0
+
+    def statement(self) -> Statement:
+        """Sides and relation."""
+        sides, relation = [self._sum()], "="
+        while self._next() in ("=", "<="):
+            relation = self._take()
+            sides.append(self._sum())
+        if self._next() is not None:
+            raise self._error(f"'{self._next()}' is not expected here")
+        if len(sides) == 1:
+            raise self._error("there is no '=' or '<='")
+        return Statement(tuple(sides), relation, self.line)
+
+    def expression(self) -> Node:
+        """A formula without a relation."""
+        found = self._sum()
+        if self._next() is not None:
+            raise self._error(f"'{self._next()}' is not expected here")
+        return found
+
+    def _error(self, what: str) -> AuditError:
+        return AuditError(f"line {self.line}: {what} (in '{self.text.strip()}')")
+
+    def _next(self) -> str | None:
+        return self.tokens[self.at] if self.at < len(self.tokens) else None
+
+    def _take(self, wanted: str | None = None) -> str:
+        token = self._next()
+        if token is None or (wanted is not None and token != wanted):
+            missing = f"'{wanted}' is missing" if wanted else "the formula ends too early"
+            raise self._error(missing + (f" before '{token}'" if token else ""))
+        self.at += 1
+        return token
+
+    def _sum(self) -> Node:
+        terms = []
+        sign = self._take() if self._next() in ("-", "+") else "+"
+        while True:
+            term = self._product()
+            terms.append(negated(term) if sign == "-" else term)
+            if self._next() not in ("+", "-"):
+                return terms[0] if len(terms) == 1 else Node("sum", None, tuple(terms))
+            sign = self._take()
+
+    def _product(self) -> Node:
+        factors = [self._prefixed()]
+        while self._next() in ("*", "/"):
+            inverse = self._take() == "/"
+            factor = self._prefixed()
+            factors.append(Node("inverse", None, (factor,)) if inverse else factor)
+        return factors[0] if len(factors) == 1 else Node("product", None, tuple(factors))
+
+    def _prefixed(self) -> Node:
+        if self._next() == "-":
+            self._take()
+            return negated(self._prefixed())
+        return self._power()
+
+    def _power(self) -> Node:
+        base = self._postfixed()
+        if self._next() == "^":
+            self._take()
+            return Node("power", None, (base, self._postfixed()))
+        return base
+
+    def _postfixed(self) -> Node:
+        node = self._crossed()
+        while self._next() == "'":
+            self._take()
+            node = Node("transposed", None, (node,))
+        return node
+
+    def _crossed(self) -> Node:
+        if self._next() == "~":
+            self._take()
+            return Node("cross", None, (self._crossed(),))
+        return self._atom()
+
+    def _atom(self) -> Node:
+        token = self._take()
+        if token == "(":
+            inner = self._sum()
+            self._take(")")
+            return inner
+        if token == "[":
+            return self._block()
+        if token[0].isdigit():
+            return number(float(token))
+        if token.isidentifier():
+            return self._call(token) if self._next() == "(" else symbol(token)
+        raise self._error(f"'{token}' is not expected here")
+
+    def _call(self, name: str) -> Node:
+        if name not in FUNCTIONS:
+            raise self._error(f"'{name}' is no function of the notation; there are {', '.join(sorted(FUNCTIONS))}")
+        self._take("(")
+        parts = [self._sum()]
+        while self._next() == ",":
+            self._take()
+            parts.append(self._sum())
+        self._take(")")
+        if len(parts) != FUNCTIONS[name]:
+            raise self._error(f"'{name}' takes {FUNCTIONS[name]} argument{'s' * (FUNCTIONS[name] > 1)}, not {len(parts)}")
+        return Node("call", name, tuple(parts))
+
+    def _block(self) -> Node:
+        rows: list[Node] = []
+        while True:
+            row = [self._sum()]
+            while self._next() == ",":
+                self._take()
+                row.append(self._sum())
+            rows.append(Node("row", None, tuple(row)))
+            if self._next() != ";":
+                break
+            self._take()
+        self._take("]")
+        if len({len(row.parts) for row in rows}) > 1:
+            raise self._error("the rows of a block differ in length")
+        return Node("block", None, tuple(rows))
+
+
+def _tokens(text: str, line: int) -> list[str]:
+    found, at = [], 0
+    while text[at:].strip():
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise AuditError(f"line {line}: '{text[at:].strip()[0]}' is not in the notation (in '{text.strip()}')")
+        found.append(match.group().strip())
+        at = match.end()
+    return found
+
+
+# -- writing
+
+
+def _text(node: Node, level: int) -> str:
+    """level: 0 in a sum, 1 in a product, 2 under a power, a prime or a tilde."""
+    kind, parts = node.kind, node.parts
+    if kind == "number":
+        return f"{node.value:g}"
+    if kind == "symbol":
+        return str(node.value)
+    if kind == "call":
+        return f"{node.value}({', '.join(_text(p, 0) for p in parts)})"
+    if kind == "block":
+        return "[" + "; ".join(", ".join(_text(p, 0) for p in row.parts) for row in parts) + "]"
+    if kind == "cross":
+        return "~" + _text(parts[0], 2)
+    if kind == "transposed":
+        return _text(parts[0], 2) + "'"
+    if kind == "power":
+        return _text(parts[0], 2) + "^" + _text(parts[1], 2)
+    text, own = _compound(node)
+    return f"({text})" if level > own else text
+
+
+def _compound(node: Node) -> tuple[str, int]:
+    """Text of a sum, a product, a sign or an inverse, and the level it may stand at without brackets."""
+    if node.kind == "neg":
+        return "-" + _text(node.parts[0], 1), 0
+    if node.kind == "inverse":
+        return "1/" + _text(node.parts[0], 2), 1
+    if node.kind == "sum":
+        text = _text(node.parts[0], 0)
+        for term in node.parts[1:]:
+            text += f" - {_text(term.parts[0], 1)}" if term.kind == "neg" else f" + {_text(term, 1)}"
+        return text, 0
+    text = _text(node.parts[0], 1)
+    for factor in node.parts[1:]:
+        text += "/" + _text(factor.parts[0], 2) if factor.kind == "inverse" else "*" + _text(factor, 1)
+    return text, 1
