@@ -85,8 +85,9 @@ class Audit:
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
             [r.equation, r.verdict, _shown(r.residual), _plain(_told(r))] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
-            inside = [b for r in self.equations if r.printed.section == section for b in _blocks(r)]
-            blocks.append(Section(section or "Equations", inside))
+            rows_in = [r for r in self.equations if r.printed.section == section]
+            inside = [b for r in rows_in for b in _blocks(r)]
+            blocks.append(Section(section or "Equations", [*inside, _symbols(rows_in)]))
         if self.claims:
             table = [[c.claimed.words, str(c.claimed.count), _counted(c), c.verdict] for c in self.claims]
             blocks.append(Section("Claimed numbers", [Table(["what", "claimed", "counted", "verdict"], table)]))
@@ -127,6 +128,18 @@ def _blocks(row: Row) -> list[Block]:
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
     return out
+
+
+def _symbols(rows: list[Row]) -> Table:
+    """The symbols of some equations with their units and the meanings they were compared by."""
+    found: dict[tuple[str, str, str], None] = {}
+    for row in rows:
+        equation = row.repaired or row.printed
+        names = set().union(*(s.symbols() for s in (*equation.statements, *row.printed.statements))) - {"I"}
+        for name in sorted(names):
+            meaning = equation.scope.symbols[name]
+            found[f"${latex.name(name)}$ ({name})", ", ".join(map(str, meaning.units)), meaning.text] = None
+    return Table(["symbol", "unit", "meaning"], [list(key) for key in found])
 
 
 def _latex(equation: Printed) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mbdae.reports.audit.notation import AuditError
 
@@ -18,6 +18,7 @@ class Unit:
     """Powers of m, kg and s."""
 
     powers: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    text: str = field(default="", compare=False)  #: as it was written
 
     def size(self, scale: Mapping[str, float]) -> float:
         """Its size where the basic units have the sizes given."""
@@ -27,6 +28,8 @@ class Unit:
         return out
 
     def __str__(self) -> str:
+        if self.text:
+            return self.text
         shown = [name if power == 1 else f"{name}^{power:g}" for name, power in zip(BASIC, self.powers, strict=True) if power]
         return " ".join(shown) or "1"
 
@@ -41,4 +44,4 @@ def unit(text: str, line: int = 0) -> Unit:
                 raise AuditError(f"line {line}: the unit '{word}' is not known; there are {', '.join(_KNOWN)}")
             for j, power in enumerate(_KNOWN[match[1]]):
                 powers[j] += (1 if i == 0 else -1) * power * float(match[2] or 1)
-    return Unit((powers[0], powers[1], powers[2]))
+    return Unit((powers[0], powers[1], powers[2]), text.strip())
