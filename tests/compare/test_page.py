@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import socket
-import subprocess
-import time
-import urllib.request
 from html import unescape
 from html.parser import HTMLParser
 
@@ -18,8 +14,6 @@ import mbdae as mb
 from mbdae.compare.table import cells
 
 NAME = "pendulum <b>&amp; co"
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-         "--disable-background-networking", "--disable-component-update"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -97,54 +91,6 @@ def test_page_tells_what_table_and_json_tell(w):
 
 
 # ---- in a browser ------------------------------------------------------------------------------------------------------
-
-
-class Browser:
-    """Chromium over chromedriver's own protocol."""
-
-    def __init__(self, port, profile):
-        self.port, arguments = port, [*FLAGS, f"--user-data-dir={profile}"]
-        wanted = {"goog:chromeOptions": {"args": arguments}, "goog:loggingPrefs": {"browser": "ALL"}}
-        self.session = ""
-        self.session = "/" + self.call("", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
-
-    def call(self, path, body=None, method="POST"):
-        data = None if body is None else json.dumps(body).encode()
-        url = f"http://127.0.0.1:{self.port}/session{self.session}{path}"
-        request = urllib.request.Request(url, data, {"Content-Type": "application/json"}, method=method)
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.load(answer)["value"]
-
-    def show(self, path, width):
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-        self.call("/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride", "params": size})
-        self.call("/url", {"url": path.as_uri()})
-
-    def script(self, text):
-        return self.call("/execute/sync", {"script": text, "args": []})
-
-
-@pytest.fixture
-def browser(tmp_path):
-    driver = shutil.which("chromedriver")
-    if driver is None or shutil.which("chromium") is None:
-        pytest.skip("chromium and chromedriver are needed to look at the page; install them to run this")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = subprocess.Popen([driver, f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        for _ in range(100):
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.1)
-        shown = Browser(port, tmp_path / "profile")
-        yield shown
-        shown.call("", method="DELETE")
-    finally:
-        process.terminate()
-        process.wait()
 
 
 @pytest.mark.slow

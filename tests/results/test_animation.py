@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import contextlib
 import json
 import re
-import shutil
-import socket
-import subprocess
 import time
-import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -97,104 +90,46 @@ def test_errors_of_animate(bar: Any, tmp_path: Path) -> None:
 
 # ---- in a browser --------------------------------------------------------------------------------------------------------
 
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-         "--disable-component-update", "--disable-sync")  # fmt: skip
-
-
-class Browser:
-    """The few calls of the WebDriver protocol needed here."""
-
-    def __init__(self, port: int, profile: Path) -> None:
-        self.root = f"http://127.0.0.1:{port}/session"
-        options = {"args": [*FLAGS, f"--user-data-dir={profile}"]}
-        wanted = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
-        self.id = self.call("POST", "", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
-
-    def call(self, method: str, path: str, body: Any = None) -> Any:
-        data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self.root + path, data, {"Content-Type": "application/json"}, method=method)
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.load(answer)["value"]
-
-    def open(self, file: Path, width: int) -> None:
-        size = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": False}
-        self.call("POST", f"/{self.id}/goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride", "params": size})
-        self.call("POST", f"/{self.id}/url", {"url": file.as_uri()})
-
-    def run(self, script: str) -> Any:
-        return self.call("POST", f"/{self.id}/execute/sync", {"script": script, "args": []})
-
-    def messages(self) -> list[Any]:
-        return list(self.call("POST", f"/{self.id}/se/log", {"type": "browser"}))
-
-    def picture(self) -> bytes:
-        return base64.b64decode(self.call("GET", f"/{self.id}/screenshot"))
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: Any) -> Iterator[Browser]:
-    driver = shutil.which("chromedriver")
-    if driver is None:
-        pytest.skip("no chromedriver on this machine: the player was not opened in a browser")
-    with contextlib.closing(socket.socket()) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with subprocess.Popen([driver, f"--port={port}"], stdout=subprocess.DEVNULL) as process:
-        try:
-            opened = Browser(_ready(port), tmp_path_factory.mktemp("profile"))
-            yield opened
-            opened.call("DELETE", f"/{opened.id}")
-        finally:
-            process.terminate()
-
-
-def _ready(port: int) -> int:
-    for _ in range(100):
-        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-            return port
-        time.sleep(0.1)
-    raise TimeoutError(f"chromedriver does not answer on port {port}")
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
-def test_the_player_plays(zoo_run: Any, browser: Browser, tmp_path: Path, width: int) -> None:
+def test_the_player_plays(zoo_run: Any, browser: Any, tmp_path: Path, width: int) -> None:
     zoo_run.animate(tmp_path / "a.html", sensors=["P.rate", "arm.position"], trail="bob", speed=0.2)
-    browser.open(tmp_path / "a.html", width)
+    browser.show(tmp_path / "a.html", width, mobile=False)
     read = "return Number(document.getElementById('time').textContent.match(/[0-9.]+/)[0])"
-    assert browser.run(read) == 0
-    browser.run("document.getElementById('play').click()")
+    assert browser.script(read) == 0
+    browser.script("document.getElementById('play').click()")
     time.sleep(0.8)
-    first = browser.run(read)
+    first = browser.script(read)
     time.sleep(0.4)
-    assert 0 < first < browser.run(read) <= 0.4
-    browser.run("document.getElementById('play').click()")
-    stopped = browser.run(read)
+    assert 0 < first < browser.script(read) <= 0.4
+    browser.script("document.getElementById('play').click()")
+    stopped = browser.script(read)
     time.sleep(0.3)
-    assert browser.run(read) == stopped
+    assert browser.script(read) == stopped
     key = "document.getElementById('view').dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft', cancelable: true}))"
     before = browser.picture()
-    browser.run(key)
+    browser.script(key)
     assert (browser.picture() != before) == (not zoo_run.prepared.model.planar)
-    assert browser.run("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert browser.script("return document.documentElement.scrollWidth <= window.innerWidth")
     controls = "[...document.querySelectorAll('button,input,select')]"
-    assert browser.run(f"return {controls}.every(e => e.ariaLabel || e.labels?.length || e.textContent)")
-    assert not browser.messages()
+    assert browser.script(f"return {controls}.every(e => e.ariaLabel || e.labels?.length || e.textContent)")
+    assert not browser.log()
 
 
 @pytest.mark.slow
-def test_the_player_bends_beams(flexible_run: Any, browser: Browser, tmp_path: Path) -> None:
+def test_the_player_bends_beams(flexible_run: Any, browser: Any, tmp_path: Path) -> None:
     flexible_run.animate(tmp_path / "a.html", sensors=["rod.at(0.5).stress_resultants"], trail="hook.at(1.0)", speed=0.2)
-    browser.open(tmp_path / "a.html", 900)
+    browser.show(tmp_path / "a.html", 900)
     rod = "film.shapes.find(s => s.kind === 'bar' && !s.body && s.points.length > 1)"
     bend = f"""const at = k => {{ now = T0 + k * span; show();
       const p = pointsOf({rod}, {{}}, frame()), a = p[0], b = p[p.length - 1];
       return Math.hypot(b[0] - a[0], b[1] - a[1], b[2] - a[2]); }}; return [at(0), at(1)]"""
-    straight, bent = browser.run(bend)
+    straight, bent = browser.script(bend)
     ends = [flexible_run(t)["rod"].at(s).position[0] for t in (0.0, 0.4) for s in (0.0, 1.0)]
     assert [straight, bent] == pytest.approx([np.linalg.norm(ends[1] - ends[0]), np.linalg.norm(ends[3] - ends[2])], abs=1e-3)
     assert bent < 0.95 * straight
     last = browser.picture()
-    browser.run("now = T0; show()")
+    browser.script("now = T0; show()")
     assert browser.picture() != last
-    assert not browser.messages()
+    assert not browser.log()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 import socket
@@ -33,8 +34,9 @@ class Browser:
     def cdp(self, command, **params):
         return self.call("/goog/cdp/execute", {"cmd": command, "params": params})
 
-    def show(self, path, width):
-        self.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 500)
+    def show(self, path, width, mobile=None):
+        mobile = width < 500 if mobile is None else mobile
+        self.cdp("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=mobile)
         self.call("/url", {"url": path.as_uri()})
 
     def script(self, text):
@@ -42,6 +44,9 @@ class Browser:
 
     def log(self):
         return self.call("/se/log", {"type": "browser"})
+
+    def picture(self):
+        return base64.b64decode(self.call("/screenshot", method="GET"))
 
 
 @pytest.fixture(scope="module")
