@@ -17,7 +17,7 @@ WORDS = {
     "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l",
     "scaling": "s", "penalty": "p",
     "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
-    "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
+    "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
 
 

@@ -61,7 +61,7 @@ class PartReport:
         law: list[Block] = [
             Paragraph("Friction force on l along the tangent and its power on the bodies:"),
             Equation(r"f_t = -\mu(v)\,f_n \\ P = f_t\,v = -\mu(v)\,v\,f_n"),
-            Equation(f"\\mu = {w.scalar(mu)}"),
+            Equation(f"\\mu(v) = {w.scalar(mu)}"),
         ]
         for name, rate in rates.items():
             start = part.initial(v)[name]
@@ -167,6 +167,14 @@ class PartReport:
         table = {**{k: np.full(len(x), val) for k, val in values.items()}, **(state or {}), str(v): x}
         return np.broadcast_to(value(se.sympify(e), lambda s: table[str(s)]), (len(x),))
 
+    def _damping_sign(self, power: Any) -> str:
+        """The sign of the power of damping at random penetrations and rates."""
+        rng = np.random.default_rng(8)
+        values = dict.fromkeys(self._values(), 1.0)
+        lost = self._at(power, values, se.Symbol("a"), rng.uniform(0, 1, POINTS), {"a_rate": rng.normal(size=POINTS)})
+        sign = "never negative" if np.min(lost) >= 0 else "NEGATIVE SOMEWHERE"
+        return f"power lost where the force is not clamped, W: {sign} at {POINTS} random penetrations and rates"
+
     def normal(self) -> list[Section]:
         """A force of the penetration."""
         part: Any = self.part
@@ -184,12 +192,7 @@ class PartReport:
         ]
         blocks: list[Block] = [Paragraph(text[0])]
         if damped != 0:
-            blocks += [
-                Equation(
-                    f"P = {w.scalar(damped * rate)}",
-                    note="power lost where the force is not clamped: never negative, the square of the rate enters",
-                )
-            ]
+            blocks.append(Equation(f"P = {w.scalar(damped * rate)}", note=self._damping_sign(damped * rate)))
         x = np.linspace(0, 1, 101)
         y = self._at(elastic, dict.fromkeys(self._values(), 1.0), a, x)
         blocks.append(
