@@ -45,9 +45,10 @@ def of_name(name: str, unit: str = "") -> str:
         base, lower = match[1], [match[2], *lower]
     elif re.fullmatch(r"[A-Za-z][xyz]{1,2}", base):
         base, lower = base[0], [base[1:], *lower]
-    if base in WORDS and lower:
+    if base in WORDS and base not in GREEK and lower:
         base = WORDS[base]
-    first = f"\\{base}" if base.lower() in GREEK else base if len(base) == 1 else f"\\text{{{base}}}"
+    whole = len(base) == 1 or base.startswith("\\")
+    first = f"\\{base}" if base.lower() in GREEK else base if whole else f"\\text{{{base}}}"
     if not lower:
         return first
     below = ",".join(f"\\{part}" if part in GREEK else part if len(part) == 1 or part.isdigit() else f"\\text{{{part}}}"
