@@ -1,4 +1,4 @@
-"""Chromium over chromedriver's own protocol."""
+"""What tests of pages read them with: a parser, and Chromium over chromedriver's own protocol."""
 
 from __future__ import annotations
 
@@ -9,11 +9,41 @@ import socket
 import subprocess
 import time
 import urllib.request
+from html.parser import HTMLParser
 
 import pytest
 
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+
+
+class Reader(HTMLParser):
+    """Tags, attributes, and whether every element is closed."""
+
+    VOID = ("meta", "link", "br", "img")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.attributes = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def read_html():
+    return Reader
 
 
 class Browser:

@@ -6,7 +6,6 @@ import json
 import re
 import socket
 from html import unescape
-from html.parser import HTMLParser
 
 import pytest
 
@@ -26,38 +25,14 @@ def w():
     return mb.compare(s, 0.5, runs, [1e-3, 1e-5], measure="hinge.angle")
 
 
-class Reader(HTMLParser):
-    """Tags, attributes, and whether every element is closed."""
-
-    VOID = ("meta", "link", "br")
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.tags, self.attributes = [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += attrs
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
 def text_of(html):
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", html)).split())
 
 
-def test_page_is_well_formed_and_needs_nothing_else(w, tmp_path):
+def test_page_is_well_formed_and_needs_nothing_else(w, tmp_path, read_html):
     html = w.to_html(tmp_path / "w.html")
     assert (tmp_path / "w.html").read_text(encoding="utf-8") == html
-    page = Reader(html)
+    page = read_html(html)
     assert page.open == []
     links = [value for key, value in page.attributes if key in ("src", "href", "xlink:href")]
     assert all(link.startswith(("#", "data:,")) for link in links)
