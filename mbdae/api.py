@@ -18,7 +18,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
-from mbdae.results.reliability import doubts_of_run, doubts_of_steps, energy_alarm
+from mbdae.results.reliability import doubts_of_steps, judged
 from mbdae.results.resolution import refuse_unresolved
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.results.waves import lost_amplitude, with_amplitude
@@ -196,9 +196,9 @@ class _Job:
         info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
-        judged = found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1])
-        notes = _warnings(self.prepared, run, known) + doubts_of_steps(run) + doubts_of_run(judged, run)
-        found.info = replace(info, warnings=tuple(notes), reliable=not energy_alarm(judged))
+        judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
+        notes = [*_warnings(self.prepared, run, known), *doubts_of_steps(run), *judgement.notes]
+        found.info = replace(info, warnings=tuple(notes), reliable=judgement.reliable)
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return found

@@ -57,13 +57,10 @@ class JournalContact(Force):
     timeless = True
 
     def own_states(self) -> Mapping[str, Parameter]:
-        if self.friction is None:
-            return {}
-        return {name + end: spec for name, spec in self.friction.states.items() for end in self._ends}
+        return {name + end: spec for part in self._parts for name, spec in part.states.items() for end in self._ends}
 
     def state_scales(self) -> dict[str, float]:
-        scales = self.friction.state_scales() if self.friction is not None else {}
-        return {name + end: scale for name, scale in scales.items() for end in self._ends}
+        return {name + end: scale for name, scale in super().state_scales().items() for end in self._ends}
 
     @property
     def _ends(self) -> tuple[str, ...]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Force, Parameter, params
+from mbdae.symbolic.law import Force, params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -16,12 +14,6 @@ class SlideFriction(Force):
     params = params(normal_force=("N", "force that presses l on k"))
     options = ("friction",)
     dissipative = True
-
-    def own_states(self) -> Mapping[str, Parameter]:
-        return dict(self.friction.states) if self.friction is not None else {}
-
-    def state_scales(self) -> Mapping[str, float]:
-        return dict(self.friction.state_scales()) if self.friction is not None else {}
 
     def _sliding(self, k: Frame, l: Frame) -> Expr:
         return let(k.z @ (l.v - k.v - k.w.cross(l.r - k.r)))

@@ -32,10 +32,6 @@ class Friction(Part):
         """Energy over normal force that the internal states hold, m: what the law may give back."""
         return se.Integer(0)
 
-    def state_scales(self) -> dict[str, float]:
-        """Typical magnitude of every internal state."""
-        return {}
-
     def smallest_velocity(self) -> float | None:
         """Velocity (m/s) over which the coefficient changes: what the tolerance has to resolve; None where there is none."""
         return None

@@ -12,7 +12,7 @@ from mbdae.joints.classical_prismatic import ClassicalPrismatic
 from mbdae.joints.prismatic import Prismatic
 from mbdae.joints.revolute import Revolute
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Joint, Parameter, params
+from mbdae.symbolic.law import Joint, params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -24,12 +24,6 @@ class _Rubbing(Joint):
     """What both joints have in common: a friction law (None: no friction), its states, and the force that presses."""
 
     options = ("friction",)
-
-    def own_states(self) -> Mapping[str, Parameter]:
-        return dict(self.friction.states) if self.friction is not None else {}
-
-    def state_scales(self) -> Mapping[str, float]:
-        return dict(self.friction.state_scales()) if self.friction is not None else {}
 
     def pressing(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> Vec:
         """What presses the surfaces together, of the reactions of the rows, N; its magnitude is the normal force."""

@@ -16,7 +16,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 if TYPE_CHECKING:
-    from mbdae.results.result import Result
+    pass
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -35,10 +35,26 @@ class ClearanceSensor(ConnectionSensor):
 
     def at_times(self, t: Array) -> dict[str, Array]:
         """Everything the contact shows at times t (nt,): (nt, parts) by name."""
-        return observed(self._result, self._item.name, t)
+        columns: dict[str, list[Array]] = {}
+        prepared = self._result.prepared
+        for g, p, values in prepared.mechanics.evaluate(observed_outputs, t, *self._result.states(t)):
+            for i, instance in enumerate(prepared.model.groups[g].instances):
+                if instance.item == self._item.name:
+                    for o, (name, _) in enumerate(p.targets):
+                        columns.setdefault(name, []).append(values[:, i, o])
+        return {name: np.stack(parts, axis=1) for name, parts in columns.items()}
+
+    @cached_property
+    def on_steps(self) -> dict[str, Array]:
+        """`at_times` on the steps of the run."""
+        return self.at_times(self._result.solution.t)
+
+    @cached_property
+    def _seen(self) -> dict[str, Array]:
+        return self.at_times(self._result.t)
 
     def _observed(self, name: str) -> Array:
-        values = self.at_times(self._result.t)[name]
+        values = self._seen[name]
         return values[:, 0] if values.shape[1] == 1 else values
 
     @property
@@ -74,7 +90,7 @@ class ClearanceSensor(ConnectionSensor):
     @property
     def orbit(self) -> Array:
         """Centre of the pin relative to that of the race (nt, 2), m, in axes that turn with the race."""
-        return self.at_times(self._result.t)["orbit"]
+        return self._seen["orbit"]
 
     @property
     def friction_power(self) -> Array:
@@ -89,9 +105,8 @@ class ClearanceSensor(ConnectionSensor):
     @cached_property
     def wear(self) -> float:
         """Normal force times sliding distance over the whole run, J (trapezoidal over its steps)."""
-        t = self._result.solution.t
-        seen = self.at_times(t)
-        return float(np.trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), t))
+        seen = self.on_steps
+        return float(np.trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), self._result.solution.t))
 
     def summary(self) -> dict[str, float]:
         """The contact in numbers: see `Result.contacts`."""
@@ -102,21 +117,8 @@ class ClearanceSensor(ConnectionSensor):
     @cached_property
     def contacts(self) -> Contacts:
         """Begin, end and peak penetration of every contact, found on the steps of the run."""
-        t = self._result.solution.t
-        seen = self.at_times(t)
+        t, seen = self._result.solution.t, self.on_steps
         found = [contacts_of(t, gap, rate) for gap, rate in zip(seen["gap"].T, seen["gap_rate"].T, strict=True)]
         begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(begin, kind="stable")
         return Contacts(begin[order], end[order], peak[order])
-
-
-def observed(result: Result, item: str, t: Array) -> dict[str, Array]:
-    """What the laws of an item show at times t (nt,): (nt, parts) by name."""
-    columns: dict[str, list[Array]] = {}
-    model = result.prepared.model
-    for g, p, values in result.prepared.mechanics.evaluate(observed_outputs, t, *result.states(t)):
-        for i, instance in enumerate(model.groups[g].instances):
-            if instance.item == item:
-                for o, (name, _) in enumerate(p.targets):
-                    columns.setdefault(name, []).append(values[:, i, o])
-    return {name: np.stack(parts, axis=1) for name, parts in columns.items()}

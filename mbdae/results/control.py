@@ -22,7 +22,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
-from mbdae.system.contacts import gap_outputs
+from mbdae.system.contacts import gaps_of
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 
@@ -79,10 +79,8 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
 
 def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
     """(nt,) bool: whether any contact of a scene is made."""
-    made = np.zeros(len(q), dtype=bool)
-    for _, p, values in mechanics.evaluate(gap_outputs, np.zeros(len(q)), q, u):
-        made |= np.any(values[:, :, [i for i, target in enumerate(p.targets) if target[0] == "gap"]] < 0, axis=(1, 2))
-    return made
+    gaps = gaps_of(mechanics, np.zeros(len(q)), q, u)
+    return np.asarray(np.any(np.hstack([gap for gap, _ in gaps.values()]) < 0, axis=1))
 
 
 def distance(prepared: Prepared, t: Array, a: Array, b: Array) -> Array:

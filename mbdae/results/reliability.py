@@ -6,7 +6,7 @@ what it dissipated.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,19 +27,31 @@ GROWN = 5.0  #: logarithm of the growth that must have been lost before it is to
 DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
 
 
-def doubts_of_run(result: Result, run: Controlled) -> list[str]:
-    """What is not to be trusted of a run with contact or friction."""
+class Judgement(NamedTuple):
+    """What is to be said of a run with contact or friction, and whether its result is one."""
+
+    notes: tuple[str, ...] = ()
+    reliable: bool = True
+
+
+def judged(result: Result, run: Controlled) -> Judgement:
+    """What is not to be trusted of a run with contact or friction; its energy decides, and contacts whose growth it lost."""
     prepared = result.prepared
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
-        return []
-    found = [doubt for contact in prepared.contacts for doubt in _of_contact(result, run, contact)]
-    return energy_alarm(result) + found + _of_friction(prepared, run)
+        return Judgement()
+    energy = _of_energy(result)
+    notes, reliable = list(energy), not energy
+    for contact in prepared.contacts:
+        sensor: ClearanceSensor = result[contact.item]
+        whirl = _whirl(result, sensor, contact.item)
+        unstable = [] if whirl else _flutter(result, sensor, contact)
+        notes += _of_contact(prepared, sensor, run, contact) + whirl + unstable
+        reliable &= not unstable
+    return Judgement((*notes, *_of_friction(prepared, run)), reliable)
 
 
-def energy_alarm(result: Result) -> list[str]:
-    """The alarm of a run with contact whose energy balance is off by more than a tenth of what contact and friction dissipate."""
-    if not result.prepared.contacts:
-        return []
+def _of_energy(result: Result) -> list[str]:
+    """The alarm where the energy balance is off by more than a tenth of what contact and friction dissipate."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
@@ -49,11 +61,9 @@ def energy_alarm(result: Result) -> list[str]:
             f"a smaller accuracy, or rtol"]  # fmt: skip
 
 
-def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
-    """Penetrations against the tolerance and the clearance, resolution of impacts, whirl."""
-    prepared, law, item = result.prepared, expected.law, expected.item
-    sensor: ClearanceSensor = result[item]
-    contacts = sensor.contacts
+def _of_contact(prepared: Prepared, sensor: ClearanceSensor, run: Controlled, expected: Any) -> list[str]:
+    """Penetrations against the tolerance and the clearance."""
+    law, item, contacts = expected.law, expected.item, sensor.contacts
     if not len(contacts):
         return []
     found = []
@@ -66,7 +76,7 @@ def _of_contact(result: Result, run: Controlled, expected: Any) -> list[str]:
     if deepest > limit:
         found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the "
                      f"pin's radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
-    return found + (_whirl(result, sensor, item) or _flutter(result, sensor, expected))
+    return found
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
@@ -84,7 +94,7 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     pressed = float(np.mean(seen["gap"].min(axis=1) < 0))
     x, y = seen["orbit"].T
     angle = np.unwrap(np.arctan2(y, x))
-    turning, turns = float(np.median(_rate(times, angle))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
+    turning, turns = float(np.median(np.diff(angle) / np.diff(times))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
     if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin) or turns < AROUND:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
@@ -99,7 +109,7 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str
     law, t = expected.law, result.solution.t
     if law.friction is None or len(t) < 3:
         return []
-    seen = sensor.at_times(t)
+    seen = sensor.on_steps
     step, grown, fast = np.diff(t, append=t[-1]), 0.0, 0.0
     for gap, force, rub in zip(seen["gap"].T, seen["normal_force"].T, seen["friction_force"].T, strict=True):
         growth, rate = _instability(law, expected.mass, -gap, force, np.abs(rub))
@@ -127,10 +137,6 @@ def _instability(law: Any, mass: float, depth: Any, force: Any, rub: Any) -> tup
             rate[i] = np.sqrt((normal + across) / (2 * mass))
             growth[i] = np.sqrt(coupled) / (2 * mass * rate[i]) - damping / (4 * mass)
     return growth, rate
-
-
-def _rate(t: Any, angle: Any) -> Any:
-    return np.diff(angle) / np.diff(t)
 
 
 def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:

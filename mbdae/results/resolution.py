@@ -16,7 +16,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
-from mbdae.system.contacts import gap_outputs
+from mbdae.system.contacts import gaps_of
 from mbdae.system.prepare import Prepared
 
 RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above
@@ -51,14 +51,10 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
     friction where it changes its sense; the ceiling before where it has found none."""
     if prepared is None or not prepared.contacts:
         return ceiling
-    q, u, s = prepared.states(run.t, run.y)
-    peaks = []
-    for _, _, values in prepared.mechanics.evaluate(gap_outputs, run.t, q, u, s):
-        places = values.reshape(len(run.t), -1, 2)
-        for gap, rate in np.moveaxis(places, (1, 2), (0, 1)):
-            found = contacts_of(run.t, gap, rate)[2]
-            peaks += [float(np.median(found))] if len(found) else []
-    peaks = [peak for peak in peaks if peak > 0]
+    q, u, _ = prepared.states(run.t, run.y)
+    pairs = gaps_of(prepared.mechanics, run.t, q, u).values()
+    found = [contacts_of(run.t, *place)[2] for gap, rate in pairs for place in zip(gap.T, rate.T, strict=True)]
+    peaks = [peak for peak in (float(np.median(deep)) for deep in found if len(deep)) if peak > 0]
     limits = [RESOLVED * velocity / typical_speed(prepared) for _, velocity in reversing(prepared, run)]
     return min([solver.penetration_share * min(peaks) / prepared.length, *limits]) if peaks else ceiling
 

@@ -90,7 +90,8 @@ class Result:
 
     @property
     def reliable(self) -> bool:
-        """False where contact or friction went wrong: the energy balance is off by more than a tenth of what they dissipate."""
+        """False where contact or friction went wrong: the energy balance is off by more than a tenth of what they dissipate, or
+        a contact that friction makes unstable was damped away by the steps."""
         return self.info.reliable
 
     @property

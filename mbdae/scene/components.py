@@ -166,11 +166,6 @@ class Clearance(JointModel):
     friction: Friction | None = None
     length: float | None = None
 
-    @property
-    def play(self) -> float:
-        """Clearance outer - inner, m."""
-        return self.outer - self.inner
-
 
 @dataclass(eq=False)
 class Connection:

@@ -78,12 +78,16 @@ class Law:
         self.states = self.own_states()
 
     def own_states(self) -> Mapping[str, Parameter]:
-        """Internal states of this law with its options."""
-        return self.states
+        """Internal states of this law and of its parts."""
+        return {**self.states, **{name: spec for part in self._parts for name, spec in part.states.items()}}
+
+    @property
+    def _parts(self) -> list[Part]:
+        return [part for part in (getattr(self, key) for key in self.options) if isinstance(part, Part)]
 
     def state_scales(self) -> Mapping[str, float]:
         """Typical magnitude of an internal state in its unit, where it is not 1: what its tolerance is relative to."""
-        return {}
+        return {name: scale for part in self._parts for name, scale in part.state_scales().items()}
 
     if TYPE_CHECKING:
 

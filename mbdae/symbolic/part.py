@@ -93,6 +93,10 @@ class Part:
         """Parameters and options by name."""
         return {key: getattr(self, key) for key in (*self.params, *self.options)}
 
+    def state_scales(self) -> dict[str, float]:
+        """Typical magnitude of an internal state, where it is not 1."""
+        return {}
+
     def structure(self) -> PartStructure:
         """Which parameters are absent, and the options."""
         absent = frozenset(p for p in self.params if getattr(self, p) is None)

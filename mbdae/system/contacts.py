@@ -34,6 +34,15 @@ def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
 
 
+def gaps_of(mechanics: Mechanics, t: Array, q: Array, u: Array) -> dict[str, tuple[Array, Array]]:
+    """By item: gaps (m) and rates (m/s) of its places of contact at states (nt,), (nt, places) each."""
+    found = {}
+    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            found[instance.item] = values[:, i, ::2], values[:, i, 1::2]
+    return found
+
+
 def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Gradients of the relative displacements along which a one-sided law may act."""
     if not isinstance(d.law, Force):
@@ -87,8 +96,7 @@ def approaches(mechanics: Mechanics, start: Start) -> dict[str, Approach]:
 class Expected:
     """What is known of a contact before the run. SI units.
 
-    depth: penetration expected, m; penetration: at the start, with the force (N) and elastic energy (J) it means;
-    slowest: velocity over which friction changes, m/s, None without friction.
+    depth: penetration expected, m; penetration: at the start, with the force (N) and elastic energy (J) it means.
     """
 
     item: str
@@ -96,11 +104,6 @@ class Expected:
     mass: float
     depth: float
     penetration: float
-
-    @property
-    def slowest(self) -> float | None:
-        """Velocity over which the friction coefficient changes, m/s."""
-        return None if self.law.friction is None else self.law.friction.smallest_velocity()
 
     def told(self) -> str:
         """The contact in a line."""
@@ -130,13 +133,9 @@ class Expected:
 def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float]) -> list[Expected]:
     """What to expect of every contact of a scene."""
     found = approaches(mechanics, start)
-    gaps: dict[str, float] = {}
-    t, q, u = np.array([start.t]), start.q[None], start.u[None]
-    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u) if found else []:
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            gaps[instance.item] = float(values[0, i, ::2].min())
-    depth = {item: _depth(a, reactions.get(item, 0.0)) for item, a in found.items()}
-    return [Expected(item, a.law, a.mass, depth[item], max(0.0, -gaps[item])) for item, a in found.items()]
+    gaps = gaps_of(mechanics, np.array([start.t]), start.q[None], start.u[None]) if found else {}
+    deep = {item: max(0.0, -float(gap.min())) for item, (gap, _) in gaps.items()}
+    return [Expected(item, a.law, a.mass, _depth(a, reactions.get(item, 0.0)), deep[item]) for item, a in found.items()]
 
 
 def _depth(a: Approach, force: float) -> float:
@@ -153,10 +152,9 @@ class Contacts:
     """The guards of a system: gap, gap rate and duration of an impact at every place of contact."""
 
     def __init__(self, system: SceneSystem, masses: dict[str, float]) -> None:
-        self._system, model = system, system.model
         gathers, kernels = [], []
         self.places: list[Place] = []
-        for g, group in enumerate(model.groups):
+        for g, group in enumerate(system.model.groups):
             p = plan(group.derived, gap_outputs)
             if not p.targets:
                 continue
