@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,117 +11,25 @@ import scipy.linalg
 
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
-from mbdae.analysis.frame import RotatingFrame, advanced, attitude, frame_at, motion_in_words
+from mbdae.analysis.frame import RotatingFrame, advanced, frame_at, motion_in_words
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
+from mbdae.analysis.shapes import Mode, scaled, shares
 from mbdae.analysis.steady import STEADY, departure, times_to_compare
-from mbdae.elements.line_shape import table
 from mbdae.errors import OptionError, SteadyError
 from mbdae.formulations.index3 import Index3
-from mbdae.results.beams import foot
 from mbdae.results.result import Result
-from mbdae.scene.components import Body, Place
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.explicit import state_rates
 from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
 
 LARGEST = 1600  #: states up to which all eigenvalues are found
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a double zero
-
-
-@dataclass(frozen=True)
-class Shape:
-    """Motion of a node or a place in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes; of
-    a beam (nodes, 3) each, at the lengths `stations` (nodes,) along it, m."""
-
-    displacement: Array
-    rotation: Array
-    stations: Array | None = None
-
-
-@dataclass(frozen=True)
-class Mode:
-    """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
-
-    `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
-    that the largest component (m, rad) is 1; of a beam that of all its nodes. `mode[body.at(...)]` is that of a place.
-    """
-
-    eigenvalue: complex
-    vector: Array  #: (nu,) complex
-    owner: Linearization
-
-    @property
-    def frequency(self) -> float:
-        """Hz, of the (damped) oscillation."""
-        return self.eigenvalue.imag / (2 * np.pi)
-
-    @property
-    def angular_frequency(self) -> float:
-        """rad/s, of the (damped) oscillation."""
-        return self.eigenvalue.imag
-
-    @property
-    def growth(self) -> float:
-        """1/s; negative: the mode decays."""
-        return self.eigenvalue.real
-
-    @property
-    def damping(self) -> float:
-        """Damping ratio: 1 and more without oscillation, negative where the mode grows, 0 for an eigenvalue 0."""
-        size = abs(self.eigenvalue)
-        return 0.0 - self.eigenvalue.real / size if size else 0.0
-
-    def __getitem__(self, body: str | Body | Place) -> Shape:
-        if isinstance(body, Place):
-            return self._at(body)
-        name = body if isinstance(body, str) else body.name
-        model = self.owner.prepared.model
-        line = model.line(model.scene[name])
-        if line is not None:
-            shapes = [self._of(node) for node in line.nodes]
-            move, turn = (np.array([getattr(s, k) for s in shapes]) for k in ("displacement", "rotation"))
-            return Shape(move, turn, line.mesh.stations)
-        return self._of(model.node(model.scene[name]))
-
-    def _of(self, node: Node | None) -> Shape:
-        move, turn = np.zeros(3, dtype=complex), np.zeros(3, dtype=complex)
-        if node is not None:
-            n, part = node.kind.translations, self.vector[node.u : node.u + node.kind.sizes[1]]
-            move[:n] = part[:n]
-            if len(part) > n:
-                turn[2 if len(part) == 3 else slice(None)] = part[2] if len(part) == 3 else part[3:]
-        return Shape(move, turn)
-
-    def _at(self, place: Place) -> Shape:
-        """On a rigid body with its arm, on a beam by its shape functions and with the arm to its axis."""
-        model, start = self.owner.prepared.model, self.owner.prepared.start
-        body = model.scene[place.body.name]
-        line, node = model.line(body), model.node(body)
-        if line is not None:
-            e, xi = foot(line.mesh, place.point)
-            at, whole = table(line.mesh.order, np.array([xi])).values[0], self[body]
-            move, turn = (at @ a[line.mesh.elements[e]] for a in (whole.displacement, whole.rotation))
-            body = min((n.body for n in line.nodes if n.body), key=lambda b: float(np.linalg.norm(b.position - place.point)))
-            node, origin = model.node(body), at @ line.mesh.curve[e]
-        else:
-            shape, origin = self._of(node), body.position
-            move, turn = shape.displacement, shape.rotation
-        if node is None or not node.kind.turns:
-            return Shape(move, turn)
-        arm = attitude(node, start.q) @ body.rotation.T @ (place.point - origin)
-        return Shape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
-
-    @property
-    def participation(self) -> dict[str, float]:
-        """Share of every body in the kinetic energy of the mode (of its displacements, where nothing moves has mass)."""
-        return self.owner._shares(self.vector)
 
 
 class Linearization:
@@ -142,7 +49,7 @@ class Linearization:
         else:
             values, vectors = eigenpairs(self.equations, count)
             shapes = self.basis @ vectors[: len(self.M)]
-        self.modes = [Mode(complex(v), _scaled(x), self) for v, x in zip(values, shapes.T, strict=True)]
+        self.modes = [Mode(complex(v), scaled(x), self) for v, x in zip(values, shapes.T, strict=True)]
 
     @cached_property
     def equations(self) -> Reduced:
@@ -211,16 +118,9 @@ class Linearization:
         """(nu, nu) mass matrix in the frame's components, from M of the nodes."""
         return self.pencil.C.T @ (self.pencil.C.T @ self.prepared.mechanics.mass.T).T
 
-    def _shares(self, vector: Array) -> dict[str, float]:
-        m, energy = self.prepared.mechanics, np.abs(np.conj(vector) * (self._metric @ vector))
-        if not np.max(energy, initial=0.0):
-            energy = np.abs(vector / m.velocity_units) ** 2
-        total = float(np.sum(energy)) or 1.0
-        shares: dict[str, float] = {}
-        for node, body in m.model.bodies:
-            part = float(np.sum(energy[node.u : node.u + node.kind.sizes[1]])) / total
-            shares[body.owner.name] = shares.get(body.owner.name, 0.0) + part
-        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+    def shares(self, vector: Array) -> dict[str, float]:
+        """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
+        return shares(self.prepared.mechanics, self._metric, vector)
 
     def __str__(self) -> str:
         head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
@@ -233,12 +133,6 @@ class Linearization:
 
     def __repr__(self) -> str:
         return f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': {len(self.modes)} modes>"
-
-
-def _scaled(vector: Array) -> Array:
-    """The vector with its largest component 1."""
-    largest = vector[np.argmax(np.abs(vector))] if len(vector) else 1.0
-    return np.asarray(vector / largest) if largest else vector
 
 
 def eigenpairs(equations: Reduced, count: int | None) -> tuple[Array, Array]:
@@ -286,7 +180,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     """
     if count is not None and not count >= 1:
         raise OptionError(f"count = {count}: give the number of lowest modes, 1 or more, or None for all")
-    prepared = prepare(scene, _start(scene, at))
+    prepared = prepare(scene, start_at(scene, at))
     start, m = prepared.start, prepared.mechanics
     axes = frame_at(prepared.model, frame if frame is not None else prepared.model.scene.ground, start.q, start.u)
     system = complete_system(m, Index3().spec())
@@ -296,13 +190,14 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     beams = (system, z) if m.model.lines else None
     reason = departure(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
-        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet, "
-                          f"where the motion or its equations repeat; otherwise resolve in the frame of a body that turns "
-                          f"steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+        raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
+                          f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a body "
+                          f"that turns steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
     return found
 
 
-def _start(scene: SceneData, at: Any) -> Start | None:
+def start_at(scene: SceneData, at: Any) -> Start | None:
+    """The state that `at` names: a Result (its end), (Result, t), an equilibrium; None for the start of the scene."""
     if at is None:
         return None
     result, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)

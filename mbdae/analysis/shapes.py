@@ -1,0 +1,135 @@
+"""Modes and their shapes: the motion of bodies and of places on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from mbdae.analysis.frame import attitude
+from mbdae.elements.line_shape import table
+from mbdae.results.beams import foot
+from mbdae.scene.components import Body, Place
+from mbdae.system.base import Array
+from mbdae.system.mechanics import Mechanics
+from mbdae.system.nodes import Node
+from mbdae.system.prepare import Prepared
+
+
+class Owner(Protocol):
+    """The analysis a mode belongs to: the scene, and the axes (3, 3) its components are along."""
+
+    prepared: Prepared
+    axes: Array
+
+    def shares(self, vector: Array) -> dict[str, float]:
+        """Share of every body in the energy of a motion (nu,)."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Motion of a node or a place in a mode, complex: displacement (3,) m and rotation (3,) rad along the frame's axes; of
+    a beam (nodes, 3) each, at the lengths `stations` (nodes,) along it, m."""
+
+    displacement: Array
+    rotation: Array
+    stations: Array | None = None
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
+
+    `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
+    that the largest component (m, rad) is 1; of a beam that of all its nodes. `mode[body.at(...)]` is that of a place.
+    """
+
+    eigenvalue: complex
+    vector: Array  #: (nu,) complex
+    owner: Owner
+
+    @property
+    def frequency(self) -> float:
+        """Hz, of the (damped) oscillation."""
+        return self.eigenvalue.imag / (2 * np.pi)
+
+    @property
+    def angular_frequency(self) -> float:
+        """rad/s, of the (damped) oscillation."""
+        return self.eigenvalue.imag
+
+    @property
+    def growth(self) -> float:
+        """1/s; negative: the mode decays."""
+        return self.eigenvalue.real
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio: 1 and more without oscillation, negative where the mode grows, 0 for an eigenvalue 0."""
+        size = abs(self.eigenvalue)
+        return 0.0 - self.eigenvalue.real / size if size else 0.0
+
+    def __getitem__(self, body: str | Body | Place) -> Shape:
+        if isinstance(body, Place):
+            return self._at(body)
+        name = body if isinstance(body, str) else body.name
+        model = self.owner.prepared.model
+        line = model.line(model.scene[name])
+        if line is not None:
+            shapes = [self._of(node) for node in line.nodes]
+            move, turn = (np.array([getattr(s, k) for s in shapes]) for k in ("displacement", "rotation"))
+            return Shape(move, turn, line.mesh.stations)
+        return self._of(model.node(model.scene[name]))
+
+    def _of(self, node: Node | None) -> Shape:
+        move, turn = np.zeros(3, dtype=complex), np.zeros(3, dtype=complex)
+        if node is not None:
+            n, part = node.kind.translations, self.vector[node.u : node.u + node.kind.sizes[1]]
+            move[:n] = part[:n]
+            if len(part) > n:
+                turn[2 if len(part) == 3 else slice(None)] = part[2] if len(part) == 3 else part[3:]
+        return Shape(move, turn)
+
+    def _at(self, place: Place) -> Shape:
+        """On a rigid body with its arm, on a beam by its shape functions and with the arm to its axis."""
+        model, start = self.owner.prepared.model, self.owner.prepared.start
+        body = model.scene[place.body.name]
+        line, node = model.line(body), model.node(body)
+        if line is not None:
+            e, xi = foot(line.mesh, place.point)
+            at, whole = table(line.mesh.order, np.array([xi])).values[0], self[body]
+            move, turn = (at @ a[line.mesh.elements[e]] for a in (whole.displacement, whole.rotation))
+            body = min((n.body for n in line.nodes if n.body), key=lambda b: float(np.linalg.norm(b.position - place.point)))
+            node, origin = model.node(body), at @ line.mesh.curve[e]
+        else:
+            shape, origin = self._of(node), body.position
+            move, turn = shape.displacement, shape.rotation
+        if node is None or not node.kind.turns:
+            return Shape(move, turn)
+        arm = attitude(node, start.q) @ body.rotation.T @ (place.point - origin)
+        return Shape(move + np.cross(turn, self.owner.axes.T @ arm), turn)
+
+    @property
+    def participation(self) -> dict[str, float]:
+        """Share of every body in the kinetic energy of the mode (of its displacements, where nothing moves has mass)."""
+        return self.owner.shares(self.vector)
+
+
+def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
+    """Share of every body in the energy of a motion (nu,) by a metric (nu, nu), else of its displacements."""
+    energy = np.abs(np.conj(vector) * (metric @ vector))
+    if not np.max(energy, initial=0.0):
+        energy = np.abs(vector / m.velocity_units) ** 2
+    total = float(np.sum(energy)) or 1.0
+    found: dict[str, float] = {}
+    for node, body in m.model.bodies:
+        part = float(np.sum(energy[node.u : node.u + node.kind.sizes[1]])) / total
+        found[body.owner.name] = found.get(body.owner.name, 0.0) + part
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def scaled(vector: Array) -> Array:
+    """The vector with its largest component 1."""
+    largest = vector[np.argmax(np.abs(vector))] if len(vector) else 1.0
+    return np.asarray(vector / largest) if largest else vector
