@@ -29,7 +29,7 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 
 if TYPE_CHECKING:
-    from mbdae.analysis import Equilibrium, Linearization
+    from mbdae.analysis import Equilibrium, Floquet, Linearization
 
 DEFAULT_OUTPUTS = 201
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
@@ -68,6 +68,12 @@ class Scene(SceneData):
         from mbdae.analysis import linearize
 
         return linearize(self, at, frame, count)
+
+    def floquet(self, period: float, at: Any = None, count: int | None = None, accuracy: float = 1e-8) -> Floquet:
+        """Floquet multipliers, growth and modes of small departures from a periodic motion; see `mbdae.analysis.floquet`."""
+        from mbdae.analysis import floquet
+
+        return floquet(self, period, at, count, accuracy)
 
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
                  outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,

@@ -1,6 +1,8 @@
-"""Analyses of a scene: static and relative equilibrium, linearisation about steady motions."""
+"""Analyses of a scene: static and relative equilibrium, linearisation about steady and periodic motions."""
 
 from mbdae.analysis.equilibrium import Equilibrium, equilibrium
-from mbdae.analysis.linearization import Linearization, Mode, linearize
+from mbdae.analysis.floquet import Floquet, floquet
+from mbdae.analysis.linearization import Linearization, linearize
+from mbdae.analysis.shapes import Mode
 
-__all__ = ["Equilibrium", "Linearization", "Mode", "equilibrium", "linearize"]
+__all__ = ["Equilibrium", "Floquet", "Linearization", "Mode", "equilibrium", "floquet", "linearize"]

@@ -191,8 +191,8 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     reason = departure(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
         raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
-                          f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a body "
-                          f"that turns steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
+                          f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a "
+                          f"body that turns steadily (frame=...), or start from s.equilibrium(frame=...)", found)  # fmt: skip
     return found
 
 

@@ -129,7 +129,7 @@ def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def scaled(vector: Array) -> Array:
+def scaled(vector: Any) -> Any:
     """The vector with its largest component 1."""
     largest = vector[np.argmax(np.abs(vector))] if len(vector) else 1.0
     return np.asarray(vector / largest) if largest else vector

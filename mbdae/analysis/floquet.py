@@ -1,0 +1,245 @@
+"""Floquet multipliers: growth and modes of small departures from a periodic motion.
+
+Departures x(t) from a motion of period T, in the directions that the constraints leave, obey x(T) = Phi x(0). The
+eigenvalues mu of the monodromy matrix Phi are the multipliers, log(mu) / T the exponents: growth rates, and frequencies
+up to multiples of 2 pi / T.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.optimize import linear_sum_assignment
+
+from mbdae.analysis.frame import attitude
+from mbdae.analysis.linearization import start_at
+from mbdae.analysis.monodromy import Departures, carried, departures
+from mbdae.analysis.orbit import check_return, followed
+from mbdae.analysis.shapes import Mode, scaled, shares
+from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.formulations import system_for
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared, prepare
+from mbdae.threads import single_threaded
+
+Complex = NDArray[np.complex128]
+
+FEWEST, MOST = 16, 8192  #: equal steps over a period
+GAIN = 8.0  #: error of the finer of two runs, at most: their difference over this (2^5 - 1 where nothing is stiff)
+NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root: their mean is known best
+LOST = 1e-9  #: multipliers below this part of the largest have decayed within the period to nothing
+ROUND = 1e-6  #: changes below may be rounding, where more steps do not help
+ELASTIC = 10  #: multipliers of a scene with beams that are found without `count`
+
+
+@dataclass(frozen=True)
+class FloquetMode(Mode):
+    """One mode: its eigenvalue is the exponent log(multiplier) / period, 1/s, with the imaginary part, rad/s, between
+    -pi / period and pi / period; its shape is that at the start of the period. error: estimate, 1/s, of the exponent's."""
+
+    multiplier: complex
+    error: float
+
+
+class Floquet:
+    """Multipliers of a periodic motion and their modes, by falling size.
+
+    `multipliers` (k,), `exponents` (k,) 1/s and `errors` (k,) 1/s (estimated) are all of them: 2 x degrees of freedom and one
+    per internal state that acts on the motion. Over the modes, one per conjugate pair, go `growth` (1/s), `frequencies`
+    (Hz) and `angular_frequencies` (rad/s); these are known up to multiples of 1 / period and 2 pi / period, the principal
+    ones are given. monodromy: (k, k); departure: relative distance of the motion from its start after the period;
+    steps: of the period; unresolved: number of multipliers left out, vibrations of beams faster than the steps follow.
+    """
+
+    axes = np.eye(3)
+
+    prepared: Prepared
+
+    def __init__(self, prepared: Prepared, period: float, found: Found, basis: Array, departure: float) -> None:
+        self.prepared, self.period, self.departure = prepared, period, departure
+        self.t, self.steps, self.monodromy, self.unresolved = prepared.start.t, found.steps, found.matrix, found.unresolved
+        self.multipliers, self.errors = found.values, found.errors / period
+        self.exponents = exponents(found.values, period)
+        shapes = self._frames @ basis @ found.vectors
+        self.modes = [FloquetMode(complex(self.exponents[i]), scaled(shapes[:, i]), self, complex(mu), float(self.errors[i]))
+                      for i, mu in enumerate(found.values) if mu.imag >= 0]  # fmt: skip
+
+    @property
+    def growth(self) -> Array:
+        """(modes,) 1/s, positive where a mode grows."""
+        return np.array([mode.growth for mode in self.modes])
+
+    @property
+    def angular_frequencies(self) -> Array:
+        """(modes,) rad/s, from 0 to pi / period: known up to multiples of 2 pi / period."""
+        return np.array([mode.angular_frequency for mode in self.modes])
+
+    @property
+    def frequencies(self) -> Array:
+        """(modes,) Hz, from 0 to 1 / (2 period): known up to multiples of 1 / period."""
+        return np.array([mode.frequency for mode in self.modes])
+
+    @property
+    def stable(self) -> bool:
+        """Whether no multiplier found is larger than 1 (by more than its error)."""
+        return bool(np.all(self.exponents.real <= np.maximum(2 * self.errors, 1e-9 / self.period)))
+
+    def __iter__(self) -> Iterator[FloquetMode]:
+        return iter(self.modes)
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    @cached_property
+    def _frames(self) -> Array:
+        """(nu, nu) motions of all nodes along inertial axes from those in the components of their velocities."""
+        start, blocks = self.prepared.start, []
+        for node in self.prepared.model.nodes:
+            blocks.append(np.eye(node.kind.translations if node.kind is NodeKind.SPATIAL else node.kind.sizes[1]))
+            if node.kind is NodeKind.SPATIAL:
+                blocks.append(attitude(node, start.q))
+        return np.asarray(block_diag(*blocks))
+
+    def shares(self, vector: Array) -> dict[str, float]:
+        """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
+        m = self.prepared.mechanics
+        return shares(m, m.mass, self._frames.T @ vector)
+
+    def __str__(self) -> str:
+        head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
+                f"steps; frequencies are known up to multiples of {2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
+        lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
+        for i, mode in enumerate(self.modes):
+            who = ", ".join(f"{name} {share:.0%}" for name, share in list(mode.participation.items())[:4] if share >= 0.05)
+            mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
+            numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
+            lines.append(f"{numbers}  {mu:>24}  {who}")
+        if self.unresolved:
+            lines.append(f"{self.unresolved} more multipliers belong to vibrations that {self.steps} steps do not follow")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Floquet of '{self.prepared.model.scene.name}', period {self.period:.9g} s: {len(self.multipliers)} multipliers>"
+
+
+def exponents(multipliers: Complex, period: float) -> Array:
+    """log(multiplier) / period, 1/s, principal; -inf where a multiplier is zero."""
+    with np.errstate(divide="ignore"):
+        return np.asarray((np.log(np.abs(multipliers)) + 1j * np.angle(multipliers)) / period)
+
+
+@dataclass(frozen=True)
+class Found:
+    """The monodromy matrix (k, k) in so many steps and its eigenvalues by falling size; relative to them what they changed by
+    from half as many steps, over GAIN, and their errors, in which multiple roots count with their scatter."""
+
+    matrix: Array
+    steps: int
+    values: Complex
+    vectors: Complex
+    change: Array
+    errors: Array
+    unresolved: int = 0
+
+
+@single_threaded
+def floquet(scene: SceneData, period: float, at: Any = None, count: int | None = None, accuracy: float = 1e-8) -> Floquet:
+    """Multipliers of small departures from a motion that repeats after `period` (s), whole turns counting as a return.
+
+    at: a Result (its end), (Result, t), an equilibrium, or None for the start of the scene: a state on the periodic motion.
+    accuracy: largest error of exponent x period. count: number of multipliers, the largest first, that have to be that
+    accurate (default: all; of a scene with beams the largest 10). The rest are left out where the steps do not follow them.
+    The equations of the departures are integrated along the motion with exact Jacobians, in steps that are halved until the
+    multipliers stay; an AccuracyWarning says where they do not. Frequencies are known up to multiples of 2 pi / period only.
+    Raises SteadyError where state or equations do not repeat, with what differs.
+    """
+    _check_options(period, count, accuracy)
+    begin = start_at(scene, at)
+    prepared = prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
+    system = system_for(prepared, highest_index=3)
+    returned = check_return(prepared, system, period)
+    directions = departures(prepared, system, returned)
+    wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
+    found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
+    return Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
+
+
+def _check_options(period: float, count: int | None, accuracy: float) -> None:
+    if not (isinstance(period, int | float | np.number) and isfinite(period) and period > 0):
+        raise OptionError(f"period = {period!r}: give the time in s after which the motion repeats, such as 2 pi / rotor speed")
+    if count is not None and not count >= 1:
+        raise OptionError(f"count = {count}: give the number of largest multipliers, 1 or more, or None for all")
+    if not 1e-11 <= accuracy <= 1e-2:
+        raise OptionError(f"accuracy = {accuracy}: give the error of exponent x period, a number from 1e-11 to 1e-2")
+
+
+def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:
+    """(nu of all nodes, k) displacements at the start, in the components of velocities."""
+    nu, e = directions.velocities, prepared.expansion
+    p = (directions.units[:, None] * directions.Q)[:nu].T
+    t, q, u = (np.repeat(x[None], len(p) + 1, axis=0) for x in (np.array(system.t0), *np.split(system.y0[: e.nq + nu], [e.nq])))
+    a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))  # affine in those of the unknowns
+    return np.asarray((a[1:] - a[0]).T)
+
+
+def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Found:
+    """Twice as many steps until the largest multipliers stay, or steps do not help any more."""
+    before: Found | None = None
+    while True:
+        try:
+            now = _of(system, directions, period, steps)
+        except SolverError:  # the motion itself needs shorter steps
+            if 2 * steps > MOST:
+                raise
+            before, steps = None, 2 * steps
+            continue
+        if before is not None:
+            now = _compared(now, before)
+            asked = (np.arange(len(now.values)) < count) & (np.abs(now.values) > LOST * np.max(np.abs(now.values), initial=0.0))
+            worst, last = (float(np.max(found.change[asked], initial=0.0)) for found in (now, before))
+            if worst <= accuracy or 2 * steps > MOST or (worst < ROUND and worst > last / 2):
+                return _judged(now, asked, worst, accuracy)
+        before, steps = now, 2 * steps
+
+
+def _of(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
+    matrix = directions.read(carried(system, followed(system, period, steps), directions.start))
+    values, vectors = np.linalg.eig(matrix)
+    order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
+    unknown = np.full(len(values), np.inf)
+    return Found(matrix, steps, values[order] + 0j, vectors[:, order] + 0j, unknown, unknown)
+
+
+def _compared(fine: Found, coarse: Found) -> Found:
+    """With the errors. Nearly equal roots with nearly the same vector count as a multiple one, whose mean is known best."""
+    a, b, V = fine.values, coarse.values, fine.vectors
+    b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
+    group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
+    number = np.maximum(np.sum(group, axis=1), 1)
+    size = np.maximum(np.abs(a), np.finfo(float).tiny)
+    change = np.abs(group @ (a - b)) / number / size / GAIN
+    return replace(fine, change=change, errors=change + np.abs(a - group @ a / number) / size)
+
+
+def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
+    """Without the multipliers that were not asked for and not found; warns where one that was is not as accurate."""
+    if worst > accuracy:
+        text = (f"multipliers are known to {worst:.1e} of their size, accuracy = {accuracy:g} was asked: {found.steps} steps over "
+                f"the period do not give more; ask for fewer (count=) or for less accuracy")  # fmt: skip
+        warnings.warn(text, AccuracyWarning, stacklevel=5)
+    decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)
+    all_asked = bool(np.all(asked | decayed))
+    keep = np.logical_or(asked, found.change <= max(worst, accuracy)) | (decayed & all_asked)
+    left = int(np.sum(~keep))
+    return replace(found, values=found.values[keep], vectors=found.vectors[:, keep], errors=found.errors[keep], unresolved=left)

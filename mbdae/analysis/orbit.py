@@ -1,0 +1,168 @@
+"""A periodic motion: one period of a scene in equal steps, and whether state and equations repeat after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.analysis.frame import attitude, position
+from mbdae.analysis.pencil import derivatives
+from mbdae.errors import SteadyError
+from mbdae.integrators.dense import Collocation
+from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.radau_tables import RadauTable
+from mbdae.integrators.solution import Solution
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.nodes import Node
+from mbdae.system.prepare import Prepared
+from mbdae.system.scaling import state_scale
+
+Numbers = NDArray[np.intp]
+
+SOLVER = RadauIIA(3)
+FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
+RETURN = 1e-4  #: relative: departures below change the exponents by as little
+SAMPLES = 24  #: times at which the equations are compared with those of a period later
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """One period in steps of h s: t, y, y' at the start (n,), and at all stages, (steps, s) and (steps, s, n)."""
+
+    h: float
+    table: RadauTable
+    t: Array
+    y: Array
+    yp: Array
+
+
+def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
+    """The motion over a period from the system's start; raises SolverError where the steps are too long."""
+    h = period / steps
+    solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period)
+    dense = solution.interpolant
+    assert isinstance(dense, Collocation)
+    table, widths = dense.table, np.diff(solution.t)
+    Z = np.concatenate([dense.inner, np.diff(solution.y, axis=0)[:, None]], axis=1)
+    yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
+    return Orbit(h, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
+
+
+@dataclass(frozen=True)
+class Return:
+    """A motion that repeats: its largest relative distance from the start after the period, the numbers of the internal
+    states that act on it, the steps an adaptive run took, and -1 for unknowns (n,) of quaternions that changed their sign."""
+
+    off: float
+    acting: Numbers
+    steps: int
+    sign: Array
+
+
+def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Return:
+    """Raises SteadyError where state or equations do not repeat after the period. Whole turns are a return."""
+    run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
+    ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
+    acting = acting_states(system, run.t, run.y, run.yp)
+    off, what = _departure(prepared, *ends, acting - system.numbering.nq - system.numbering.nu)
+    remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
+              "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
+    if off > RETURN:
+        raise SteadyError(f"after period = {period:.9g} s {what}: {remedy}")
+    sign, turns = _later(prepared, system, run, acting)
+    changed = _changed(prepared, system, run, period, (sign, turns))
+    if changed:
+        raise SteadyError(f"the equations do not repeat after period = {period:.9g} s: {changed}; {remedy}")
+    return Return(off, acting, run.stats.steps, sign)
+
+
+def acting_states(system: SceneSystem, t: Array, y: Array, yp: Array) -> Numbers:
+    """Numbers of the internal states something depends on along a motion; one that only follows it has no multiplier."""
+    first = system.numbering.nq + system.numbering.nu
+    keep = first + np.arange(len(system.numbering.states))
+    if not len(keep):
+        return keep
+    size = sum(abs(derivatives(system, t[i], y[i], yp[i])[0]) for i in _some(len(t)))
+    while len(keep):
+        rows = np.setdiff1d(np.arange(system.n), np.setdiff1d(first + np.arange(len(system.numbering.states)), keep))
+        acts = np.asarray(size[rows][:, keep].sum(axis=0)).ravel() > 0
+        if acts.all():
+            break
+        keep = keep[acts]
+    return keep
+
+
+def _some(count: int) -> Numbers:
+    """Some numbers below count, spread over it."""
+    return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
+
+
+def _departure(prepared: Prepared, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
+    """Largest relative difference of two states (2, ...), and what it is in words."""
+    m = prepared.mechanics
+    found = [_moved(node, q[0], q[1], prepared.length) for node in m.model.nodes]
+    speed = np.maximum(np.max(np.abs(u[0]) / m.velocity_units, initial=0.0), 1 / prepared.time) * m.velocity_units
+    off = np.abs(u[1] - u[0]) / speed
+    for node in m.model.nodes:
+        own = slice(node.u, node.u + node.kind.sizes[1])
+        worst = float(np.max(off[own], initial=0.0))
+        found.append((worst, f"the velocity of '{node.name}' differs from that at the start by {worst:.2g} of the typical speed"))
+    size, names = np.maximum(np.abs(s[0]), state_scale(m)), list(m.numbering.states.values())
+    for i in acting:
+        off_s = abs(float(s[1, i] - s[0, i]))
+        found.append((off_s / size[i], f"the state {names[i]} differs from its start by {off_s:.3g}"))
+    return max(found, key=lambda f: f[0])
+
+
+def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[float, str]:
+    """How far a node is from where it was, whole turns apart."""
+    if node.kind is NodeKind.COORDINATE:
+        off = float(after[node.q] - before[node.q])
+        off = abs(off - 2 * np.pi * round(off / (2 * np.pi))) if node.unit == "rad" else abs(off)
+        return off / (1.0 if node.unit == "rad" else length), f"joint '{node.name}' is {off:.3g} {node.unit} from its start"
+    shift = float(np.linalg.norm(position(node, after) - position(node, before)))
+    turn = attitude(node, after).T @ attitude(node, before)
+    spin = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    angle = float(np.arctan2(np.linalg.norm(spin), (np.trace(turn) - 1) / 2))
+    if angle > shift / length:
+        return angle, f"'{node.name}' is turned by {angle:.3g} rad from its start"
+    return shift / length, f"'{node.name}' is {shift:.3g} m from its start"
+
+
+def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
+             later: tuple[Array, Array]) -> str | None:  # fmt: skip
+    """What in the equations is another a period later on the same motion; None where they repeat."""
+    sign, turns = later
+    scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
+    rates, F = scale / prepared.time, np.empty(system.n)
+    for i in _some(len(run.t)):
+        there = run.t[i] + period, sign * run.y[i] + turns, sign * run.yp[i]
+        before, after = ([abs(part) for part in derivatives(system, *at)] for at in ((run.t[i], run.y[i], run.yp[i]), there))
+        system.residual(*there, F)
+        size, off = np.zeros(system.n), np.abs(F)
+        for a, b, weights in zip(before, after, (scale, rates), strict=True):
+            size = np.maximum(size, a.multiply(weights).max(axis=1).toarray().ravel())
+            off = np.maximum(off, abs(a - b).multiply(weights).max(axis=1).toarray().ravel())
+        worst = int(np.argmax(off / size))
+        if off[worst] > RETURN * size[worst]:
+            return f"{system.equations[worst]} differs by {off[worst] / size[worst]:.2g} of its terms at t = {there[0]:.6g} s"
+    return None
+
+
+def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Numbers) -> tuple[Array, Array]:
+    """What takes unknowns (n,) to those of a period later, as signs of quaternions and whole turns of angles."""
+    nb, sign = system.numbering, np.ones(system.n)
+    for node in prepared.model.nodes:
+        if node.kind is NodeKind.SPATIAL:
+            own = np.flatnonzero((nb.of_positions >= node.q + 3) & (nb.of_positions < node.q + 7))
+            sign[own] = -1.0 if run.y[-1][own] @ run.y[0][own] < 0 else 1.0
+    shift = run.y[-1] - sign * run.y[0]
+    turns = np.zeros(system.n)
+    turns[: nb.nq] = 2 * np.pi * np.round(shift[: nb.nq] / (2 * np.pi))
+    following = np.setdiff1d(np.flatnonzero(np.array(system.kinds) == "s"), acting)
+    turns[following] = shift[following]
+    return sign, turns
