@@ -20,7 +20,7 @@ from mbdae.errors import (
 
 if TYPE_CHECKING:
     from mbdae.api import Scene
-    from mbdae.compare import Run, compare
+    from mbdae.compare import Run, compare, sweep
     from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index3
@@ -52,6 +52,7 @@ _HOME = {
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
     "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare", "load": "mbdae.results.storage",
     "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
+    "sweep": "mbdae.compare",
 }  # fmt: skip
 
 __all__ = [
@@ -59,7 +60,7 @@ __all__ = [
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
     "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
-    "params", "report", "selftest", "t",
+    "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

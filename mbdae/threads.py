@@ -6,6 +6,7 @@ each other: a run of 0.1 s was seen to take 13 s of CPU on two loaded cores.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from functools import lru_cache, wraps
@@ -37,3 +38,11 @@ def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)
 
     return limited
+
+
+def keep_one_thread() -> None:
+    """One BLAS thread for the rest of this process, in libraries that are loaded already and in those that will be."""
+    from threadpoolctl import threadpool_limits
+
+    os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+    threadpool_limits(limits=1, user_api="blas")

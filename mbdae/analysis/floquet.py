@@ -235,7 +235,7 @@ def _compared(fine: Found, coarse: Found) -> Found:
 def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
     """Without the multipliers that were not asked for and not found; warns where one that was is not as accurate."""
     if worst > accuracy:
-        text = (f"multipliers are known to {worst:.1e} of their size, accuracy = {accuracy:g} was asked: {found.steps} steps over "
+        text = (f"multipliers are known to {worst:.1e} of their size, accuracy = {accuracy:g} was asked: {found.steps} steps of "
                 f"the period do not give more; ask for fewer (count=) or for less accuracy")  # fmt: skip
         warnings.warn(text, AccuracyWarning, stacklevel=5)
     decayed = np.abs(found.values) <= LOST * np.max(np.abs(found.values), initial=0.0)

@@ -1,0 +1,273 @@
+"""A job at every point of a grid, in processes, in a cluster or in any executor; failures are rows, results resumable."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from mbdae.compare.checkpoint import first_difference
+from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
+from mbdae.errors import OptionError
+from mbdae.system.base import Array
+
+FORMAT = "mbdae sweep 1"
+Progress = Callable[[int, int], None]  #: points done, points in all
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """A point and what the job returned there; else `error`, its type and text. died: the worker ended with it."""
+
+    point: dict[str, Any]
+    values: dict[str, Any] | None
+    error: str | None = None
+    died: bool = False
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Rows of a sweep in the order of its points; those of a sweep that was stopped (Ctrl-C) are fewer than `points`.
+
+    axes: name -> values of the outer product, None where a list of points was given.
+    """
+
+    points: tuple[dict[str, Any], ...]
+    done: dict[int, SweepRow]
+    axes: dict[str, list[Any]] | None
+
+    @property
+    def rows(self) -> list[SweepRow]:
+        """Rows of the points done."""
+        return [self.done[i] for i in sorted(self.done)]
+
+    @property
+    def failures(self) -> list[SweepRow]:
+        """Rows without values."""
+        return [row for row in self.rows if row.values is None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point was done."""
+        return len(self.done) == len(self.points)
+
+    def array(self, key: str) -> Array:
+        """A value of the job on the grid, (one length per axis, ...) or (points, ...); nan where it is missing."""
+        known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
+        if not known:
+            names = sorted({name for row in self.rows for name in row.values or ()})
+            raise OptionError(f"no row has a value '{key}': there are {', '.join(names) or 'none, every point failed'}")
+        shapes = {value.shape for value in known.values()}
+        if len(shapes) > 1:
+            raise OptionError(f"'{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+        out = np.full((len(self.points), *shapes.pop()), np.nan)
+        for i, value in known.items():
+            out[i] = value
+        return out if self.axes is None else out.reshape(*map(len, self.axes.values()), *out.shape[1:])
+
+    def table(self) -> str:
+        """All rows as text: points, values, errors."""
+        names = list(dict.fromkeys(name for point in self.points for name in point))
+        keys = list(dict.fromkeys(key for row in self.rows for key in row.values or ()))
+        lines = [[*names, *keys]]
+        for row in self.rows:
+            values = [_cell((row.values or {}).get(key)) for key in keys] if row.error is None else [row.error]
+            lines.append([*(_cell(row.point.get(name)) for name in names), *values])
+        widths = [max(len(line[j]) for line in lines if len(line) == len(lines[0])) for j in range(len(lines[0]))]
+        return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in lines)
+
+    def to_json(self, path: Any = None) -> str:
+        """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
+        rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
+        text = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False) + "\n"
+        if path is not None:
+            Path(path).write_text(text, encoding="utf-8")
+        return text
+
+    def __repr__(self) -> str:
+        return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
+
+
+def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
+          workers: int | None = None, resume: Any = None, again: bool = False,
+          progress: Progress | None = None) -> Sweep:  # fmt: skip
+    """job(**point) -> dict at every point of a grid.
+
+    grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
+    of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
+    such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
+    An error of a point is kept in its row. Where a worker dies, the points it had in hand are done once more, each alone;
+    one whose worker dies again is a failure. resume: a file that gets every row as it comes; with the same job and grid
+    only what is missing is computed, points whose worker died among it, and with again=True all that failed.
+    progress(done, all) is called after every point. Ctrl-C stops and returns what is done.
+    """
+    points, axes = _points(grid)
+    if workers is not None and not workers >= 1:
+        raise OptionError(f"workers = {workers}: give the number of processes, 1 or more, or None for one per core")
+    if executor is None:
+        _check_job(job, points)
+    said = points if axes is None else {name: [_scalar(value) for value in values] for name, values in axes.items()}
+    with _Kept(resume, {"format": FORMAT, "job": _name(job), "grid": said}, points, again) as kept:
+        done = kept.rows
+        left = {i: point for i, point in enumerate(points) if i not in done}
+        coming = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
+        try:
+            for i, found in coming:
+                done[i] = _row(points[i], found)
+                kept.add(i, done[i])
+                if progress is not None:
+                    progress(len(done), len(points))
+        except KeyboardInterrupt:
+            coming.close()  # type: ignore[attr-defined]
+    return Sweep(tuple(points), done, axes)
+
+
+def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
+    if isinstance(grid, Mapping):
+        axes = {str(name): list(values) for name, values in grid.items()}
+        points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+        if axes and points:
+            return [_scalars(point) for point in points], axes
+        raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
+    if isinstance(grid, str) or not isinstance(grid, Iterable):
+        raise OptionError(f"grid = {grid!r}: give a mapping of names to values, or a list of points (dicts)")
+    points = list(grid)
+    wrong = [point for point in points if not isinstance(point, Mapping)]
+    if wrong or not points:
+        raise OptionError(f"grid has {len(points)} points{f', the first wrong one is {wrong[0]!r}' if wrong else ''}: give dicts")
+    return [_scalars(point) for point in points], None
+
+
+def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain numbers instead of NumPy's, so that a point reads the same from a file."""
+    return {str(name): _scalar(value) for name, value in point.items()}
+
+
+def _scalar(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
+    """Refuse what a process of its own cannot get."""
+    advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
+    if not callable(job):
+        raise OptionError(f"job = {job!r}: give a function that takes a point and returns a dict")
+    inner = job.func if isinstance(job, functools.partial) else job
+    if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
+        raise OptionError(f"job {_name(job)} was typed in: worker processes cannot import it; {advice}")
+    try:
+        pickle.dumps((job, points))
+    except Exception as error:
+        raise OptionError(f"job {_name(job)} or its points cannot be sent to another process ({error}); {advice}") from error
+
+
+def _name(job: Any) -> str:
+    if isinstance(job, functools.partial):
+        return f"{_name(job.func)}{job.args!r}{job.keywords!r}"
+    return f"{getattr(job, '__module__', '?')}.{getattr(job, '__qualname__', type(job).__qualname__)}"
+
+
+def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
+    """The row with plain values, the same whether it comes from a file or not."""
+    if found.values is None:
+        return SweepRow(point, None, found.error, found.died)
+    try:
+        return SweepRow(point, json.loads(_json(found.values)))
+    except (TypeError, ValueError) as error:
+        return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
+                                     f"return numbers, texts, lists and arrays")  # fmt: skip
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray) and not np.iscomplexobj(value):
+        return value.tolist()
+    raise TypeError(f"{value!r} is of type {type(value).__name__}")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(v) for key, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+class _Kept:
+    """The file of a sweep: a line that says what it is, then a line per row; nothing where no path is given."""
+
+    def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
+        self.statement, self.points, self.again = statement, points, again
+        self.rows: dict[int, SweepRow] = {}
+        self.file: TextIO | None = None
+        if path is not None:
+            self._open(Path(path))
+
+    def _open(self, path: Path) -> None:
+        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            raise OptionError(f"resume = '{path}': give a file in a folder that exists and can be written to")
+        try:
+            head = _json(self.statement)
+        except TypeError as error:
+            raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        if lines:
+            self._read(path, lines, json.loads(head))
+        part = path.with_name(path.name + ".part")  # without a line that was cut off, and without rows to be done again
+        rows = [_json(_line(i, row)) for i, row in self.rows.items()]
+        part.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+        os.replace(part, path)
+        self.file = path.open("a", encoding="utf-8")
+
+    def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
+        try:
+            said = json.loads(lines[0])
+            if said["format"] != FORMAT:
+                raise ValueError(said["format"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
+        difference = first_difference(said, meant)
+        if difference:
+            raise OptionError(f"resume = '{path}' holds another sweep: {difference}; ask for the same one, or name another file")
+        for line in lines[1:]:
+            try:
+                data = json.loads(line)
+            except ValueError:
+                continue  # the run was stopped while it was written
+            if not (data["died"] or (self.again and data["error"])):
+                self.rows[data["number"]] = SweepRow(self.points[data["number"]], data["values"], data["error"], data["died"])
+
+    def add(self, i: int, row: SweepRow) -> None:
+        """Append a row."""
+        if self.file is not None:
+            self.file.write(_json(_line(i, row)) + "\n")
+            self.file.flush()
+
+    def __enter__(self) -> _Kept:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.file is not None:
+            self.file.close()
+
+
+def _line(i: int, row: SweepRow) -> dict[str, Any]:
+    return {"number": i, "values": row.values, "error": row.error, "died": row.died}

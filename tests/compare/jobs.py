@@ -1,0 +1,39 @@
+"""Jobs of the tests of sweeps; processes of their own import them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+
+def product(a: float, b: float) -> dict[str, Any]:
+    """A value and a list; refuses a = 2."""
+    if a == 2:
+        raise ValueError(f"a = {a} is not wanted")
+    return {"product": a * b, "pair": [a, b], "pid": os.getpid()}
+
+
+def threads(number: int) -> dict[str, Any]:
+    """BLAS threads of a worker, and those of a library loaded later."""
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    return {"threads": max(entry["num_threads"] for entry in threadpool_info() if entry["user_api"] == "blas")}
+
+
+def deadly(number: int, folder: str, always: int, wait: float = 0.05) -> dict[str, Any]:
+    """Notes that it was called; number 3 kills its worker, the first time or always."""
+    mark = Path(folder) / f"{number}.{time.time_ns()}"
+    mark.touch()
+    time.sleep(wait)
+    if number == 3 and (always or len(list(Path(folder).glob("3.*"))) == 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"square": number * number}
+
+
+def calls(folder: Path) -> list[int]:
+    """Numbers `deadly` was called with."""
+    return sorted(int(path.name.split(".")[0]) for path in folder.iterdir())
