@@ -44,7 +44,7 @@ class Departures:
         return np.asarray(self.Q.T @ ((self.back @ dy) / self.units[:, None]))
 
 
-def departures(prepared: Prepared, system: SceneSystem, returned: Return) -> Departures:
+def departures(prepared: Prepared, system: SceneSystem, returned: Return, period: float) -> Departures:
     """The departures at the start of a system whose motion returns to it."""
     m, nb, y = prepared.mechanics, system.numbering, system.y0
     nq, nu, acting = nb.nq, nb.nu, returned.acting
@@ -59,7 +59,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return) -> Dep
     for first, at in ((nu, np.arange(nq, nq + nu)), (2 * nu, acting)):
         own = first + np.arange(len(at))
         T[at, own] = back[own, at] = 1.0
-    units = np.concatenate([length, length / prepared.time, system.scale[acting]])
+    units = np.concatenate([length, length * (2 * np.pi / period), system.scale[acting]])
     rows = [nb.start[block] + i for block in ("mu", "lambda") if "mu" in system.kinds for i in range(nb.m)]
     C = Fy[rows] @ T if rows else np.zeros((0, nx))
     Q = free_basis(C, units) / units[:, None]
@@ -80,13 +80,12 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
 def carried(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
     solve = _sparse_step if system.sparsity is not None else _dense_step
-    scale = system.scale * orbit.h ** (1.0 - system.index)
     for i in range(len(orbit.t)):
-        dy = dy + solve(system, orbit, i, scale, dy)
+        dy = dy + solve(system, orbit, i, dy)
     return dy
 
 
-def _dense_step(system: SceneSystem, orbit: Orbit, i: int, scale: Array, dy: Array) -> Array:
+def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
     """Change of dy over step i; dense."""
     s, n = orbit.t.shape[1], system.n
     K, right, A = np.zeros((s, n, s, n)), np.empty((s, n, dy.shape[1])), orbit.table.A_inv / orbit.h
@@ -95,21 +94,23 @@ def _dense_step(system: SceneSystem, orbit: Orbit, i: int, scale: Array, dy: Arr
         K[j] = A[j, None, :, None] * fyp[:, None, :]
         K[j, :, j] += fy
         right[j] = -fy @ dy
-    K *= scale
-    rows = 1 / np.max(np.abs(K), axis=(2, 3))
-    K *= rows[:, :, None, None]
-    right *= rows[:, :, None]
-    Z = np.linalg.solve(K.reshape(s * n, s * n), right.reshape(s * n, -1))
-    return np.asarray(scale[:, None] * Z[-n:])
+    M = K.reshape(s * n, s * n)
+    columns = 1 / np.max(np.abs(M), axis=0)
+    M *= columns
+    rows = 1 / np.max(np.abs(M), axis=1)
+    M *= rows[:, None]
+    Z = np.linalg.solve(M, rows[:, None] * right.reshape(s * n, -1))
+    return np.asarray(columns[-n:, None] * Z[-n:])
 
 
-def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, scale: Array, dy: Array) -> Array:
+def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
     """The same with sparse matrices."""
     s, A = orbit.t.shape[1], orbit.table.A_inv / orbit.h
     parts = [derivatives(system, orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j]) for j in range(s)]
     K = sp.bmat([[A[j, l] * parts[j][1] + (parts[j][0] if j == l else 0 * parts[j][0]) for l in range(s)] for j in range(s)])
-    K = K @ sp.diags(np.tile(scale, s))
+    columns = 1 / abs(K).max(axis=0).toarray().ravel()
+    K = K @ sp.diags(columns)
     rows = 1 / abs(K).max(axis=1).toarray().ravel()
     right = -np.concatenate([fy @ dy for fy, _ in parts]) * rows[:, None]
     Z = splu((sp.diags(rows) @ K).tocsc()).solve(right)
-    return np.asarray(scale[:, None] * Z[-system.n :])
+    return np.asarray(columns[-system.n :, None] * Z[-system.n :])

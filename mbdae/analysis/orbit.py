@@ -68,7 +68,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
     acting = acting_states(system, run.t, run.y, run.yp)
-    off, what = _departure(prepared, *ends, acting - system.numbering.nq - system.numbering.nu)
+    off, what = _departure(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
     remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
               "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
     if off > RETURN:
@@ -101,11 +101,11 @@ def _some(count: int) -> Numbers:
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
 
 
-def _departure(prepared: Prepared, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
+def _departure(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
     """Largest relative difference of two states (2, ...), and what it is in words."""
     m = prepared.mechanics
     found = [_moved(node, q[0], q[1], prepared.length) for node in m.model.nodes]
-    speed = np.maximum(np.max(np.abs(u[0]) / m.velocity_units, initial=0.0), 1 / prepared.time) * m.velocity_units
+    speed = np.maximum(np.max(np.abs(u[0]) / m.velocity_units, initial=0.0), 1 / period) * m.velocity_units
     off = np.abs(u[1] - u[0]) / speed
     for node in m.model.nodes:
         own = slice(node.u, node.u + node.kind.sizes[1])
@@ -138,7 +138,7 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     """What in the equations is another a period later on the same motion; None where they repeat."""
     sign, turns = later
     scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
-    rates, F = scale / prepared.time, np.empty(system.n)
+    rates, F = scale * (2 * np.pi / period), np.empty(system.n)
     for i in _some(len(run.t)):
         there = run.t[i] + period, sign * run.y[i] + turns, sign * run.yp[i]
         before, after = ([abs(part) for part in derivatives(system, *at)] for at in ((run.t[i], run.y[i], run.yp[i]), there))

@@ -80,12 +80,14 @@ class Sweep:
         """All rows as text: points, values, errors."""
         names = list(dict.fromkeys(name for point in self.points for name in point))
         keys = list(dict.fromkeys(key for row in self.rows for key in row.values or ()))
-        lines = [[*names, *keys]]
+        rows = [[*names, *keys]]
         for row in self.rows:
-            values = [_cell((row.values or {}).get(key)) for key in keys] if row.error is None else [row.error]
-            lines.append([*(_cell(row.point.get(name)) for name in names), *values])
-        widths = [max(len(line[j]) for line in lines if len(line) == len(lines[0])) for j in range(len(lines[0]))]
-        return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in lines)
+            values = [row.error] if row.error is not None else [_cell((row.values or {}).get(key)) for key in keys]
+            rows.append([*(_cell(row.point.get(name)) for name in names), *values])
+        cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
+        widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
+        widths += [0] * (len(names) + 1 - len(widths))  # where every point failed
+        return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
 
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""

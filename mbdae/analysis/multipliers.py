@@ -169,7 +169,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     prepared = prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
     system = system_for(prepared, highest_index=3)
     returned = check_return(prepared, system, period)
-    directions = departures(prepared, system, returned)
+    directions = departures(prepared, system, returned, period)
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
     return Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
