@@ -209,3 +209,18 @@ def test_stick_slip_draws_its_pictures(tmp_path):
 
     stick_slip.pictures(tmp_path / "out", accuracy=1e-3)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"motion.png", "hysteresis.png"}
+
+
+def test_ground_resonance_map_needs_floquet_where_a_damper_failed(tmp_path):
+    import ground_resonance_map as example
+
+    known = {e["c_zeta"]: e["growth"] for e in reference("floquet")["lag_damper_sweep"] if e["axes"] == 2}
+    found = example.main(tmp_path, {"speed": [20.01, 21.0], "damper": [400, 2000]})
+    assert not found.failures
+    np.testing.assert_allclose(found.array("floquet"), found.array("linearize"), atol=1e-7)
+    assert found.array("floquet")[0, 0] == pytest.approx(known[400], abs=1e-7)
+    assert found.array("mean")[1, 1] == pytest.approx(-0.33240, abs=1e-5)  # the mean of the dampers would do
+    assert found.array("failed")[1, 1] == pytest.approx(0.68544, abs=1e-5)
+    assert (tmp_path / "ground_resonance_map.png").stat().st_size > 10_000
+    with pytest.raises(mb.SteadyError, match=r"s.floquet\(period\)"):
+        example.scene(dampers=(0, 400, 400, 400), isotropic=False).linearize(frame="hub")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -223,6 +225,15 @@ def test_linearize_names_floquet() -> None:
     with pytest.raises(mb.SteadyError, match=r"periodic, use floquet: s.floquet\(period\)"):
         s.linearize(at=e, frame="hub")
     assert s.floquet(ROTOR, at=e).growth.max() == pytest.approx(2.1013475883784443, abs=1e-8)
+
+
+def test_blocks_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "analysis.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        exec(compile(block, "analysis.md", "exec"), {"__name__": "page"})
 
 
 @pytest.mark.slow
