@@ -19,7 +19,7 @@ and c = 2000 N m s the mean rotor decays as exp(-0.33 t), the real one grows as 
 care how strong the other dampers are.
 
 Run it:  mbdae run examples/ground_resonance_map.py
-         python examples/ground_resonance_map.py out       (the map, some 2 minutes; goes on where it was stopped)
+         python examples/ground_resonance_map.py out       (the map, 2 minutes of CPU; goes on where it was stopped)
 """
 
 import sys
@@ -81,7 +81,7 @@ def picture(found, grid, path):
         ax.plot([], [], "k" + style, lw=3, label="floquet")
         ax.plot([], [], color, label=label)
         ax.set(title=title, xlabel="rotor speed [rad/s]")
-        ax.legend(loc="upper right")
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     axes[0].set_ylabel("lag damper [N m s]")
     fig.colorbar(filled, ax=axes, label="largest growth rate [1/s]")
     fig.savefig(path, dpi=120)
