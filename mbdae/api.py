@@ -229,7 +229,7 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
         notes += run.notes
-    notes += _broken_rows(prepared, run, known.asked) or (drifted(prepared, run, known.asked) if drifts else [])
+    notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)
