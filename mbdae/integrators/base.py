@@ -61,6 +61,11 @@ class Solver(ABC):
         return False
 
     @property
+    def by_steps(self) -> bool:
+        """Whether an accuracy is reached by shorter constant steps instead of a tolerance."""
+        return False
+
+    @property
     def label(self) -> str:
         """Short name for tables and messages."""
         return type(self).__name__

@@ -157,9 +157,9 @@ class Eliminated(SceneSystem):
         if expected < 0 or self._rates.shares()[weakest] < NEAR:
             self._told = True
             name = self.full.numbering.rows[weakest].name
-            warnings.warn(f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints "
-                          f"there; the index-1 form may go on in another branch without a sign: compare with mb.GGL()", AccuracyWarning,
-                          stacklevel=4)  # fmt: skip
+            text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
+                    f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
+            warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.rhs(t, y, out)

@@ -169,6 +169,7 @@ class Dense:
         return (h * root if self._diagonal else h.dot(root)), x, info - 1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         return np.asarray(self._factor.diagonal() ** 2 / self._S.diagonal())
 
 
@@ -207,6 +208,7 @@ class Banded:
         return (f - force) * self._inverse, multipliers, int(self._order[info - 1]) if info else -1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         share = np.empty(self._m)
         share[self._order] = self._factor[0] ** 2 / self._band[0]
         return share
@@ -230,6 +232,7 @@ class Whole:
         return x[:nu], x[nu:], max(info - 1 - nu, 0) if info else -1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         return row_shares(self._K[self._nu :, : self._nu])
 
 

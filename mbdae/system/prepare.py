@@ -14,6 +14,7 @@ from mbdae.system.assembly import FormSpec, SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, too_large
 from mbdae.system.contacts import Contacts, Expected, expected_contacts
+from mbdae.system.displacements import Displacements
 from mbdae.system.eliminated import Eliminated
 from mbdae.system.expansion import Expansion, TreeMechanics
 from mbdae.system.explicit import partition_of, rhs_of, state_rates
@@ -184,6 +185,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     nb = system.numbering
     q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
     system.partition = None if mechanics.reactive else partition_of(mechanics, prepared.expansion)
+    system.displaced = Displacements(nb)
     system.rhs = system.rhs or (None if spec.blocks else rhs_of(system))
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
