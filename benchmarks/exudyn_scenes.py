@@ -25,10 +25,8 @@ from exudyn.itemInterface import (
     MarkerBodyMass,
     MarkerBodyPosition,
     MarkerBodyRigid,
-    MarkerNodePosition,
     MarkerNodeRigid,
     NodeGenericODE2,
-    NodePointGround,
     NodeRigidBody2D,
     NodeRigidBodyEP,
     NodeRigidBodyRotVecLG,
@@ -70,7 +68,8 @@ class Planar:
         self.sensors: list[Any] = []
         self.placed: dict[int, tuple[np.ndarray, np.ndarray]] = {self.ground: (np.zeros(2), np.eye(2))}
 
-    def body(self, mass: float, inertia: float, at: Any, angle: float = 0.0, velocity: Any = (0, 0, 0), gravity: float = 0.0) -> int:
+    def body(self, mass: float, inertia: float, at: Any, angle: float = 0.0, velocity: Any = (0, 0, 0), gravity: float = 0.0
+             ) -> int:  # fmt: skip
         """A body with its centre of mass at a point; velocity (vx, vy, omega)."""
         node = self.mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[*at, angle], initialVelocities=list(velocity)))
         body = int(self.mbs.AddObject(ObjectRigidBody2D(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)))
@@ -157,6 +156,12 @@ def spatial_body(mbs: Any, p: dict[str, Any], mass: float, inertia: Any, at: Any
     return int(mbs.AddObject(ObjectRigidBody(physicsMass=mass, physicsInertia=[*np.diag(inertia), 0, 0, 0], nodeNumber=node)))
 
 
+def falls(mbs: Any, body: int) -> None:
+    """Gravity along -z on a body."""
+    marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
+    mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0, 0, -GRAVITY]))
+
+
 def axes_with_z(axis: Any) -> np.ndarray:
     """A rotation matrix whose third column is an axis."""
     z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
@@ -177,11 +182,12 @@ def spatial_chain(container: Any, p: dict[str, Any]) -> Built:
     before, at_before, sensors = ground, [0.0, 0, 0], []
     for i in range(p["n"]):
         body = spatial_body(mbs, p, p["mass"], rod_inertia(p["mass"], rod), ((i + 0.5) * rod, 0, 0))
-        mbs.AddLoad(LoadMassProportional(markerNumber=mbs.AddMarker(MarkerBodyMass(bodyNumber=body)), loadVector=[0, 0, -GRAVITY]))
+        falls(mbs, body)
         ends = [mbs.AddMarker(MarkerBodyRigid(bodyNumber=before, localPosition=at_before)),
                 mbs.AddMarker(MarkerBodyRigid(bodyNumber=body, localPosition=[-rod / 2, 0, 0]))]  # fmt: skip
         A = axes_with_z(p["axes"][i % len(p["axes"])])
-        mbs.AddObject(ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 1, 1, 1, 0], rotationMarker0=A, rotationMarker1=A))
+        mbs.AddObject(ObjectJointGeneric(markerNumbers=ends, constrainedAxes=[1, 1, 1, 1, 1, 0],
+                                         rotationMarker0=A, rotationMarker1=A))  # fmt: skip
         sensors.append(position_of(mbs, body))
         before, at_before = body, [rod / 2, 0, 0]
     mbs.Assemble()
@@ -193,7 +199,7 @@ def heavy_top(container: Any, p: dict[str, Any]) -> Built:
     mbs = container.AddSystem()
     ground = mbs.AddObject(ObjectGround())
     body = spatial_body(mbs, p, p["mass"], np.diag(p["inertia"]), p["at"], p["spin"], np.cross(p["spin"], p["at"]))
-    mbs.AddLoad(LoadMassProportional(markerNumber=mbs.AddMarker(MarkerBodyMass(bodyNumber=body)), loadVector=[0, 0, -GRAVITY]))
+    falls(mbs, body)
     ends = [mbs.AddMarker(MarkerBodyPosition(bodyNumber=ground)),
             mbs.AddMarker(MarkerBodyPosition(bodyNumber=body, localPosition=[-x for x in p["at"]]))]  # fmt: skip
     mbs.AddObject(ObjectJointSpherical(markerNumbers=ends))
@@ -204,8 +210,8 @@ def heavy_top(container: Any, p: dict[str, Any]) -> Built:
 
 def tree(container: Any, axes: list[Any], steps: list[Any], links: list[tuple[float, Any, Any]], gravity: Any, rates: list[float]
          ) -> Built:  # fmt: skip
-    """A chain of revolute joints in minimal coordinates: axes, steps from joint to joint, (mass, inertia, centre) of the links, all
-    in the axes of the drawing; a sensor at the centre of every link with mass."""
+    """A chain of revolute joints in minimal coordinates: axes, steps from joint to joint, (mass, inertia, centre) of the links,
+    all in the axes of the drawing; a sensor at the centre of every link with mass."""
     mbs, n = container.AddSystem(), len(axes)
     node = mbs.AddNode(NodeGenericODE2(referenceCoordinates=[0.0] * n, initialCoordinates=[0.0] * n, initialCoordinates_t=rates,
                                        numberOfODE2Coordinates=n))  # fmt: skip
@@ -219,8 +225,8 @@ def tree(container: Any, axes: list[Any], steps: list[Any], links: list[tuple[fl
         linkInertiasCOM=exu.Matrix3DList([A.T @ J @ A for A, (_, J, _) in zip(turned, links, strict=True)]),
         linkCOMs=exu.Vector3DList(centres), linkMasses=[m for m, _, _ in links], gravity=gravity))  # fmt: skip
     kind = exu.OutputVariableType.Position
-    sensors = [mbs.AddSensor(SensorKinematicTree(objectNumber=body, linkNumber=i, localPosition=list(centres[i]), storeInternal=True,
-                                                 writeToFile=False, outputVariableType=kind))
+    sensors = [mbs.AddSensor(SensorKinematicTree(objectNumber=body, linkNumber=i, localPosition=list(centres[i]),
+                                                 storeInternal=True, writeToFile=False, outputVariableType=kind))
                for i in range(n) if links[i][0]]  # fmt: skip
     mbs.Assemble()
     return mbs, sensors
@@ -240,8 +246,8 @@ def top_tree(container: Any, p: dict[str, Any]) -> Built:
     """The heavy top on three hinges in one point, the last about its spin (singular where its axis passes the vertical)."""
     nothing = (0.0, np.zeros((3, 3)), (0, 0, 0))
     links = [nothing, nothing, (p["mass"], np.diag(p["inertia"]), p["at"])]
-    spin = p["spin"]
-    return tree(container, [(0, 0, 1), (1, 0, 0), (0, 1, 0)], [(0, 0, 0)] * 3, links, [0, 0, -GRAVITY], [spin[2], spin[0], spin[1]])
+    rates = [p["spin"][i] for i in (2, 0, 1)]
+    return tree(container, [(0, 0, 1), (1, 0, 0), (0, 1, 0)], [(0, 0, 0)] * 3, links, [0, 0, -GRAVITY], rates)
 
 
 # -- a flexible beam
@@ -271,7 +277,8 @@ def flying_beam(container: Any, p: dict[str, Any]) -> Built:
         function = CreateSymbolicUserFunction(mbs, pulse, "loadVectorUserFunction", load)
         mbs.SetLoadParameter(load, "loadVectorUserFunction", function)
     kind = exu.OutputVariableType.Position
-    sensors = [mbs.AddSensor(SensorNode(nodeNumber=i, storeInternal=True, writeToFile=False, outputVariableType=kind)) for i in nodes]
+    sensors = [mbs.AddSensor(SensorNode(nodeNumber=i, storeInternal=True, writeToFile=False, outputVariableType=kind))
+               for i in nodes]  # fmt: skip
     mbs.Assemble()
     return mbs, sensors
 
@@ -311,7 +318,8 @@ def run(p: dict[str, Any], method: dict[str, Any], value: float) -> dict[str, An
         stored = [np.array(mbs.GetSensorStoredData(sensor)) for sensor in sensors]
         if seconds[-1] > 0.3:
             break
-    return {"value": value, "cpu_s": min(seconds), "t": stored[0][:, 0].tolist(), "positions": [d[:, 1:4].tolist() for d in stored]}
+    positions = [d[:, 1:4].tolist() for d in stored]
+    return {"value": value, "cpu_s": min(seconds), "t": stored[0][:, 0].tolist(), "positions": positions}
 
 
 def ladder(p: dict[str, Any], method: dict[str, Any]) -> list[dict[str, Any]]:
