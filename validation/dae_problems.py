@@ -39,6 +39,14 @@ def dae(y: Sequence[Any], yp: Sequence[Any], F: Sequence[Any], y0: Any, yp0: Any
     )
 
 
+def numeric(q: Sequence[Any], v: Sequence[Any], part: Any) -> Callable[..., Any]:
+    """A part of equations of motion as a function of t, q and, where it is called with them, velocities."""
+    function = sp.lambdify([t, q, v], part.tolist() if part.shape[1] > 1 or part.shape[0] == 1 != len(q) else list(part))
+    shape = part.shape if part.shape[1] > 1 else (part.shape[0],)
+    still = [0.0] * len(v)
+    return lambda time, at, moving=still: np.reshape(np.array(function(time, at, moving), dtype=float), shape)
+
+
 def mechanism(
     q: Sequence[Any], mass: Any, force: Callable[[Any], Any], g: Any, q0: Any, v0: Any, form: str, **options: Any
 ) -> DAE:
@@ -60,15 +68,17 @@ def mechanism(
     M, G0, f, c = (np.array(e.subs(start).evalf(20), dtype=float) for e in (mass, G, applied, curvature))
     solved = np.linalg.solve(np.block([[M, G0.T], [G0, np.zeros((m, m))]]), np.concatenate([f, -c]).ravel())
     a, multipliers, zeros = solved[:n], solved[n:], np.zeros(m)
+    parts = tuple(numeric(list(q), list(v), part) for part in (mass, applied, g, G))
     if form == "index3":
         y0, yp0 = np.concatenate([q0, v0, multipliers]), np.concatenate([v0, a, zeros])
-        return dae([*q, *v, *lam], [*qp, *vp, *lamp], [*kinematics, *forces, *g], y0, yp0, 3, **options)
+        return dae([*q, *v, *lam], [*qp, *vp, *lamp], [*kinematics, *forces, *g], y0, yp0, 3, partition=parts, **options)
     kinematics += G.T * sp.Matrix(mup if as_rates else mu)
     equations = [*kinematics, *forces, *g, *rate]
     y0 = np.concatenate([q0, v0, zeros if as_rates else multipliers, zeros])
     yp0 = np.concatenate([v0, a, multipliers if as_rates else zeros, zeros])
     index = 1 if as_rates else 2
-    return dae([*q, *v, *lam, *mu], [*qp, *vp, *lamp, *mup], equations, y0, yp0, index, **options)
+    given = {} if as_rates else {"partition": parts}
+    return dae([*q, *v, *lam, *mu], [*qp, *vp, *lamp, *mup], equations, y0, yp0, index, **given, **options)
 
 
 def circle(form: str) -> DAE:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,6 +26,7 @@ HIGHEST = {"Adams": 12, "BDF": 5}
 #: neighbouring steps lose all digits where the step grows a thousandfold (the start), cubic ones a factor of 30 at
 #: rtol 1e-11; 4 stages lose 30 % at 1e-12, 5 nothing
 NODES = 5
+ASKED = (1, 2)  #: inner nodes where CVODE (Adams) is asked: every call costs as much as a small right-hand side
 
 
 @dataclass(frozen=True)
@@ -43,12 +46,13 @@ class CVODE(Solver):
     max_order: int | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
-        "CVODE (Adams)": {"ODE": 1e-3, "DAE": 5e-4},
-        "CVODE (BDF)": {"ODE": 1e-3, "DAE": 5e-4},
+        "CVODE (Adams)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
+        "CVODE (BDF)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
     }
     error_fall: ClassVar[float] = 0.4  # over a factor of 30 in rtol; over 10 the error of Adams was seen to rise
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
+    highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         check_tolerances(self.rtol, self.atol)
@@ -70,7 +74,8 @@ class CVODE(Solver):
         if any(kind in ("lambda", "mu") for kind in system.kinds):
             raise OptionError(
                 f"{self.label} needs y' = f(t, y), but this system has constraints ({system.label} form), so no right-hand "
-                "side: use mb.IDA() or mb.RadauIIA(3), or make the joints recursive with s.recursive()"
+                "side: use form=mb.Index1(), which solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or "
+                "make the joints recursive with s.recursive()"
             )
         raise OptionError(
             f"{self.label} needs y' = f(t, y), but this system ({system.label}) gives only F(t, y, y') = 0, no right-hand side: "
@@ -99,11 +104,7 @@ class CVODE(Solver):
                 callbacks.renew = contacts is not None and callbacks.stiffness_changed(contacts)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
-                inner = _cubic(loop, t, y, yp)
-                own = _own(method, loop, t)
-                if (np.abs(own - inner) > self.tolerance * np.abs(y) + atol).any():
-                    inner = own
-                going = loop.accept(t, y, yp, inner)
+                going = loop.accept(t, y, yp, _inner(self, method, loop, t, y, yp, atol))
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Polynomials of degree 5: the interpolant of CVODE, or the cubic one where it is as good."""
@@ -125,24 +126,45 @@ def _create(solver: CVODE, callbacks: _Callbacks, atol: Array, h0: float | None)
     )
 
 
-def _cubic(loop: StepLoop, t: float, y: Array, yp: Array) -> Array:
-    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes, of the cubic with y and y' at both ends.
+@cache
+def _weights() -> tuple[Array, Array]:
+    """Values at the inner nodes, over increments since the start of the step: of the cubic (NODES - 1, 3) from the end, h y' at
+    the start and h y' at the end; of the quintic (NODES - 1, 5) from these and the values at the nodes `ASKED`."""
+    c = radau_table(NODES).c[:-1]
+    cubic = np.stack([c**2 * (3 - 2 * c), c * (1 - c) ** 2, -(c**2) * (1 - c)], axis=1)
+    bump = c**2 * (1 - c) ** 2  # the quintic is the cubic plus bump times a straight line through what is asked
+    a, b = c[list(ASKED)]
+    line = np.stack([(c - b) / (a - b), (c - a) / (b - a)], axis=1) * (bump[:, None] / bump[list(ASKED)])
+    return cubic, np.hstack([cubic - line @ cubic[list(ASKED)], line])
 
-    Its slopes are better than those of CVODE's interpolant while the order is low: that is linear in the first step.
+
+def _inner(solver: CVODE, method: Any, loop: StepLoop, t: float, y: Array, yp: Array, atol: Array) -> Array:
+    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes.
+
+    The cubic with y and y' at both ends where CVODE's own interpolant agrees with it: while the order is low its slopes are
+    better than those of that interpolant, which is linear in the first step. Else, with Adams, the quintic that takes two
+    values of it; with BDF slopes magnify the tolerance of stiff unknowns, and all values are CVODE's own.
     """
-    c, h = radau_table(NODES).c[:-1, None], t - loop.t
     start, rate = loop.state
-    return np.asarray(c**2 * (3 - 2 * c) * (y - start) + h * c * (1 - c) * ((1 - c) * rate - c * yp))
+    h = t - loop.t
+    cubic, quintic = _weights()
+    ends = np.array([y - start, h * rate, h * yp])
+    inner = np.asarray(cubic @ ends)
+    nodes = ASKED if solver.method == "Adams" else range(NODES - 1)
+    own = _own(method, loop, t, nodes)
+    if (np.abs(own - inner[list(nodes)]) <= solver.tolerance * np.abs(y) + atol).all():
+        return inner
+    return np.asarray(quintic @ np.concatenate([ends, own])) if solver.method == "Adams" else own
 
 
-def _own(method: Any, loop: StepLoop, t: float) -> Array:
-    """The same of CVODE's own interpolant.
+def _own(method: Any, loop: StepLoop, t: float, nodes: Iterable[int]) -> Array:
+    """The same of CVODE's own interpolant at some of the nodes.
 
     In normal mode CVODE interpolates inside its last step. It then has to be brought back to t, or the next internal
     step would only return to it.
     """
-    start, y = loop.t, loop.state[0]
-    inner = np.array([method.step(start + c * (t - start), method="normal").y - y for c in radau_table(NODES).c[:-1]])
+    start, y, c = loop.t, loop.state[0], radau_table(NODES).c
+    inner = np.array([method.step(start + c[i] * (t - start), method="normal").y for i in nodes]) - y
     method.step(t, method="normal")
     return inner
 
@@ -201,7 +223,9 @@ class _Callbacks(Callbacks):
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
-    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0."""
+    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0, unless the system knows it."""
+    if system.rate_jacobian is not None:
+        return np.asarray(system.rate_jacobian(t, y))
     fy, fyp = system.jacobian_parts(t, y, yp)
     try:
         if system.sparsity is None:

@@ -25,6 +25,8 @@ from mbdae.system.numbering import Numbering, Row
 from mbdae.system.rotations import quaternion_product, turned
 from mbdae.threads import one_thread
 
+AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
+
 
 def _inertia(d: Derived) -> Any:
     return dynamics(d) if isinstance(d.law, Element) else []
@@ -277,13 +279,30 @@ def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array,
                       slope: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
     """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' = -gamma (nt, m); M (nu, nu) or one per
     state."""
-    nu, m = f.shape[1], gamma.shape[1]
-    scale = np.r_[units, np.ones(m)]
-    out, K = np.empty((len(f), nu + m)), np.zeros((nu + m, nu + m))
-    for i, mass in enumerate(np.broadcast_to(M, (len(f), nu, nu))):
-        K[:nu, :nu], K[:nu, nu:], K[nu:, :nu] = mass, G[i].T if slope is None else G[i].T - slope[i], G[i]
-        out[i] = _solve(K, np.r_[f[i], -gamma[i]], scale)
+    nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
+    M = np.broadcast_to(M, (len(f), nu, nu))
+    scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
+    size = max(1, AT_ONCE // n**2)
+    for part in (slice(i, i + size) for i in range(0, len(f), size)):
+        K = np.zeros((len(f[part]), n, n))
+        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M[part], G[part].transpose(0, 2, 1), G[part]
+        if slope is not None:
+            K[:, :nu, nu:] -= slope[part]
+        out[part] = _solved(K, right[part], scale)
     return out[:, :nu], out[:, nu:]
+
+
+def _solved(K: Array, right: Array, scale: Array) -> Array:
+    """Solutions (nt, n) of K x = right, all at once where none is singular."""
+    try:
+        x = np.linalg.solve(K, right[:, :, None])
+    except np.linalg.LinAlgError:
+        return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
+    missed = np.linalg.norm((K @ x)[:, :, 0] - right, axis=1) > 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300)
+    x = x[:, :, 0]
+    for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
+        x[i] = _solve(K[i], right[i], scale)
+    return np.asarray(x)
 
 
 def _solve(K: Array, right: Array, scale: Array) -> Array:
