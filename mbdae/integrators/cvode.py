@@ -62,6 +62,11 @@ class CVODE(Solver):
         if self.max_order is not None and self.max_order not in range(1, highest + 1):
             raise OptionError(f"max_order = {self.max_order}: {self.method} has orders 1 to {highest}")
 
+    @classmethod
+    def variants(cls) -> list[CVODE]:
+        """Adams and BDF."""
+        return [cls(method=method) for method in HIGHEST]
+
     @property
     def label(self) -> str:
         """Name with the method."""

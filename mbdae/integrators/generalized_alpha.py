@@ -22,6 +22,7 @@ from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
 
+SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
 GAINS = 0.9  #: spectral radius from which coarse steps gain energy
 
 
@@ -31,6 +32,9 @@ class _Alpha(Solver):
     step: float | None
     accuracy: float | None
     highest_index: ClassVar[int] = 3
+    orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        label: dict.fromkeys(("GGL", "Index3", "Index1"), SECOND) for label in ("GeneralizedAlpha", "HHT")
+    }
     tightest: ClassVar[dict[str, float]] = {"": 1e-10}
 
     @property
@@ -88,8 +92,7 @@ class _Alpha(Solver):
             )
         forces = np.array([kind == "lambda" for kind in system.kinds])
         columns = forces if system.sparsity is None else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
-        fy, _ = system.jacobian_parts(system.t0, system.y0, system.yp0)
-        if forces.any() and not np.any(fy[..., columns]):
+        if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
             raise OptionError(f"{self.label} takes multipliers as unknowns, not as derivatives of unknowns ({system.label}): "
                               f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
 

@@ -29,7 +29,7 @@ from mbdae.system.base import Array, System
 
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
 #: corrections are measured in ROUND times the size of displacements and velocities; what is left is TARGET of that
-ROUND, TARGET = 1e-10, 1e-3
+ROUND, TARGET = 1e-10, 3e-2
 NOISY = 1.0  #: corrections that stopped shrinking below this are round-off
 SLOW = 0.02  #: contraction above which the next step gets a new Jacobian
 LIMIT = 12
