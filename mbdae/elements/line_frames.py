@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mbdae.elements.line_shape import Array
 from mbdae.errors import OptionError
@@ -62,6 +61,8 @@ def _carried(first: Array, normal: Array) -> Array:
 
 def quaternions(axes: Array) -> Array:
     """(k, 4) unit quaternions of axes (k, 3, 3), each with a positive dot product with the one before."""
+    from scipy.spatial.transform import Rotation  # 0.1 s that scenes without beams need not spend
+
     P = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
     first = 1.0 if P[0, 0] >= 0 else -1.0
     flips = np.where(np.einsum("ki,ki->k", P[1:], P[:-1]) < 0, -1.0, 1.0)
