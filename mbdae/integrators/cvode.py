@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +11,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.contact_steps import ContactSteps
-from mbdae.integrators.dense import Collocation
+from mbdae.integrators.dense import Collocation, Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
@@ -26,7 +24,9 @@ HIGHEST = {"Adams": 12, "BDF": 5}
 #: neighbouring steps lose all digits where the step grows a thousandfold (the start), cubic ones a factor of 30 at
 #: rtol 1e-11; 4 stages lose 30 % at 1e-12, 5 nothing
 NODES = 5
-ASKED = (1, 2)  #: inner nodes where CVODE (Adams) is asked: every call costs as much as a small right-hand side
+#: a step longer than the one before it by more than this is not interpolated by the polynomial of degree 5 with y and y' at
+#: both its ends and at the start of the step before, which is as good as CVODE's own elsewhere and costs no calls of it
+TAME = 2.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,7 @@ class CVODE(Solver):
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
             going, contacts = True, SundialsContacts.of(loop)
+            smooth = self.method == "Adams" and contacts is None  # with BDF slopes magnify the tolerance of stiff unknowns
             while going:
                 result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
                 if not result.success or not result.t > loop.t:
@@ -109,11 +110,22 @@ class CVODE(Solver):
                 callbacks.renew = contacts is not None and callbacks.stiffness_changed(contacts)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
-                going = loop.accept(t, y, yp, _inner(self, method, loop, t, y, yp, atol))
+                tame = smooth and t - loop.t <= TAME * loop.last_step
+                going = loop.accept(t, y, yp, None if tame else _inner(self, method, loop, t, y, yp, atol))
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """Polynomials of degree 5: the interpolant of CVODE, or the cubic one where it is as good."""
-        return Collocation.of(NODES, t, y, pieces)
+        """Polynomials of degree 5: of CVODE's own interpolant, or through y and y' where they are as good."""
+        c = radau_table(NODES).c[:-1]
+        inner = np.empty((len(pieces), NODES - 1, y.shape[1]))
+        tame = np.array([i for i, piece in enumerate(pieces) if piece is None], dtype=np.intp)
+        if len(tame):
+            times = t[tame, None] + np.diff(t)[tame, None] * c
+            values = Hermite(t, y, yp, 3).value(times.ravel())
+            inner[tame] = values.reshape(len(tame), NODES - 1, -1) - y[tame, None]
+        for i, piece in enumerate(pieces):
+            if piece is not None:
+                inner[i] = piece
+        return Collocation(radau_table(NODES), t, y, inner)
 
 
 def _create(solver: CVODE, callbacks: _Callbacks, atol: Array, h0: float | None) -> Any:
@@ -131,45 +143,25 @@ def _create(solver: CVODE, callbacks: _Callbacks, atol: Array, h0: float | None)
     )
 
 
-@cache
-def _weights() -> tuple[Array, Array]:
-    """Values at the inner nodes, over increments since the start of the step: of the cubic (NODES - 1, 3) from the end, h y' at
-    the start and h y' at the end; of the quintic (NODES - 1, 5) from these and the values at the nodes `ASKED`."""
-    c = radau_table(NODES).c[:-1]
-    cubic = np.stack([c**2 * (3 - 2 * c), c * (1 - c) ** 2, -(c**2) * (1 - c)], axis=1)
-    bump = c**2 * (1 - c) ** 2  # the quintic is the cubic plus bump times a straight line through what is asked
-    a, b = c[list(ASKED)]
-    line = np.stack([(c - b) / (a - b), (c - a) / (b - a)], axis=1) * (bump[:, None] / bump[list(ASKED)])
-    return cubic, np.hstack([cubic - line @ cubic[list(ASKED)], line])
-
-
 def _inner(solver: CVODE, method: Any, loop: StepLoop, t: float, y: Array, yp: Array, atol: Array) -> Array:
-    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes.
-
-    The cubic with y and y' at both ends where CVODE's own interpolant agrees with it: while the order is low its slopes are
-    better than those of that interpolant, which is linear in the first step. Else, with Adams, the quintic that takes two
-    values of it; with BDF slopes magnify the tolerance of stiff unknowns, and all values are CVODE's own.
-    """
+    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes: of the cubic with y and y' at both ends where
+    CVODE's own interpolant agrees with it, else of the latter. While the order is low the slopes of the cubic are better than
+    those of that interpolant, which is linear in the first step."""
+    c, h = radau_table(NODES).c[:-1, None], t - loop.t
     start, rate = loop.state
-    h = t - loop.t
-    cubic, quintic = _weights()
-    ends = np.array([y - start, h * rate, h * yp])
-    inner = np.asarray(cubic @ ends)
-    nodes = ASKED if solver.method == "Adams" else range(NODES - 1)
-    own = _own(method, loop, t, nodes)
-    if (np.abs(own - inner[list(nodes)]) <= solver.tolerance * np.abs(y) + atol).all():
-        return inner
-    return np.asarray(quintic @ np.concatenate([ends, own])) if solver.method == "Adams" else own
+    cubic = np.asarray(c**2 * (3 - 2 * c) * (y - start) + h * c * (1 - c) * ((1 - c) * rate - c * yp))
+    own = _own(method, loop, t)
+    return cubic if (np.abs(own - cubic) <= solver.tolerance * np.abs(y) + atol).all() else own
 
 
-def _own(method: Any, loop: StepLoop, t: float, nodes: Iterable[int]) -> Array:
-    """The same of CVODE's own interpolant at some of the nodes.
+def _own(method: Any, loop: StepLoop, t: float) -> Array:
+    """The same of CVODE's own interpolant.
 
     In normal mode CVODE interpolates inside its last step. It then has to be brought back to t, or the next internal
     step would only return to it.
     """
-    start, y, c = loop.t, loop.state[0], radau_table(NODES).c
-    inner = np.array([method.step(start + c[i] * (t - start), method="normal").y for i in nodes]) - y
+    start, y = loop.t, loop.state[0]
+    inner = np.array([method.step(start + c * (t - start), method="normal").y - y for c in radau_table(NODES).c[:-1]])
     method.step(t, method="normal")
     return inner
 

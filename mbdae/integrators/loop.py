@@ -55,6 +55,11 @@ class StepLoop:
         return self._t[-1]
 
     @property
+    def last_step(self) -> float:
+        """Length of the last accepted step, s; 0 before the first."""
+        return self._t[-1] - self._t[-2] if len(self._t) > 1 else 0.0
+
+    @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
         return self._y[-1], self._yp[-1]
