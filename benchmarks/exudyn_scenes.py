@@ -243,11 +243,12 @@ def chain_tree(container: Any, p: dict[str, Any]) -> Built:
 
 
 def top_tree(container: Any, p: dict[str, Any]) -> Built:
-    """The heavy top on three hinges in one point, the last about its spin (singular where its axis passes the vertical)."""
+    """The heavy top on three hinges in one point, the last about its spin; singular where its axis lies along x, where it never
+    comes (the vertical it does pass)."""
     nothing = (0.0, np.zeros((3, 3)), (0, 0, 0))
     links = [nothing, nothing, (p["mass"], np.diag(p["inertia"]), p["at"])]
-    rates = [p["spin"][i] for i in (2, 0, 1)]
-    return tree(container, [(0, 0, 1), (1, 0, 0), (0, 1, 0)], [(0, 0, 0)] * 3, links, [0, 0, -GRAVITY], rates)
+    rates = [p["spin"][i] for i in (0, 2, 1)]
+    return tree(container, [(1, 0, 0), (0, 0, 1), (0, 1, 0)], [(0, 0, 0)] * 3, links, [0, 0, -GRAVITY], rates)
 
 
 # -- a flexible beam

@@ -61,10 +61,9 @@ def alpha(h: float, count: int = 7, linear: Sequence[str] = ("EXUdense",), **opt
             for solver in linear for radius in (0.6, 0.9)]  # fmt: skip
 
 
-def tree(scene: str, tightest: int = 12) -> dict[str, Any]:
+def tree(scene: str) -> dict[str, Any]:
     """A kinematic tree of exudyn with its explicit method of order 5."""
-    return {"name": "kinematic tree, DOPRI5", "scene": scene, "solver": "DOPRI5",
-            "tolerances": [10.0**-k for k in range(3, tightest + 1)]}  # fmt: skip
+    return {"name": "kinematic tree, DOPRI5", "scene": scene, "solver": "DOPRI5", "tolerances": [10.0**-k for k in range(3, 13)]}
 
 
 # -- the scenes
@@ -135,7 +134,7 @@ def rotor_problem() -> Problem:
 
 def top_problem() -> Problem:
     options = {"mass": 15.0, "inertia": [0.234375, 0.46875, 0.234375], "at": [0, 1, 0], "spin": [0, 150, -4.61538]}
-    methods = [*alpha(1e-3, 7), *alpha(1e-3, 7, rotation="lie group"), tree("top tree", 7)]
+    methods = [*alpha(1e-3, 7), *alpha(1e-3, 7, rotation="lie group"), tree("top tree")]
     return Problem(lambda _: heavy_top(), 1.0, 1.0, {"scene": "heavy top", "options": options}, methods, bodies, models=(None,))
 
 
