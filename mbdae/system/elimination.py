@@ -89,7 +89,7 @@ class Elimination:
     def __init__(self, full: Any, mass: Array, row_of: RowOf, solve: type[Solve]) -> None:
         """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance."""
         nb = full.numbering
-        self._W, self._clock, self._time = full.batch(1).W, bool(nb.clock.expressions), np.zeros(1)
+        self._W, self._clock, self._time = nb.workspace(1), bool(nb.clock.expressions), np.zeros(1)
         self._fill_clock, self.multipliers = nb.fill_clock, np.zeros(nb.m)
         gathers, places, kernels = [], [], []
         entries: dict[tuple[int, int], int] = {}
