@@ -61,7 +61,7 @@ class States:
             common = np.eye(3) if not d.frames[0].kind.moves else turn(about).T
         at: Array | None = None
         for f in d.frames[2:]:
-            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)}
+            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)} | {f"{f.side}_up1": float(rng.normal())}
         for f in d.sides:
             motion = common if f is d.frames[0] else common @ turn(about)
             at = self._side(values, f, J, motion, at if together else None)

@@ -85,10 +85,9 @@ class AlphaStep:
         self._G = np.zeros((m, nu))
         self._velocity_rows: Any = None
         self._Y, self._Yp, self._F = np.zeros((3, system.n))
-        self._x, self._last = np.zeros((2, system.n - self.nq))
+        self._x = np.zeros(system.n - self.nq)
         self._factors: Any = None
-        self._row = np.ones(len(self._x))
-        self._column = np.ones(len(self._x))
+        self._row, self._column = np.ones(len(self._x)), np.ones(len(self._x))
         self._factored, self._correction = 0.0, np.zeros(len(self._x))
         self._old: tuple[float, Array] | None = None
         self._states = ns > 0

@@ -15,7 +15,6 @@ import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dpbsv, dposv
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
@@ -90,7 +89,7 @@ class Elimination:
     def __init__(self, full: Any, mass: Array, row_of: RowOf, solve: type[Solve]) -> None:
         """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance."""
         nb = full.numbering
-        self._W, self._clock, self._time = full.batch(1).W, bool(nb.clock.expressions), np.zeros(1)
+        self._W, self._clock, self._time = nb.workspace(1), bool(nb.clock.expressions), np.zeros(1)
         self._fill_clock, self.multipliers = nb.fill_clock, np.zeros(nb.m)
         gathers, places, kernels = [], [], []
         entries: dict[tuple[int, int], int] = {}
@@ -179,6 +178,8 @@ class Banded:
     full_rows = False
 
     def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
+
         self._inverse = 1 / M.diagonal()
         self._m, self._nu = shape
         pattern = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)

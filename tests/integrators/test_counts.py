@@ -106,7 +106,7 @@ def solved(scene, label, form):
     return ready.solve(system_for(prepare(make()), FORMS[form], ready.highest_index), end).stats
 
 
-@pytest.mark.parametrize(("scene", "label", "form"), COUNTS, ids=" ".join)
+@pytest.mark.parametrize(("scene", "label", "form"), COUNTS, ids=map(" ".join, COUNTS))
 def test_work_is_what_it_was(scene, label, form):
     stats = solved(scene, label, form)
     found, stated = (np.array([getattr(stats, name) for name in COUNTED]), np.array(COUNTS[scene, label, form]))

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from dae_problems import decay, explicit, pendulum
+from recursive_scenes import spring_chain
 from scenes import data, dzhanibekov
 
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.cvode import rate_jacobian
 from mbdae.system.base import System
+from mbdae.system.eliminated import Rates
 from mbdae.system.prepare import prepare
 
 METHODS = ("Adams", "BDF")
@@ -143,6 +145,36 @@ def test_bdf_takes_longer_steps_where_it_is_stiff():
     for solution in (bdf, adams):
         assert solution.y[-1] == pytest.approx([np.cos(1), (np.cos(1) + np.sin(1)) / 2], abs=1e-4)
     assert 3 * bdf.stats.residuals < adams.stats.residuals
+
+
+# -- beams and large trees
+
+
+def test_beams_have_a_right_hand_side():
+    """Their mass matrix is sparse and factorised once; motion as by Radau IIA."""
+    s = mb.Scene("beam", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(0.02, 0.02, E=1e5, nu=0.3, rho=1000)
+    s.revolute("A", s.ground, s.beam("b", (0, 0), (1, 0), section=section, elements=2), at=(0, 0))
+    system = system_for(prepare(s), None, mb.CVODE.highest_index)
+    rate = np.empty(system.n)
+    system.rhs(system.t0, system.y0, rate)
+    assert rate == pytest.approx(system.yp0, abs=1e-9 * np.max(np.abs(system.yp0)))
+    r = s.simulate(0.1, accuracy=1e-5, solver=mb.CVODE(method="BDF"), outputs=5)
+    fine = s.simulate(0.1, solver=mb.RadauIIA(3, rtol=1e-9), form=mb.ODE(waves=True), outputs=5)
+    assert np.abs(r.q - fine.q).max() < 1e-5
+
+
+def test_large_trees_have_sparse_factors(monkeypatch):
+    from mbdae.system import explicit
+
+    dense = system_for(prepare(spring_chain()))
+    monkeypatch.setattr(explicit, "DENSE_TREES", 0)
+    sparse, rates = system_for(prepare(spring_chain())), np.empty((2, dense.n))
+    assert sparse.rhs.__func__ is Rates.solve
+    y = dense.y0 + 0.1 * np.sin(1.0 + np.arange(dense.n))
+    dense.rhs(0.1, y, rates[0])
+    sparse.rhs(0.1, y, rates[1])
+    assert rates[1] == pytest.approx(rates[0], rel=1e-9)
 
 
 # -- Jacobian and counts

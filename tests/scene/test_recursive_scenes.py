@@ -104,7 +104,7 @@ def test_ode_form_names_the_row_that_is_left() -> None:
     with pytest.raises(mb.OptionError, match=r"this one has 2 rows, the first is D\.x; use mb\.GGL\(\), or s\.recursive\(\)"):
         four_bar("auto", R).simulate(0.1, form=mb.ODE())
     with pytest.raises(mb.OptionError, match=r"this system has constraints \(GGL form\)"):
-        four_bar("auto", R).simulate(0.1, solver=mb.CVODE())
+        four_bar("auto", R).simulate(0.1, solver=mb.CVODE(), form=mb.GGL())
 
 
 def test_a_long_chain_stays_kinematic_and_says_so() -> None:
