@@ -5,14 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import ceil, isfinite
+from math import isfinite
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
-from mbdae.integrators.contact_steps import contact_steps
+from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
 from mbdae.integrators.halving import halved, scaled_difference
@@ -108,34 +108,19 @@ class _Alpha(Solver):
                 f"energy, and with index 3 may blow up; compare the energy balance, or use {less}"]
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Constant steps; a last one that differs from h by round-off counts as equal."""
+        """Constant steps."""
         assert self.step is not None
         for doubt in self.doubts(system):
             warnings.warn(doubt, AccuracyWarning, stacklevel=4)
-        rho, h, t0 = self.rho_infinity, self.step, float(system.t0)
+        rho, h = self.rho_infinity, self.step
         step = AlphaStep(system, self.coefficients, Alphas.of((3 * rho - 1) / (2 * (rho + 1)), rho / (rho + 1)), loop.stats)
         _begin(step, h, loop.stats)
         algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
-        contacts = contact_steps(system, loop.stats)
-        count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
-        for k in range(1, count + 1):
-            last = k == count
-            rest = loop.t_end - step.t
-            width = rest if last and abs(rest - h) > 1e-6 * h else h
-            try:
-                step.solve(width)
-            except StepFailedError as error:
-                text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
-                raise loop.failure(text, error.culprit) from error
-            t1 = loop.t_end if last else t0 + k * h
-            if contacts is not None:
-                contacts.look(t1, step.reached())
-                contacts.count_hidden([])
-                contacts.keep()
-            start = step.y, step.yp
-            t1, y, yp = step.advance(width, t1)
-            if not loop.accept(t1, y, yp, _inside(width, start, (y, yp), algebraic)):
-                return
+
+        def advance(width: float, t1: float) -> tuple[Any, ...]:
+            return (*step.advance(width, t1), algebraic)
+
+        constant_steps(system, loop, h, step, step.solve, advance)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from math import ceil, inf, isfinite
+from math import inf, isfinite
 from typing import Any, ClassVar
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.contact_steps import contact_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
@@ -110,30 +111,15 @@ class RadauIIA(Solver):
 
 
 def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> None:
-    """Constant steps; a last one that differs from h by round-off counts as equal."""
+    """Constant steps."""
     tolerance, target = (ROUND, TARGET) if solver.newton is None else (solver.newton, 1.0)
     demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
     step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
-    t0 = float(system.t0)
-    count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
-    contacts = contact_steps(system, loop.stats)
-    for k in range(1, count + 1):
-        last = k == count
-        rest = loop.t_end - step.t
-        width = rest if last and abs(rest - h) > 1e-6 * h else h
-        try:
-            step.solve_surely(width)
-        except StepFailedError as error:
-            raise loop.failure(
-                f"Newton's method fails with step = {h:g} s, try a smaller one: {error}", error.culprit
-            ) from error
-        t1 = loop.t_end if last else t0 + k * h
-        if contacts is not None:
-            contacts.look(t1, step.reached())
-            contacts.count_hidden([(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]])
-            contacts.keep()
-        if not loop.accept(*step.advance(width, t1)):
-            return
+
+    def inside(width: float) -> list[tuple[float, Array]]:
+        return [(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]]
+
+    constant_steps(system, loop, h, step, step.solve_surely, step.advance, inside)
 
 
 class _Adaptive:
