@@ -39,7 +39,7 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
         try:
             solve(width)
         except StepFailedError as error:
-            text = f"Newton's method fails with step = {h:g} s, try a smaller one: {error}"
+            text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
             raise loop.failure(text, error.culprit) from error
         t1 = loop.t_end if last else t0 + k * h
         if contacts is not None:

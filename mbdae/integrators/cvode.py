@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.contact_steps import ContactSteps
-from mbdae.integrators.dense import Collocation, Hermite
+from mbdae.integrators.dense import Collocation, Hermite, cubic
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
@@ -147,11 +147,8 @@ def _inner(solver: CVODE, method: Any, loop: StepLoop, t: float, y: Array, yp: A
     """Increments (NODES - 1, n) since the last accepted step, at the inner nodes: of the cubic with y and y' at both ends where
     CVODE's own interpolant agrees with it, else of the latter. While the order is low the slopes of the cubic are better than
     those of that interpolant, which is linear in the first step."""
-    c, h = radau_table(NODES).c[:-1, None], t - loop.t
-    start, rate = loop.state
-    cubic = np.asarray(c**2 * (3 - 2 * c) * (y - start) + h * c * (1 - c) * ((1 - c) * rate - c * yp))
-    own = _own(method, loop, t)
-    return cubic if (np.abs(own - cubic) <= solver.tolerance * np.abs(y) + atol).all() else own
+    own, ends = _own(method, loop, t), cubic(NODES, t - loop.t, loop.state, (y, yp))
+    return ends if (np.abs(own - ends) <= solver.tolerance * np.abs(y) + atol).all() else own
 
 
 def _own(method: Any, loop: StepLoop, t: float) -> Array:

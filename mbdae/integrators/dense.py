@@ -56,6 +56,13 @@ class Collocation:
         return total
 
 
+def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
+    """Increments (stages - 1, n) at the inner nodes of the cubic with y and y' at both ends of a step of h."""
+    c = radau_table(stages).c[:-1, None]
+    (y0, rate0), (y1, rate1) = start, end
+    return np.asarray(c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1))
+
+
 class Hermite:
     """Local Hermite interpolation of y and y' at `points` neighbouring steps, in a local scaled variable."""
 

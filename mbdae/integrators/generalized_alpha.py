@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
 from mbdae.integrators.constant import constant_steps
-from mbdae.integrators.dense import Collocation
+from mbdae.integrators.dense import Collocation, cubic
 from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
 from mbdae.integrators.halving import halved, scaled_difference
 from mbdae.integrators.loop import StepLoop
@@ -118,7 +118,10 @@ class _Alpha(Solver):
         algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
 
         def advance(width: float, t1: float) -> tuple[Any, ...]:
-            return (*step.advance(width, t1), algebraic)
+            start, rate = step.y, step.yp
+            t1, y, yp = step.advance(width, t1)
+            line = radau_table(CUBIC).c[:-1, None] * (y - start)
+            return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
 
         constant_steps(system, loop, h, step, step.solve, advance)
 
@@ -201,11 +204,3 @@ def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
     change = (short.newton.Yp[-1] - step.yp) / -lead
     step.a += step.A.lead * change[step.u]
     step.w += step.B.lead * change[step.s]
-
-
-def _inside(h: float, start: tuple[Array, Array], end: tuple[Array, Array], algebraic: Any) -> Array:
-    """Increments (2, n) at the inner nodes of the cubic with y and y' at both ends; algebraic unknowns on straight lines."""
-    c = radau_table(CUBIC).c[:-1, None]
-    (y0, rate0), (y1, rate1) = start, end
-    curve = c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1)
-    return np.asarray(np.where(algebraic, c * (y1 - y0), curve))
