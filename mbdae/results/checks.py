@@ -70,6 +70,11 @@ class Check:
         return tuple(c.name for c in self.prepared.model.recursive)
 
     @property
+    def rigid(self) -> tuple[str, ...]:
+        """Welds, and joints that hold a point mass, whose body needs no unknowns: it moves with the other one."""
+        return tuple(name for tree in self.prepared.expansion.carried.trees for name in tree.rigid)
+
+    @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints that were to be recursive and stay kinematic, and why."""
         return dict(self.prepared.model.kept)
@@ -139,7 +144,9 @@ class Check:
         for tree in self.prepared.expansion.carried.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             plan = tree_plan(tree.structure)
-            lines.append(f"  recursive, from '{root}': {_listed([c.name for c in tree.coordinates])}; "
+            names = _listed([c.name for c in tree.coordinates if c is not None]) or "none"
+            welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
+            lines.append(f"  recursive, from '{root}': {names}{welded}; "
                          f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({plan.operations} operations in one program)")  # fmt: skip
         reasons: dict[str, list[str]] = {}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbdae.contact import Normal
 from mbdae.errors import OptionError
 from mbdae.friction import Friction
+from mbdae.joints import Revolute, Spherical, Weld
 from mbdae.symbolic.law import Law
 
 Array = NDArray[np.float64]
@@ -188,6 +189,15 @@ class Connection:
     def recursive(self) -> bool:
         """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
         return isinstance(self.model, Recursive)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether one rigid body cannot move relative to the other: a weld, or a point mass held where it is."""
+        if len(self.laws) > 1 or isinstance(self.k, Beam) or isinstance(self.l, Beam):
+            return False
+        law, points = self.laws[0], self.k.is_point + self.l.is_point
+        held = type(law) is Spherical or (type(law) is Revolute and law.drive is None and not self.rubs)
+        return (type(law) is Weld and points < 2) or (held and points == 1)
 
     @property
     def loose(self) -> bool:

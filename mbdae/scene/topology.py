@@ -29,14 +29,14 @@ def leader(item: T, leads: Mapping[T, T]) -> T:
 
 
 def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
-    """Recursive joints come first, then those whose start is prescribed or held, then the order of the scene; joints with
+    """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the scene; joints with
     clearance come last.
 
     joints: those that count; all by default."""
     leads: dict[Body, Body] = {}
     chosen: list[Connection] = []
     closing: list[Connection] = []
-    for joint in sorted(scene.joints if joints is None else joints, key=lambda c: (c.loose, not c.recursive, not is_held(c))):
+    for joint in sorted(scene.joints if joints is None else joints, key=lambda c: (c.loose, not c.recursive, not c.rigid, not is_held(c))):
         a, b = leader(joint.k, leads), leader(joint.l, leads)
         if a is b:
             closing.append(joint)

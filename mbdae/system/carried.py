@@ -98,7 +98,7 @@ def too_large(carried: Carried) -> dict[str, str]:
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
                    f"where compiling costs more than it saves: kinematic joints are as fast there")  # fmt: skip
-            found |= {tree.coordinates[j].name: why for j in range(len(tree.joints))}
+            found |= dict.fromkeys(tree.names, why)
     return found
 
 

@@ -128,6 +128,8 @@ def modelled(scene: SceneData) -> tuple[Model, Carried]:
     model = build(scene)
     carried = Carried(model, find_trees(model))
     kept = too_large(carried)
+    if not kept and not Expansion(model, carried).numbering.free:  # something has to be left to solve for
+        kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, kept)
         carried = Carried(model, find_trees(model))
