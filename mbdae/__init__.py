@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mbdae.compare import Run, compare
     from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
-    from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.friction import Coulomb, Friction, LuGre
     from mbdae.integrators.cvode import CVODE
     from mbdae.integrators.ida import IDA
@@ -45,7 +45,8 @@ _HOME = {
     "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
     "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
-    "GGL": "mbdae.formulations", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
+    "GGL": "mbdae.formulations", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida", "Index1": "mbdae.formulations",
+    "Index3": "mbdae.formulations",
     "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction",
     "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
@@ -56,7 +57,7 @@ _HOME = {
 
 __all__ = [
     "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
-    "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
+    "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index1", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
     "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
     "params", "report", "selftest", "t",

@@ -18,6 +18,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
+from mbdae.results.drift import drifted
 from mbdae.results.reliability import doubts_of_steps, judged
 from mbdae.results.resolution import refuse_unresolved
 from mbdae.results.result import Accuracy, Result, RunInfo
@@ -87,7 +88,7 @@ class Scene(SceneData):
         prepared = prepare(self, begin, t_end=float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        form = form if form is not None else default_form(prepared)
+        form = form if form is not None else default_form(prepared, solver.highest_index if solver is not None else 1)
         times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
         job = _Job(prepared, form, accuracy, float(t_end), times, {"max_wall": max_wall, "progress": progress_of(progress)})
         run = job.run(solver) if solver is not None else job.run_default()
@@ -197,7 +198,7 @@ class _Job:
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
         judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
-        notes = [*_warnings(self.prepared, run, known), *doubts_of_steps(run), *judgement.notes]
+        notes = [*_warnings(self.prepared, run, known, self.form.label == "Index1"), *doubts_of_steps(run), *judgement.notes]
         found.info = replace(info, warnings=tuple(notes), reliable=judgement.reliable)
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
@@ -220,7 +221,7 @@ def progress_of(progress: Any) -> Any:
     return progress or None
 
 
-def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]:
+def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
     notes = []
     if known.met is False:
         worst = known.verified if known.verified is not None else known.estimated
@@ -228,7 +229,7 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
         notes += run.notes
-    notes += _broken_rows(prepared, run, known.asked)
+    notes += _broken_rows(prepared, run, known.asked) or (drifted(prepared, run, known.asked) if drifts else [])
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)

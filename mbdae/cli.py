@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
-FORMS = ("ggl", "index3", "ode")
+FORMS = ("ggl", "index3", "index1", "ode")
 REPORTS = (".html", ".md", ".tex")
 SOLVERS = ("ida", "radau2", "radau3", "cvode")
 
@@ -311,9 +311,9 @@ def _solver(name: str | None) -> Any:
 
 
 def _form(name: str | None) -> Any:
-    from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.formulations import GGL, ODE, Index1, Index3
 
-    return {"ggl": GGL, "index3": Index3, "ode": ODE}[name]() if name else None
+    return {"ggl": GGL, "index3": Index3, "index1": Index1, "ode": ODE}[name]() if name else None
 
 
 # -- the parser

@@ -41,7 +41,7 @@ class Solver(ABC):
     companion: ClassVar[float] = 10.0
     #: tolerance of positions over the penetration of a contact at which it is resolved to some per cent
     penetration_share: ClassVar[float] = 0.01
-    #: highest index of an unknown this method takes
+    #: highest index of an unknown this method takes; 0: differential unknowns alone
     highest_index: ClassVar[int] = 1
     #: what to use instead below it
     alternative: ClassVar[str] = ""
