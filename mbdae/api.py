@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
-from mbdae.results.choice import chosen_solver
+from mbdae.results.choice import Choice, alternatives, choose, prepared_by_default
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.drift import drifted
 from mbdae.results.reliability import doubts_of_steps, judged
@@ -41,9 +41,11 @@ JUDGED = 1000  #: outputs at which a run with contact is judged
 class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 
-    def check(self) -> Check:
-        """Everything that can be said before solving; raises SceneError with all problems at once."""
-        return check_scene(self)
+    def check(self, accuracy: float = 1e-6) -> Check:
+        """Everything that can be said before solving, and what `simulate` to this accuracy will choose; raises SceneError with
+        all problems at once."""
+        plausible(accuracy)
+        return check_scene(self, accuracy)
 
     def system(self, form: Form | None = None, start: Start | None = None) -> SceneSystem:
         """The equations F(t, y, y') = 0 of the scene in a form, with a consistent start."""
@@ -84,14 +86,25 @@ class Scene(SceneData):
         error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
         """
         plausible(accuracy)
-        begin = _last_state(start) if start is not None else None
-        prepared = prepare(self, begin, t_end=float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None)
+        end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
+
+        def prepared_as(scene: SceneData, largest_tree: int | None = None) -> Prepared:
+            begin = _last_state(start, scene) if start is not None else None
+            return prepare(scene, begin, t_end=end, largest_tree=largest_tree)
+
+        chosen = solver is None and form is None
+        prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        form = form if form is not None else default_form(prepared, solver.highest_index if solver is not None else 1)
+        choice = choose(prepared, self, accuracy, form) if solver is None else None
+        if form is None and solver is not None:
+            form = default_form(prepared, solver.highest_index)
         times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
-        job = _Job(prepared, form, accuracy, float(t_end), times, {"max_wall": max_wall, "progress": progress_of(progress)})
-        run = job.run(solver) if solver is not None else job.run_default()
+        own = choice.form if choice is not None else form
+        assert own is not None
+        options = {"max_wall": max_wall, "progress": progress_of(progress)}
+        job = _Job(prepared, own, accuracy, float(t_end), times, options)
+        run = job.run(solver) if choice is None else job.run_default(choice, form)
         return job.result(run, job.verify(run) if verify else None)
 
 
@@ -144,31 +157,44 @@ class _Job:
             return run
         return again if again.estimate < run.estimate or not again.solution.complete else run
 
-    def run_default(self) -> Controlled:
-        """The solver that suits the equations; Radau IIA where it cannot reach the accuracy or stops."""
+    def run_default(self, choice: Choice, form: Form | None) -> Controlled:
+        """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
+
+        form: what the user asked for; with None the others take the default form."""
         from mbdae.integrators.radau import RadauIIA
 
-        run = None
-        if self.form.label == "Index3":
-            why = "only Radau takes index 3"
-        else:
-            solver, self.choice = chosen_solver(system_for(self.prepared, self.form), self.prepared)
+        best: tuple[Controlled, Form, str] | None = None
+        failure: MbdaeError | None = None
+        why = ""
+        for solver, self.form in alternatives(choice, form):
+            told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
             try:
                 run = self.run(solver)
-                if isinstance(solver, RadauIIA):
-                    return run
-                if run.estimate <= self.accuracy or not run.solution.complete:
-                    return run
-                why = f"{solver.label} came to {run.estimate:.1e}"
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
-                why = str(error)
-        again = self.run(RadauIIA(3))
-        if run is not None and run.estimate <= again.estimate:
-            return run
-        self.choice = f"RadauIIA(3): {why}"
-        return again
+                failure, why = failure or error, str(error)
+                continue
+            if best is None or run.estimate < best[0].estimate:
+                best = run, self.form, told
+            missed = self._missed(run)
+            if not missed or isinstance(solver, RadauIIA):
+                break
+            why = f"{solver.label} {missed}"
+        if best is None:
+            assert failure is not None
+            raise failure
+        run, self.form, self.choice = best
+        return run
+
+    def _missed(self, run: Controlled) -> str:
+        """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
+        if not run.solution.complete:
+            return ""
+        if not run.estimate <= self.accuracy:
+            return f"came to {run.estimate:.1e}"
+        doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
+        return f"warned: {doubts[0]}" if doubts else ""
 
     def verify(self, run: Controlled) -> float | None:
         """Largest difference to a run of another method at a tenth of the accuracy."""
@@ -250,8 +276,12 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
             f"prescribed motions may contradict each other later on"]  # fmt: skip
 
 
-def _last_state(result: Result) -> Start:
-    """The end of a result as the start of the next."""
+def _last_state(result: Result, scene: SceneData) -> Start:
+    """The end of a result as the start of the next, without the coordinates of joints that are no unknowns in `scene`."""
     t = result.solution.t[-1:]
     q, u, s = result.states(t)
-    return Start(float(t[0]), q[0], u[0], s[0], np.zeros_like(u[0]), np.zeros(0))
+    unknown = {c.name for c in scene.joints if c.joint.own_coordinates}
+    nodes = [n for n in result.prepared.model.nodes if n.body is not None or n.name in unknown]
+    parts = [np.concatenate([x[n_first : n_first + n_size] for n_first, n_size in places]) for x, places in (
+        (q[0], [(n.q, n.kind.sizes[0]) for n in nodes]), (u[0], [(n.u, n.kind.sizes[1]) for n in nodes]))]  # fmt: skip
+    return Start(float(t[0]), parts[0], parts[1], s[0], np.zeros_like(parts[1]), np.zeros(0))

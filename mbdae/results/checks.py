@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
+from mbdae.results.choice import Choice, choose, prepared_by_default
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.trees import Tree
@@ -17,6 +19,17 @@ class Check:
     """Findings of `Scene.check`; `print` it."""
 
     prepared: Prepared
+    accuracy: float = 1e-6  #: what `choice` is for
+
+    @cached_property
+    def choice(self) -> Choice:
+        """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
+        stated = self.prepared.model.scene
+
+        def prepared_as(scene: SceneData, largest_tree: int | None) -> Prepared:
+            return self.prepared if scene is stated else prepare(scene, largest_tree=largest_tree)
+
+        return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -102,6 +115,7 @@ class Check:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
+        lines.append(f"  to an accuracy of {self.accuracy:g}: {self.choice}")
         return "\n".join(lines)
 
     def _of_beams(self) -> list[str]:
@@ -185,6 +199,6 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
     return [title + ": " + "; ".join(f"{joint} ({', '.join(r)})" for joint, r in rows.items())]
 
 
-def check_scene(scene: SceneData) -> Check:
+def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:
     """Check a scene; raises SceneError with every problem found."""
-    return Check(prepare(scene))
+    return Check(prepare(scene), accuracy)

@@ -182,6 +182,7 @@ class Connection:
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
+    left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[Law] = field(default_factory=list)  #: its laws as an ideal kinematic joint, where the model may need them
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
 

@@ -107,6 +107,7 @@ class TreeProgram:
             self.nodes.append(self._carried(j, link))
         self.force = self._pulled("wu", self._members())
         self.correction = self._pulled("wq", {}) if structure.loaded else {}
+        self.size = len(self.program.steps)  #: before it is differentiated
 
     def _input(self, *place: Any) -> Expr:
         symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
