@@ -43,7 +43,7 @@ import scenes
 from recursive_joints import chain
 
 EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
-PATIENCE = 3.0  #: wall time of a run over that of the default at which it is stopped
+PATIENCE = 1.5  #: wall time of a run over that of the default at which it is stopped
 TIMES = 401
 METHODS: dict[str, tuple[mb.Solver, mb.Form | None]] = {
     "IDA": (mb.IDA(), None),
@@ -82,7 +82,7 @@ def cases() -> dict[str, Case]:
     """All scenes: the examples first."""
     special: dict[str, dict[str, Any]] = {
         "pendulum": {"reference": BY_ADAMS}, "ground_resonance": {"reference": BY_ADAMS},
-        "clearance_rotor": {"reference": (mb.RadauIIA(3, rtol=1e-10), False), "accuracies": (1e-4, 1e-6)},
+        "clearance_rotor": {"reference": (mb.RadauIIA(3, rtol=1e-8), False), "accuracies": (1e-4,)},
         "slider_crank_clearance": {"reference": (mb.RadauIIA(3, rtol=1e-11), False)},
     }  # fmt: skip
     found = {name: example(name, **special.get(name, {})) for name in EXAMPLES}
@@ -165,8 +165,9 @@ class Bench:
         stated = self.case.scene()
         default = self.trial("default", stated, accuracy, None)
         yield default
-        joints = [c for c in stated.recursive().joints if c.recursive]
-        variants = {"": stated} | ({"recursive, ": stated.recursive()} if joints and not any(map(_recursive, stated.joints)) else {})
+        variants = {"": stated}
+        if not any(c.recursive for c in stated.joints) and any(c.recursive for c in stated.recursive().joints):
+            variants["recursive, "] = stated.recursive()
         for name, scene in variants.items():
             free = not prepare(scene).rows  # no constraints: every form is the same ordinary differential equation
             for label, (solver, form) in METHODS.items():
@@ -174,8 +175,10 @@ class Bench:
                     yield self.trial(name + label, scene, accuracy, PATIENCE * default.wall + 0.1, solver=solver, form=form)
 
 
-def _recursive(joint: Any) -> bool:
-    return bool(joint.recursive)
+def _short(label: str) -> str:
+    """What was run, without the reason; a default run with what was chosen."""
+    head, _, rest = label.partition(": ")
+    return rest.split(":")[0] if head == "default" else head
 
 
 def main() -> None:
@@ -195,8 +198,8 @@ def main() -> None:
             met = [trial for trial in (default, *others) if trial.error <= accuracy]
             best = min(met or [default], key=lambda trial: trial.cpu)
             regrets.setdefault(name, []).append(default.cpu / best.cpu)
-            cells = (name, f"{accuracy:.0e}", default.label.removeprefix("default: "), f"{default.error:.0e}", f"{default.cpu:.3f}",
-                     best.label.split(":")[0], f"{best.error:.0e}", f"{best.cpu:.3f}", f"{default.cpu / best.cpu:.2f}")  # fmt: skip
+            told = [text for t in (default, best) for text in (_short(t.label), f"{t.error:.0e}", f"{t.cpu:.3f}")]
+            cells = (name, f"{accuracy:.0e}", *told, f"{default.cpu / best.cpu:.2f}")
             print("| " + " | ".join(cells) + " |", flush=True)
             for trial in others if wanted.all else ():
                 print(f"    {trial.label}: error {trial.error:.1e}, {trial.cpu:.3f} s {trial.failure[:90]}", flush=True)

@@ -89,22 +89,23 @@ class Scene(SceneData):
         end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
 
         def prepared_as(scene: SceneData, largest_tree: int | None = None) -> Prepared:
-            begin = _last_state(start, scene) if start is not None else None
+            begin = start.state_for(scene) if start is not None else None
             return prepare(scene, begin, t_end=end, largest_tree=largest_tree)
 
         chosen = solver is None and form is None
         prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        choice = choose(prepared, self, accuracy, form) if solver is None else None
-        if form is None and solver is not None:
-            form = default_form(prepared, solver.highest_index)
         times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
-        own = choice.form if choice is not None else form
-        assert own is not None
         options = {"max_wall": max_wall, "progress": progress_of(progress)}
-        job = _Job(prepared, own, accuracy, float(t_end), times, options)
-        run = job.run(solver) if choice is None else job.run_default(choice, form)
+        if solver is not None:
+            form = form if form is not None else default_form(prepared, solver.highest_index)
+            job = _Job(prepared, form, accuracy, float(t_end), times, options)
+            run = job.run(solver)
+        else:
+            choice = choose(prepared, self, accuracy, form)
+            job = _Job(prepared, choice.form, accuracy, float(t_end), times, options)
+            run = job.run_default(choice, form)
         return job.result(run, job.verify(run) if verify else None)
 
 
@@ -274,14 +275,3 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
         return []
     return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "
             f"prescribed motions may contradict each other later on"]  # fmt: skip
-
-
-def _last_state(result: Result, scene: SceneData) -> Start:
-    """The end of a result as the start of the next, without the coordinates of joints that are no unknowns in `scene`."""
-    t = result.solution.t[-1:]
-    q, u, s = result.states(t)
-    unknown = {c.name for c in scene.joints if c.joint.own_coordinates}
-    nodes = [n for n in result.prepared.model.nodes if n.body is not None or n.name in unknown]
-    parts = [np.concatenate([x[n_first : n_first + n_size] for n_first, n_size in places]) for x, places in (
-        (q[0], [(n.q, n.kind.sizes[0]) for n in nodes]), (u[0], [(n.u, n.kind.sizes[1]) for n in nodes]))]  # fmt: skip
-    return Start(float(t[0]), parts[0], parts[1], s[0], np.zeros_like(parts[1]), np.zeros(0))
