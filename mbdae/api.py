@@ -128,8 +128,11 @@ class _Job:
         system = system_for(self.prepared, self.form, solver.highest_index)
         try:
             if solver.fixed or solver.rtol is not None:
-                solution = solver.solve(system, self.t_end, **self.options)
-                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s)
+                with python_warnings.catch_warnings(record=True) as caught:
+                    python_warnings.simplefilter("always", AccuracyWarning)
+                    solution = solver.solve(system, self.t_end, **self.options)
+                notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
             return self._with_waves(run, solver) if system.numbering.stresses and not self.form.waves else run
         except SolverError as error:
@@ -255,8 +258,9 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool
         found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
+    if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
-    notes += _broken_rows(prepared, run, known.asked) or (drifted(prepared, run, known.asked) if drifts else [])
+    notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)

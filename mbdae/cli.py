@@ -21,7 +21,7 @@ from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
 FORMS = ("ggl", "index3", "index1", "ode")
 REPORTS = (".html", ".md", ".tex")
-SOLVERS = ("ida", "radau2", "radau3", "cvode")
+SOLVERS = ("ida", "radau2", "radau3", "cvode", "hht", "genalpha")
 
 
 class UsageError(Exception):
@@ -301,11 +301,13 @@ def _folder(out: str | None) -> Path | None:
 
 def _solver(name: str | None) -> Any:
     from mbdae.integrators.cvode import CVODE
+    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
     makers: dict[str, Callable[[], Any]] = {
-        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE
+        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE,
+        "hht": HHT, "genalpha": GeneralizedAlpha
     }  # fmt: skip
     return makers[name]() if name else None
 

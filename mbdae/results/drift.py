@@ -8,18 +8,17 @@ from mbdae.results.control import Controlled
 from mbdae.system.prepare import Prepared
 
 SAMPLES = 200  #: steps looked at
-UNASKED = 10.0  #: tolerance of a run without an accuracy above which drift is told
 
 
 def drifted(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; without one, ten
-    times what the tolerance of the run lets expect."""
+    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; without one,
+    what its tolerance lets expect."""
     m, solver = prepared.mechanics, run.solver
     if not m.m:
         return []
     if asked is None:
         factors = solver.factors.get(solver.label, {}).values()
-        asked = UNASKED * (solver.rtol / min(factors) if solver.rtol and factors else 1e-6)
+        asked = solver.rtol / max(factors) if solver.rtol and factors else 1e-6
     t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
     q, u, _ = prepared.states(t, run.solution(t))
     speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))

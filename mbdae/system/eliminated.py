@@ -28,6 +28,8 @@ from mbdae.system.numbering import Row
 ITERATIONS = 30
 SETTLED = 1e-10  #: change of a rate or multiplier over its largest value: the next one would be its square
 NEAR = 1e-7  #: part of a constraint row that the others do not hold, below which reactions and accelerations are uncertain
+#: how near what is found beyond a singular position is to the straight line that goes through it
+PASSED = 0.3
 
 
 class Rates:
@@ -112,7 +114,7 @@ class Eliminated(SceneSystem):
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Rates(self.full, self.n, linear)
         self._rate = np.zeros(self.n)
-        self._novelty = inf
+        self._seen, self._told = ((-inf, 1.0), (-inf, 1.0)), False
 
     @cached_property
     def _fast(self) -> Elimination | None:
@@ -140,19 +142,24 @@ class Eliminated(SceneSystem):
         return self._rates.jacobian(t, y, self._rate)
 
     def accept(self, t: float, y: Array) -> None:
-        """Warn once where constraints nearly depend on each other."""
-        if self._novelty < NEAR or (self._fast is not None and np.min(self._fast.shares()) > NEAR):
+        """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
+        shares = self._fast.shares() if self._fast is not None else self._rates.shares()
+        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
+        (t0, before), (t1, last) = self._seen
+        if t <= t1:  # another run
+            self._told, t0, before, last = False, -inf, here, here
+        expected = last + (last - before) * (t - t1) / (t1 - t0) if t1 > t0 else last
+        self._seen = self._seen[1], (t, here)
+        if self._told or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
         self._rates.matrices(t, y, self._rate)
-        shares = self._rates.shares()  # geometry alone: the masses do not count
-        row = int(np.argmin(shares))
-        share = float(shares[row])
-        if share < NEAR:
-            name = self.full.numbering.rows[row].name
-            warnings.warn(f"nearly singular position at t = {t:.6g} s: {name} is held by other constraints but for {share:.0e}; "
-                          f"the index-1 form may leave its branch there without a sign: compare with mb.GGL()", AccuracyWarning,
-                          stacklevel=4)  # fmt: skip
-        self._novelty = share
+        weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
+        if expected < 0 or self._rates.shares()[weakest] < NEAR:
+            self._told = True
+            name = self.full.numbering.rows[weakest].name
+            text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
+                    f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
+            warnings.warn(text, AccuracyWarning, stacklevel=4)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.rhs(t, y, out)

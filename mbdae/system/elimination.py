@@ -15,7 +15,6 @@ import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dpbsv, dposv
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
@@ -169,6 +168,7 @@ class Dense:
         return (h * root if self._diagonal else h.dot(root)), x, info - 1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         return np.asarray(self._factor.diagonal() ** 2 / self._S.diagonal())
 
 
@@ -178,6 +178,8 @@ class Banded:
     full_rows = False
 
     def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
+
         self._inverse = 1 / M.diagonal()
         self._m, self._nu = shape
         pattern = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)
@@ -207,6 +209,7 @@ class Banded:
         return (f - force) * self._inverse, multipliers, int(self._order[info - 1]) if info else -1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         share = np.empty(self._m)
         share[self._order] = self._factor[0] ** 2 / self._band[0]
         return share
@@ -230,6 +233,7 @@ class Whole:
         return x[:nu], x[nu:], max(info - 1 - nu, 0) if info else -1
 
     def shares(self) -> Array:
+        """(m,) part of every row that the others do not hold."""
         return row_shares(self._K[self._nu :, : self._nu])
 
 
