@@ -26,6 +26,7 @@ from mbdae.results.waves import lost_amplitude, with_amplitude
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
+from mbdae.system.eliminated import Eliminated
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 
@@ -122,10 +123,13 @@ class _Job:
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
 
-    def run(self, solver: Solver) -> Controlled:
-        """One solver: to the accuracy, or as its own tolerance or step says."""
+    def run(self, solver: Solver, strict: bool = False) -> Controlled:
+        """One solver: to the accuracy, or as its own tolerance or step says. strict: eliminated multipliers stop at singular
+        positions, where another branch may begin."""
         refuse_unresolved(self.prepared, solver)
         system = system_for(self.prepared, self.form, solver.highest_index)
+        if isinstance(system, Eliminated):
+            system.strict = strict
         try:
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
@@ -173,11 +177,12 @@ class _Job:
         for solver, self.form in alternatives(choice, form):
             told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
             try:
-                run = self.run(solver)
+                run = self.run(solver, strict=True)
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
-                failure, why = failure or error, str(error)
+                said = str(error)
+                failure, why = failure or error, said if solver.label in said else f"{solver.label} stopped: {said}"
                 continue
             if best is None or run.estimate < best[0].estimate:
                 best = run, self.form, told

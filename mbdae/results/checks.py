@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.results.choice import Choice, choose, prepared_by_default
+from mbdae.results.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.trees import Tree
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,11 @@ class Check:
             return self.prepared if scene is stated else prepare(scene, largest_tree=largest_tree)
 
         return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
+
+    @cached_property
+    def reductions(self) -> list[Reduction]:
+        """What is saved against the naive formulation, step by step; see `mbdae.results.reductions`."""
+        return reductions(self.prepared.model.scene, self.prepared, self.choice)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -115,6 +119,8 @@ class Check:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
+        steps = ", ".join(f"{r.size.unknowns} ({r.reason.split(': ')[0]})" for r in self.reductions)
+        lines.append(f"  unknowns with all multipliers: {steps}")
         lines.append(f"  to an accuracy of {self.accuracy:g}: {self.choice}")
         return "\n".join(lines)
 
@@ -167,11 +173,6 @@ class Check:
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
         return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
-
-
-def tree_operations(trees: Sequence[Tree]) -> int:
-    """Operations of the programs of trees of recursive joints."""
-    return sum(tree_plan(tree.structure).operations for tree in trees)
 
 
 def doubts(p: Prepared) -> list[str]:

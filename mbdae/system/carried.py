@@ -19,7 +19,7 @@ from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
-from mbdae.system.sharing import shared_displacements
+from mbdae.system.sharing import Sharing, shared_displacements
 from mbdae.system.trees import Place, Tree
 
 
@@ -32,7 +32,7 @@ def acting_on(instance: Instance) -> list[Node]:
 class Carried:
     """The trees of a model: which instances they replace, which of their nodes other laws act on, their kernels."""
 
-    def __init__(self, model: Model, trees: Sequence[Tree]) -> None:
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
         self.nodes = tuple(n for tree in trees for n in tree.carried)
         carried = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -43,7 +43,8 @@ class Carried:
         self.dropped = frozenset(inside | idle)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
-        self.sharing = shared_displacements(model, carried | {n for tree in trees for n in tree.nodes[1:] if n}, self.dropped)
+        moved = carried | {n for tree in trees for n in tree.nodes[1:] if n}
+        self.sharing = shared_displacements(model, moved, self.dropped) if share else Sharing()
         self._constants: dict[Any, int] = {}
         self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
         for tree in self.trees:

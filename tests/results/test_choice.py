@@ -73,7 +73,6 @@ def test_runs_continue_each_other_whatever_their_joints() -> None:
     assert (lean.info.form, full.info.form, again.info.form) == ("ODE", "GGL", "GGL")
     assert s.simulate(0.4, start=lean).info.form == "ODE"
     np.testing.assert_allclose(again["rod1"].position[-1], whole, atol=1e-6)
-    np.testing.assert_allclose(s.linearize(at=lean).t, 0.2)
 
 
 def test_places_are_found_and_files_read(tmp_path: Path) -> None:
@@ -95,7 +94,7 @@ def test_a_scene_whose_laws_cannot_be_found_again_runs_as_stated() -> None:
         params = mb.params(c="N s/m")
 
         def wrench(self, k: Any, l: Any) -> Any:
-            return (l.v - k.v) * (-self.c), None
+            return (l.v - k.v) * (-self.c), l.r * 0.0
 
     s = chain(1)
     s.add(Slow("drag", s.ground, s["rod0"], at=(1, 0), c=0.1))
@@ -103,13 +102,13 @@ def test_a_scene_whose_laws_cannot_be_found_again_runs_as_stated() -> None:
 
 
 def test_where_eliminated_multipliers_stop_radau_takes_over_and_says_so() -> None:
-    """A four-bar passes its singular positions; the accuracies before them are not determined by the rows alone."""
+    """A four-bar whose bars are equally long passes flat positions, where another branch begins."""
     scene = n_four_bar(2)
     assert isinstance(scene.check(1e-8).choice.solver, mb.CVODE)
     r = scene.simulate(1.0, 1e-8)
     assert isinstance(r.info.solver, mb.RadauIIA)
-    assert "CVODE (Adams)" in r.info.choice
-    assert r.accuracy.estimated < 1e-7
+    assert "singular position" in r.info.choice
+    assert r.accuracy.met
 
 
 def test_decay_and_vibration_decide_between_adams_and_radau() -> None:
