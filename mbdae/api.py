@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 DEFAULT_OUTPUTS = 201
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
+NEARLY = 10.0  #: estimate over the accuracy up to which a tighter run is tried before vibrations are followed
 JUDGED = 1000  #: outputs at which a run with contact is judged
 
 
@@ -138,21 +139,24 @@ class _Job:
                 notes = tuple(dict.fromkeys(str(w.message) for w in caught))
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
-            return self._with_waves(run, solver) if system.numbering.stresses and not self.form.waves else run
+            return self._with_waves(run, solver, system) if system.numbering.stresses and not self.form.waves else run
         except SolverError as error:
             self._attach(error, solver)
             raise
 
-    def _controlled(self, system: SceneSystem, solver: Solver) -> Controlled:
-        asked = self.accuracy, self.t_end, self.times
+    def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
+        asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
         return run_controlled(system, self.prepared, solver, *asked, begin=self.begin, **self.options)
 
-    def _with_waves(self, run: Controlled, solver: Solver) -> Controlled:
-        """The run if the elastic vibrations it steps over are small enough, else one that resolves them."""
+    def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
+        """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
+        they are nearly small enough (shorter steps leave out less), or one that follows them all."""
         if not run.solution.complete:
             return run
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_amplitude(run, lost_amplitude(self.prepared, resolving, run))
+        if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
+            run = self._tighter(run, solver, system, resolving)
         if run.estimate <= self.accuracy:
             return run
         if self.prepared.contacts:  # every impact excites such vibrations anew: following all costs 10 to 40 times the steps
@@ -164,6 +168,20 @@ class _Job:
         except SolverError:
             return run
         return again if again.estimate < run.estimate or not again.solution.complete else run
+
+    def _tighter(self, run: Controlled, solver: Solver, system: SceneSystem, resolving: SceneSystem) -> Controlled:
+        """A run to a tenth of the accuracy if that is better."""
+        try:
+            again = self._controlled(system, solver, self.accuracy / 10)
+        except WallClockError:
+            raise
+        except (SolverError, OptionError):
+            return run
+        if not again.solution.complete:
+            return run
+        again = replace(again, runs=run.runs + again.runs, cpu_s=run.cpu_s + again.cpu_s)
+        again = with_amplitude(again, lost_amplitude(self.prepared, resolving, again))
+        return again if again.estimate < run.estimate else run
 
     def run_default(self, choice: Choice, form: Form | None) -> Controlled:
         """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -126,16 +127,17 @@ def mechanics_of(model: Model, rows: list[Row], expansion: Expansion) -> Mechani
     return TreeMechanics(model, rows, expansion) if reduced else Mechanics(model, rows)
 
 
-def modelled(scene: SceneData, largest_tree: int | None = None) -> tuple[Model, Carried]:
+def modelled(scene: SceneData, largest_tree: int | None = None, by_rows: Mapping[str, str] | None = None,
+             ) -> tuple[Model, Carried]:  # fmt: skip
     """The model of a scene with the trees of its recursive joints; trees too large for one program, or whose program takes more
-    than `largest_tree` steps, stay kinematic."""
-    model = build(scene)
+    than `largest_tree` steps, stay kinematic. by_rows: joints that carry nothing, and why."""
+    model = build(scene, by_rows)
     carried = Carried(model, find_trees(model))
     kept = too_large(carried, largest_tree)
     if not kept and not Expansion(model, carried).numbering.free:  # something has to be left to solve for
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:
-        model = build(scene, kept)
+        model = build(scene, {**(by_rows or {}), **kept})
         carried = Carried(model, find_trees(model))
     return model, carried
 

@@ -47,7 +47,7 @@ def test_numbers_are_those_of_the_system():
     first, classical, planar, last = ([int(cell) for cell in row[1:]] for row in table(document, "Pruned").rows)
     multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
     assert planar[:3] == [system.n, len(system.equations), multipliers]
-    assert classical[:3] == [3 * 13 + 42 + 1, 82, 42]  # three bodies of 7 + 6, and what 4 hinges with a drive say in space
+    assert classical[:3] == [3 * 13 + 42 + 1, 82, 42]  # bodies of 7 + 6, rows, the turns of a spring
     assert first[2] == classical[2] + 2 * 4  # a row more for the coordinate of each hinge
     assert last[:3] == [18, 18, 0]
     plans = [(linearised_plan(g.derived, system.spec.outputs), len(g.instances)) for g in system.model.groups]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,15 @@ def test_a_run_with_welds_reads_like_one_with_rows(monkeypatch: Any) -> None:
         np.testing.assert_allclose(carried.read(sensor), known, atol=2e-6 * max(1.0, float(np.max(np.abs(known)))))
     assert np.max(np.abs(carried.energy.balance)) < 1e-6
     assert np.max(carried.drift.position) < 1e-8
+
+
+def test_a_file_with_unknowns_of_welded_bodies_is_read(tmp_path: Path, monkeypatch: Any) -> None:
+    with monkeypatch.context() as m:
+        m.setattr(Connection, "rigid", property(lambda self: False))
+        stored = flail().simulate(0.2, solver=mb.IDA())
+        stored.save(tmp_path / "rows.npz")
+        known = stored["seam"].force
+    np.testing.assert_allclose(mb.load(tmp_path / "rows.npz")["seam"].force, known)
 
 
 def test_where_nothing_else_moves_a_weld_keeps_its_rows() -> None:
