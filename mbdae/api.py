@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
 from mbdae.results.checks import Check, check_scene, doubts
-from mbdae.results.choice import chosen_solver
+from mbdae.results.choice import Choice, alternatives, choose, prepared_by_default
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.drift import drifted
 from mbdae.results.reliability import doubts_of_steps, judged
@@ -26,6 +26,7 @@ from mbdae.results.waves import lost_amplitude, with_amplitude
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
+from mbdae.system.eliminated import Eliminated
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 
@@ -35,15 +36,18 @@ if TYPE_CHECKING:
 DEFAULT_OUTPUTS = 201
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
+NEARLY = 10.0  #: estimate over the accuracy up to which a tighter run is tried before vibrations are followed
 JUDGED = 1000  #: outputs at which a run with contact is judged
 
 
 class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 
-    def check(self) -> Check:
-        """Everything that can be said before solving; raises SceneError with all problems at once."""
-        return check_scene(self)
+    def check(self, accuracy: float = 1e-6) -> Check:
+        """Everything that can be said before solving, and what `simulate` to this accuracy will choose; raises SceneError with
+        all problems at once."""
+        plausible(accuracy)
+        return check_scene(self, accuracy)
 
     def system(self, form: Form | None = None, start: Start | None = None) -> SceneSystem:
         """The equations F(t, y, y') = 0 of the scene in a form, with a consistent start."""
@@ -90,14 +94,26 @@ class Scene(SceneData):
         error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
         """
         plausible(accuracy)
-        begin = _last_state(start) if start is not None else None
-        prepared = prepare(self, begin, t_end=float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None)
+        end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
+
+        def prepared_as(scene: SceneData, largest_tree: int | None = None) -> Prepared:
+            begin = start.state_for(scene) if start is not None else None
+            return prepare(scene, begin, t_end=end, largest_tree=largest_tree)
+
+        chosen = solver is None and form is None
+        prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        form = form if form is not None else default_form(prepared, solver.highest_index if solver is not None else 1)
         times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
-        job = _Job(prepared, form, accuracy, float(t_end), times, {"max_wall": max_wall, "progress": progress_of(progress)})
-        run = job.run(solver) if solver is not None else job.run_default()
+        options = {"max_wall": max_wall, "progress": progress_of(progress)}
+        if solver is not None:
+            form = form if form is not None else default_form(prepared, solver.highest_index)
+            job = _Job(prepared, form, accuracy, float(t_end), times, options)
+            run = job.run(solver)
+        else:
+            choice = choose(prepared, self, accuracy, form)
+            job = _Job(prepared, choice.form, accuracy, float(t_end), times, options)
+            run = job.run_default(choice, form)
         return job.result(run, job.verify(run) if verify else None)
 
 
@@ -114,10 +130,13 @@ class _Job:
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
 
-    def run(self, solver: Solver) -> Controlled:
-        """One solver: to the accuracy, or as its own tolerance or step says."""
+    def run(self, solver: Solver, strict: bool = False) -> Controlled:
+        """One solver: to the accuracy, or as its own tolerance or step says. strict: eliminated multipliers stop at singular
+        positions, where another branch may begin."""
         refuse_unresolved(self.prepared, solver)
         system = system_for(self.prepared, self.form, solver.highest_index)
+        if isinstance(system, Eliminated):
+            system.strict = strict
         try:
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
@@ -126,21 +145,24 @@ class _Job:
                 notes = tuple(dict.fromkeys(str(w.message) for w in caught))
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
-            return self._with_waves(run, solver) if system.numbering.stresses and not self.form.waves else run
+            return self._with_waves(run, solver, system) if system.numbering.stresses and not self.form.waves else run
         except SolverError as error:
             self._attach(error, solver)
             raise
 
-    def _controlled(self, system: SceneSystem, solver: Solver) -> Controlled:
-        asked = self.accuracy, self.t_end, self.times
+    def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
+        asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
         return run_controlled(system, self.prepared, solver, *asked, begin=self.begin, **self.options)
 
-    def _with_waves(self, run: Controlled, solver: Solver) -> Controlled:
-        """The run if the elastic vibrations it steps over are small enough, else one that resolves them."""
+    def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
+        """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
+        they are nearly small enough (shorter steps leave out less), or one that follows them all."""
         if not run.solution.complete:
             return run
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_amplitude(run, lost_amplitude(self.prepared, resolving, run))
+        if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
+            run = self._tighter(run, solver, system, resolving)
         if run.estimate <= self.accuracy:
             return run
         if self.prepared.contacts:  # every impact excites such vibrations anew: following all costs 10 to 40 times the steps
@@ -153,31 +175,59 @@ class _Job:
             return run
         return again if again.estimate < run.estimate or not again.solution.complete else run
 
-    def run_default(self) -> Controlled:
-        """The solver that suits the equations; Radau IIA where it cannot reach the accuracy or stops."""
+    def _tighter(self, run: Controlled, solver: Solver, system: SceneSystem, resolving: SceneSystem) -> Controlled:
+        """A run to a tenth of the accuracy if that is better."""
+        try:
+            again = self._controlled(system, solver, self.accuracy / 10)
+        except WallClockError:
+            raise
+        except (SolverError, OptionError):
+            return run
+        if not again.solution.complete:
+            return run
+        again = replace(again, runs=run.runs + again.runs, cpu_s=run.cpu_s + again.cpu_s)
+        again = with_amplitude(again, lost_amplitude(self.prepared, resolving, again))
+        return again if again.estimate < run.estimate else run
+
+    def run_default(self, choice: Choice, form: Form | None) -> Controlled:
+        """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
+
+        form: what the user asked for; with None the others take the default form."""
         from mbdae.integrators.radau import RadauIIA
 
-        run = None
-        if self.form.label == "Index3":
-            why = "only Radau takes index 3"
-        else:
-            solver, self.choice = chosen_solver(system_for(self.prepared, self.form), self.prepared)
+        best: tuple[Controlled, Form, str] | None = None
+        failure: MbdaeError | None = None
+        why = ""
+        for solver, self.form in alternatives(choice, form):
+            told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
             try:
-                run = self.run(solver)
-                if isinstance(solver, RadauIIA):
-                    return run
-                if run.estimate <= self.accuracy or not run.solution.complete:
-                    return run
-                why = f"{solver.label} came to {run.estimate:.1e}"
+                run = self.run(solver, strict=True)
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
-                why = str(error)
-        again = self.run(RadauIIA(3))
-        if run is not None and run.estimate <= again.estimate:
-            return run
-        self.choice = f"RadauIIA(3): {why}"
-        return again
+                said = str(error)
+                failure, why = failure or error, said if solver.label in said else f"{solver.label} stopped: {said}"
+                continue
+            if best is None or run.estimate < best[0].estimate:
+                best = run, self.form, told
+            missed = self._missed(run)
+            if not missed or isinstance(solver, RadauIIA):
+                break
+            why = f"{solver.label} {missed}"
+        if best is None:
+            assert failure is not None
+            raise failure
+        run, self.form, self.choice = best
+        return run
+
+    def _missed(self, run: Controlled) -> str:
+        """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
+        if not run.solution.complete:
+            return ""
+        if not run.estimate <= self.accuracy:
+            return f"came to {run.estimate:.1e}"
+        doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
+        return f"warned: {doubts[0]}" if doubts else ""
 
     def verify(self, run: Controlled) -> float | None:
         """Largest difference to a run of another method at a tenth of the accuracy."""
@@ -258,10 +308,3 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
         return []
     return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "
             f"prescribed motions may contradict each other later on"]  # fmt: skip
-
-
-def _last_state(result: Result) -> Start:
-    """The end of a result as the start of the next."""
-    t = result.solution.t[-1:]
-    q, u, s = result.states(t)
-    return Start(float(t[0]), q[0], u[0], s[0], np.zeros_like(u[0]), np.zeros(0))

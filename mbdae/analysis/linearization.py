@@ -207,9 +207,7 @@ def start_at(scene: SceneData, at: Any) -> Start | None:
     if said != meant:
         raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "
                           f"'{scene.name}': give a state of this scene")  # fmt: skip
-    when = result.solution.t[-1:] if t is None else np.array([float(t)])
-    q, u, s = result.states(when)
-    return Start(float(when[0]), q[0], u[0], s[0], np.zeros_like(u[0]), np.zeros(0))
+    return result.state_for(scene, t)
 
 
 def _stresses(at: Any, m: Mechanics, start: Start) -> Array:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 from collections import Counter
-from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
@@ -12,17 +10,14 @@ import numpy as np
 
 from mbdae.analysis import linearize
 from mbdae.errors import MbdaeError
-from mbdae.formulations import GGL, system_for
-from mbdae.kernels.plan import linearised_plan
+from mbdae.formulations import system_for
 from mbdae.reports.document import Block, Document, Paragraph, Picture, Section, Table
 from mbdae.reports.statement import fingerprint
 from mbdae.reports.svg import pattern
-from mbdae.results.checks import Check, tree_operations
+from mbdae.results.checks import Check
 from mbdae.results.drawing import draw
+from mbdae.results.reductions import absent
 from mbdae.scene.scene import SceneData
-from mbdae.system.assembly import SceneSystem
-from mbdae.system.model import build
-from mbdae.system.numbering import constraint_rows
 from mbdae.system.prepare import prepare
 
 KINDS = {
@@ -35,40 +30,6 @@ KINDS = {
 }
 LISTED = 60  #: names in full up to so many
 EIGEN_UP_TO = 1500  #: unknowns up to which eigenvalues are sought
-
-
-@dataclass(frozen=True)
-class Size:
-    """Unknowns, equations and kernel operations of a system."""
-
-    unknowns: int
-    equations: int
-    multipliers: int
-    operations: int  #: of residual and derivatives, of all laws of the scene
-
-
-def size_of(system: SceneSystem) -> Size:
-    """Counted in the system itself."""
-    total = 0
-    for g, group in enumerate(system.model.groups):
-        active = [i for i in range(len(group.instances)) if (g, i) not in system.carried.dropped]
-        if active:
-            p = linearised_plan(group.derived, system.spec.outputs)
-            own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
-            total += own * len(active)
-    total += tree_operations(system.carried.trees)
-    return Size(system.n, len(system.equations), sum(kind in ("lambda", "mu") for kind in system.kinds), total)
-
-
-def unpruned(scene: SceneData, system: SceneSystem) -> Size | str:
-    """The same scene in space with all its rows, or why it cannot be."""
-    full = copy.copy(scene)
-    full.space = "spatial"
-    try:
-        model = build(full)
-        return size_of(SceneSystem(model, constraint_rows(model), GGL().for_index(1).spec()))
-    except MbdaeError as error:
-        return str(error)
 
 
 class Sheet:
@@ -106,9 +67,15 @@ class Sheet:
             " m/s$^{2}$."
         )
         changes = [Paragraph("Start: " + "; ".join(map(str, self.prepared.start.changes)))] if self.prepared.start.changes else []
+        chosen = Paragraph(f"To an accuracy of {self.check.accuracy:g} by default: {plain(str(self.check.choice))}.")
         return Section(
             "Scene",
-            [Paragraph(told), *changes, Picture(self.drawing(), f"The scene as it starts, t = {self.prepared.start.t:g} s.")],
+            [
+                Paragraph(told),
+                chosen,
+                *changes,
+                Picture(self.drawing(), f"The scene as it starts, t = {self.prepared.start.t:g} s."),
+            ],
         )
 
     def drawing(self) -> bytes:
@@ -211,32 +178,18 @@ class Sheet:
 
     def pruned(self) -> Section:
         """What the scene does not need."""
-        after, before = size_of(self.system), unpruned(self.scene, self.system)
-        blocks: list[Block] = []
-        if isinstance(before, Size):
-            rows = [
-                [name, str(getattr(before, key)), str(getattr(after, key))]
-                for name, key in (
-                    ("unknowns", "unknowns"),
-                    ("equations", "equations"),
-                    ("multipliers", "multipliers"),
-                    ("kernel operations", "operations"),
-                )
-            ]
-            blocks.append(
-                Table(
-                    ["", "in space with every row", "as integrated"],
-                    rows,
-                    "Operations: of residuals and derivatives of all laws but beams, after common subexpressions",
-                )
-            )
-        else:
-            blocks.append(
-                Paragraph(
-                    f"{after.unknowns} unknowns and {after.operations} kernel operations; the scene cannot be modelled in space: "
-                    f"{plain(before)}."
-                )
-            )
+        keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
+        rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
+        lacking = absent(self.scene)
+        blocks: list[Block] = [
+            Table(
+                ["after", *keys],
+                rows,
+                "From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
+                " laws but beams, after common subexpressions",
+            ),
+            Paragraph(f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent."),
+        ]
         gone = listed(list(self.check.pruned))
         blocks.append(
             Paragraph(

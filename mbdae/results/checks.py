@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
+from mbdae.results.choice import Choice, choose, prepared_by_default
+from mbdae.results.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.trees import Tree
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,22 @@ class Check:
     """Findings of `Scene.check`; `print` it."""
 
     prepared: Prepared
+    accuracy: float = 1e-6  #: what `choice` is for
+
+    @cached_property
+    def choice(self) -> Choice:
+        """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
+        stated = self.prepared.model.scene
+
+        def prepared_as(scene: SceneData, largest_tree: int | None) -> Prepared:
+            return self.prepared if scene is stated else prepare(scene, largest_tree=largest_tree)
+
+        return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
+
+    @cached_property
+    def reductions(self) -> list[Reduction]:
+        """What is saved against the naive formulation, step by step; see `mbdae.results.reductions`."""
+        return reductions(self.prepared.model.scene, self.prepared, self.choice)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -70,6 +87,11 @@ class Check:
         return tuple(c.name for c in self.prepared.model.recursive)
 
     @property
+    def rigid(self) -> tuple[str, ...]:
+        """Welds, and joints that hold a point mass, whose body needs no unknowns: it moves with the other one."""
+        return tuple(name for tree in self.prepared.expansion.carried.trees for name in tree.rigid)
+
+    @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints that were to be recursive and stay kinematic, and why."""
         return dict(self.prepared.model.kept)
@@ -97,6 +119,9 @@ class Check:
             lines.append(f"  smallest singular value of the constraints (rows of unit length): {p.rank.smallest:.2g}")
         lines += [f"  start: {change}" for change in p.start.changes]
         lines.append(f"  length {p.length:.4g} m, characteristic time {p.time:.4g} s")
+        steps = ", ".join(f"{r.size.unknowns} ({r.reason.split(': ')[0]})" for r in self.reductions)
+        lines.append(f"  unknowns with all multipliers: {steps}")
+        lines.append(f"  to an accuracy of {self.accuracy:g}: {self.choice}")
         return "\n".join(lines)
 
     def _of_beams(self) -> list[str]:
@@ -139,18 +164,15 @@ class Check:
         for tree in self.prepared.expansion.carried.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             plan = tree_plan(tree.structure)
-            lines.append(f"  recursive, from '{root}': {_listed([c.name for c in tree.coordinates])}; "
+            names = _listed([c.name for c in tree.coordinates if c is not None]) or "none"
+            welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
+            lines.append(f"  recursive, from '{root}': {names}{welded}; "
                          f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "
                          f"({plan.operations} operations in one program)")  # fmt: skip
         reasons: dict[str, list[str]] = {}
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
         return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
-
-
-def tree_operations(trees: Sequence[Tree]) -> int:
-    """Operations of the programs of trees of recursive joints."""
-    return sum(tree_plan(tree.structure).operations for tree in trees)
 
 
 def doubts(p: Prepared) -> list[str]:
@@ -178,6 +200,6 @@ def _by_joint(title: str, names: tuple[str, ...]) -> list[str]:
     return [title + ": " + "; ".join(f"{joint} ({', '.join(r)})" for joint, r in rows.items())]
 
 
-def check_scene(scene: SceneData) -> Check:
+def check_scene(scene: SceneData, accuracy: float = 1e-6) -> Check:
     """Check a scene; raises SceneError with every problem found."""
-    return Check(prepare(scene))
+    return Check(prepare(scene), accuracy)

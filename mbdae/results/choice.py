@@ -1,38 +1,167 @@
-"""Which solver a run takes where the user names none, and why."""
+"""Which joints, form and solver a run takes where the user names none, and why.
+
+The rules and their numbers are measured by benchmarks/choice.py; docs/accuracy.md has the table.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+import scipy.linalg
+from scipy.sparse import csc_matrix
+
+from mbdae.errors import MbdaeError
+from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
-from mbdae.system.assembly import SceneSystem
+from mbdae.results.resolution import slowest_velocities
+from mbdae.scene.scene import SceneData
+from mbdae.scene.variants import with_open_tree
+from mbdae.system.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
-STIFF = 100.0  #: fastest decay rate times the characteristic time of the motion above which Adams methods waste steps
+LARGEST_TREE = 300  #: steps of a tree's program above which compiling it takes longer than a run with kinematic joints
+TIGHT = 3e-7  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
+STIFF = 100.0  #: fastest decay or oscillation times the characteristic time above which Adams methods waste steps
+#: the same, of oscillations, for an ODE with eliminated multipliers, whose evaluations cost more
+SMOOTH = 0.3
+SMALL = 30  #: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating the multipliers
+EIGENVALUES = 300  #: unknowns up to which eigenvalues are sought
 
 
-def chosen_solver(system: SceneSystem, prepared: Prepared) -> tuple[Solver, str]:
-    """A solver for the equations, with the reason in words."""
-    from mbdae.integrators.cvode import CVODE
+@dataclass(frozen=True)
+class Choice:
+    """Joints, form and solver for a scene, with the reason in words; `print` it."""
+
+    prepared: Prepared
+    stated: SceneData
+    form: Form
+    solver: Solver
+    why: str
+
+    @property
+    def recursive(self) -> tuple[str, ...]:
+        """Joints that become recursive although the user did not say so."""
+        as_stated = {c.name for c in self.stated.joints if c.recursive}
+        return tuple(c.name for c in self.prepared.model.recursive if c.name not in as_stated)
+
+    def __str__(self) -> str:
+        n, eliminated = unknowns(self.prepared, self.form, self.solver.highest_index), self.solver.highest_index == 0
+        linear = "sparse" if n > SPARSE_FROM and not (eliminated and self.prepared.rows) else "dense"
+        plane = "planar" if self.prepared.model.planar else "spatial"
+        joints = f", {len(self.recursive)} joint{'s' * (len(self.recursive) > 1)} made recursive" if self.recursive else ""
+        return f"{self.solver.label}, {self.form.label}, {plane}, {n} unknowns, {linear}{joints}: {self.why}"
+
+
+def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> Prepared:
+    """The scene with recursive joints where its joints form a tree that is soon compiled and the user left their model open;
+    as stated otherwise. `prepare(scene, largest_tree)` raises SceneError with every problem found."""
+    variant = with_open_tree(scene)
+    if variant is not None:
+        try:
+            found = prepare(variant, LARGEST_TREE)
+            if not found.model.kept:
+                return found
+        except MbdaeError:
+            pass  # what is wrong is told of the scene as stated
+    return prepare(scene, None)
+
+
+def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
+    """What a default run takes: decided from the equations at the start and the accuracy, before anything is solved."""
+    solver, own, why = _chosen(prepared, accuracy, form)
+    return Choice(prepared, stated, own, solver, why)
+
+
+def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
+    """Number of unknowns of a form for a solver that takes unknowns up to `highest_index`."""
+    multipliers = {"GGL": 2, "Index3": 1, "Index1": 1 if highest_index else 0}.get(form.label, 0)
+    stresses = sum(len(line.stresses) for line in p.model.lines) if highest_index > 1 else 0
+    return p.expansion.nq + p.expansion.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
+
+
+def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
+    """What was chosen, then what may run where that stops; given: the form the user asked for."""
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
+    yield choice.solver, choice.form
+    prepared = choice.prepared
+    form = given if given is not None else default_form(prepared)
+    if not isinstance(choice.solver, RadauIIA):
+        yield RadauIIA(3), form
+    if not prepared.model.lines and not prepared.contacts and form.label != "Index3":
+        yield IDA(), form
+
+
+def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
+    from mbdae.integrators.cvode import CVODE
+    from mbdae.integrators.radau import RadauIIA
+
+    form = given if given is not None else default_form(prepared)
+    hard = _hard(prepared) or ("only Radau takes index 3" if form.label == "Index3" else "")
+    if hard:
+        return RadauIIA(3), form, hard
+    rates = Rates(prepared)
+    if isinstance(form, ODE):
+        if rates.decay > STIFF or rates.oscillation > STIFF:
+            return RadauIIA(3), form, f"stiff: {rates}"
+        if accuracy < TIGHT:
+            return CVODE(), form, "an ordinary differential equation that is not stiff, to a tight accuracy"
+        return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy"
+    if isinstance(given, Index1) or (given is None and unknowns(prepared, GGL(), 2) > SMALL):
+        eliminated = given or Index1()
+        if not prepared.rank.degrees_of_freedom:
+            return CVODE(), eliminated, "every motion is prescribed, so nothing can vibrate"
+        if accuracy < TIGHT and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
+            return CVODE(), eliminated, "rigid bodies that neither vibrate nor decay fast, to a tight accuracy"
+    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT else f"{rates}"
+
+
+def _hard(prepared: Prepared) -> str:
+    """What makes a scene one for Radau IIA at every accuracy."""
     if prepared.model.lines:
-        return RadauIIA(3), "RadauIIA(3): elastic beams, whose fast modes BDF feeds or follows for ever"
+        return "elastic beams, whose fast modes BDF feeds or follows for ever"
     if prepared.contacts:
-        return RadauIIA(3), "RadauIIA(3): contacts, on which its steps land; BDF gains or loses more energy there"
-    if system.rhs is None:
-        return IDA(), "IDA: a rigid scene with constraints"
-    decay = fastest_decay(system)
-    if decay is None or decay * prepared.time > STIFF:
-        rate = "too large for an eigenvalue analysis" if decay is None else f"stiff: something decays at {decay:.3g} 1/s"
-        return IDA(), f"IDA: an ordinary differential equation, {rate}"
-    return CVODE(), "CVODE (Adams): an ordinary differential equation that is not stiff"
+        return "contacts, on which its steps land; BDF gains or loses more energy there"
+    if prepared.mechanics.reactive or prepared.mechanics.numbering.states or any(True for _ in slowest_velocities(prepared)):
+        return "friction, which is stiff where bodies stick"
+    return ""
 
 
-def fastest_decay(system: SceneSystem) -> float | None:
-    """Largest decay rate (1/s) of small disturbances at the start of an ODE; None where it is too large for that."""
-    if system.sparsity is not None:
-        return None
-    fy, fyp = system.jacobian_parts(system.t0, system.y0, system.yp0)
-    return float(-np.min(np.linalg.eigvals(np.linalg.solve(fyp, -fy)).real, initial=0.0))
+class Rates:
+    """How fast small disturbances decay and oscillate at the start, both times the characteristic time of the motion."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self._prepared = prepared
+
+    @cached_property
+    def _eigenvalues(self) -> np.ndarray:
+        """Of small disturbances; infinite where the equations are too large to look for them."""
+        system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
+        if system.n > EIGENVALUES:
+            return np.array([complex(-np.inf, np.inf)])
+        pattern = system.pattern
+        values = system.jacobian_values(system.t0, system.y0, system.yp0)
+        fy, fyp = (csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
+        return np.asarray(scipy.linalg.eigvals(-fy, fyp))
+
+    @property
+    def decay(self) -> float:
+        """Largest decay rate times the characteristic time."""
+        return float(-np.min(self._eigenvalues.real, initial=0.0)) * self._prepared.time
+
+    @property
+    def oscillation(self) -> float:
+        """Largest angular frequency times the characteristic time."""
+        return float(np.max(np.abs(self._eigenvalues.imag), initial=0.0)) * self._prepared.time
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.decay):
+            return f"more than {EIGENVALUES} unknowns, too many to look for fast vibrations"
+        T = self._prepared.time
+        what = f"decays at {self.decay / T:.3g} 1/s" if self.decay > self.oscillation else (
+            f"oscillates at {self.oscillation / T:.3g} rad/s")  # fmt: skip
+        return f"something {what}, the motion changes in {T:.3g} s"

@@ -16,6 +16,7 @@ from mbdae.results.energy import Energy, energy
 from mbdae.results.sensors import ConnectionSensor, body_sensor, placed, split
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Body, Connection, Place
+from mbdae.scene.scene import SceneData
 from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -127,6 +128,17 @@ class Result:
         first = self.solution.names.index(names[0])
         return np.asarray(self.solution(np.asarray(t, dtype=float))[:, first : first + len(names)])
 
+    def state_for(self, scene: SceneData, t: float | None = None) -> Start:
+        """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
+        unknown."""
+        when = self.solution.t[-1:] if t is None else np.array([float(t)])
+        (q,), (u,), (s,) = self.states(when)
+        known = {c.name for c in scene.joints if c.joint.own_coordinates}
+        nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.name in known]
+        q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
+        u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
+        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0))
+
     @property
     def q(self) -> Array:
         """Positions of all nodes (nt, nq)."""
@@ -164,7 +176,7 @@ class Result:
 
     def __getitem__(self, name: str | Body | Connection | Place) -> Any:
         if isinstance(name, Place):
-            return body_sensor(self, name.body, name.point)
+            return body_sensor(self, self.prepared.model.scene[name.body.name], name.point)
         key = name if isinstance(name, str) else name.name
         if key not in self._sensors:
             item, where = placed(self.prepared.model.scene, key)

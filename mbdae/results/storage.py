@@ -90,7 +90,10 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 
 
 def _prepared(header: dict[str, Any], start: Start) -> Prepared:
-    model, carried = modelled(replay(header["scene"], SceneData))
+    scene, unknowns = replay(header["scene"], SceneData), header["run"]["names"]
+    model, carried = modelled(scene)
+    if list(Expansion(model, carried).numbering.names()) != unknowns[: Expansion(model, carried).numbering.n]:
+        model, carried = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
     lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here", "not_unique")}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbdae.contact import Normal
 from mbdae.errors import OptionError
 from mbdae.friction import Friction
+from mbdae.joints import Revolute, Spherical, Weld
 from mbdae.symbolic.law import Law
 
 Array = NDArray[np.float64]
@@ -181,6 +182,7 @@ class Connection:
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
+    left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[Law] = field(default_factory=list)  #: its laws as an ideal kinematic joint, where the model may need them
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
 
@@ -188,6 +190,15 @@ class Connection:
     def recursive(self) -> bool:
         """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
         return isinstance(self.model, Recursive)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether one rigid body cannot move relative to the other: a weld, or a point mass held where it is."""
+        if len(self.laws) > 1 or isinstance(self.k, Beam) or isinstance(self.l, Beam):
+            return False
+        law, points = self.laws[0], self.k.is_point + self.l.is_point
+        held = type(law) is Spherical or (type(law) is Revolute and law.drive is None and not self.rubs)
+        return (type(law) is Weld and points < 2) or (held and points == 1)
 
     @property
     def loose(self) -> bool:

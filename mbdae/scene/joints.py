@@ -126,7 +126,8 @@ class JointStatements(Reading):
             return [rubs.joint(cls)(name, drive=prescribed, **(extra if cls is modelled else {}), **own, **place),
                     *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]
 
-        item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, prescribed, model or Kinematic())
+        item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, prescribed, model or Kinematic(),
+                          left_open=model is None)
         item.as_kinematic = laws(law) if item.recursive or item.loose else []
         if item.loose and modelled is ClearanceRevolute:
             item.laws.append(JournalContact(name, outer=float(model.outer), inner=float(model.inner), normal=model.normal,

@@ -29,14 +29,15 @@ def leader(item: T, leads: Mapping[T, T]) -> T:
 
 
 def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
-    """Recursive joints come first, then those whose start is prescribed or held, then the order of the scene; joints with
-    clearance come last.
+    """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the
+    scene; joints with clearance come last.
 
     joints: those that count; all by default."""
     leads: dict[Body, Body] = {}
     chosen: list[Connection] = []
     closing: list[Connection] = []
-    for joint in sorted(scene.joints if joints is None else joints, key=lambda c: (c.loose, not c.recursive, not is_held(c))):
+    first = sorted(scene.joints if joints is None else joints, key=_rank)
+    for joint in first:
         a, b = leader(joint.k, leads), leader(joint.l, leads)
         if a is b:
             closing.append(joint)
@@ -64,6 +65,10 @@ def _grow(root: Body, joints: list[Connection], seen: set[Body], edges: list[tup
                     seen.add(b)
                     edges.append((parent, joint, b))
                     front.append(b)
+
+
+def _rank(c: Connection) -> tuple[bool, ...]:
+    return c.loose, not c.recursive, not c.rigid, not is_held(c)
 
 
 def is_held(joint: Connection) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import SceneError
-from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
+from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.record import Statement, encode, replay
 
 if TYPE_CHECKING:
@@ -46,6 +46,24 @@ def with_recursive_tree(scene: SceneData) -> Any:
     tree = [c.name for c in turning if c.name not in closing]
     variant: Any = replaced(scene, tuple(tree), Recursive()) if tree else scene
     return replaced(variant, tuple(closing), Kinematic()) if closing else variant
+
+
+def with_open_tree(scene: SceneData) -> Any | None:
+    """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
+    form a tree without friction; None where there is nothing to change, or a statement cannot be repeated."""
+    from mbdae.scene.topology import spanning_tree
+
+    joints = [c for c in scene.joints if not c.loose]
+    open_ = [c.name for c in joints if c.left_open and not (c.k.is_point or c.l.is_point)]
+    rubbing = any(getattr(law, "friction", None) is not None for c in joints for law in c.laws)
+    if not open_ or rubbing or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
+        return None
+    if spanning_tree(scene, joints).closing:
+        return None
+    try:
+        return replaced(scene, tuple(open_), Recursive())
+    except SceneError:
+        return None
 
 
 def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int) -> tuple[list[Any], dict[str, Any]]:

@@ -1,6 +1,7 @@
 """Trees of recursive joints: the motion of every body as a function of joint coordinates, by one program.
 
-A joint with the twist (travel, turn) carries l from k by the screw motion exp(c (travel, turn)) about k.z. The tree
+A joint with the twist (travel, turn) carries l from k by the screw motion exp(c (travel, turn)) about k.z; a weld has no
+coordinate, its twist is (0, 0). The tree
 program goes from the root outwards (positions, velocities, accelerations), evaluates the laws between its bodies, and
 returns the forces from the leaves to the root: the residual of the joint coordinates and of a free root. Its Jacobian
 is the derivative of the program, so the geometric stiffness is in it by construction (paper Eqs. 24-33).
@@ -37,6 +38,12 @@ class Link:
     axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
     prescribed: bool
     numbers: Numbers
+    twist: tuple[int, int]  #: (0, 0): it has no coordinate
+
+    @property
+    def free(self) -> bool:
+        """Whether its coordinate is an unknown."""
+        return not self.prescribed and self.twist != (0, 0)
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,7 @@ class TreeProgram:
             self.nodes.append(self._carried(j, link))
         self.force = self._pulled("wu", self._members())
         self.correction = self._pulled("wq", {}) if structure.loaded else {}
+        self.size = len(self.program.steps)  #: before it is differentiated
 
     def _input(self, *place: Any) -> Expr:
         symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
@@ -139,6 +147,8 @@ class TreeProgram:
 
     def _coordinate(self, j: int, link: Link) -> list[Expr]:
         """c, dc/dt, d2c/dt2, positive from parent to child."""
+        if link.twist == (0, 0):
+            return [se.Integer(0)] * 3
         if link.prescribed:
             c = [self._input("clock", j, i) for i in range(3)]
         else:
@@ -149,7 +159,7 @@ class TreeProgram:
         """Relative kinematics: v = v_k + w x arm + slide c', w = w_k + spin c', and their rates."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
-        travel, turn = link.law.twist  # type: ignore[misc]
+        travel, turn = link.twist
         (c, cd, cdd), (s, axes) = self._coordinate(j, link), self._frame(j, link, link.side, k, link.axes[0])
         spin, slide = axes[2] * turn, axes[2] * travel
         arm = vec(s + slide * c)
@@ -272,7 +282,7 @@ class TreeProgram:
             arm, t, spin, slide = self._arms[j - 1]
             F = vec(total[j][0])
             M = vec(total[j][1] - t.cross(F))
-            if not link.prescribed:
+            if link.free:
                 row = spin @ M + slide @ F
                 rows[-j, 0] = self.program.let(row if link.side == "k" else -row)
             total[link.parent] = _sum(total[link.parent], (F, M + arm.cross(F)))

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
 from mbdae.symbolic.law import Joint
-from mbdae.symbolic.tree import OPERATIONS
+from mbdae.symbolic.tree import OPERATIONS, tree_program
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
-from mbdae.system.sharing import shared_displacements
+from mbdae.system.sharing import Sharing, shared_displacements
 from mbdae.system.trees import Place, Tree
 
 
@@ -32,7 +32,7 @@ def acting_on(instance: Instance) -> list[Node]:
 class Carried:
     """The trees of a model: which instances they replace, which of their nodes other laws act on, their kernels."""
 
-    def __init__(self, model: Model, trees: Sequence[Tree]) -> None:
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
         self.nodes = tuple(n for tree in trees for n in tree.carried)
         carried = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -43,7 +43,8 @@ class Carried:
         self.dropped = frozenset(inside | idle)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
-        self.sharing = shared_displacements(model, carried | {n for tree in trees for n in tree.nodes[1:] if n}, self.dropped)
+        moved = carried | {n for tree in trees for n in tree.nodes[1:] if n}
+        self.sharing = shared_displacements(model, moved, self.dropped) if share else Sharing()
         self._constants: dict[Any, int] = {}
         self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
         for tree in self.trees:
@@ -89,16 +90,19 @@ class Carried:
         return numbering.slot(g, i, name)
 
 
-def too_large(carried: Carried) -> dict[str, str]:
-    """Joints of trees whose equations take more operations than can be compiled at once, and why."""
+def too_large(carried: Carried, largest: int | None = None) -> dict[str, str]:
+    """Joints of trees whose equations take more operations than can be compiled at once (or whose program takes more than
+    `largest` steps), and why."""
     found: dict[str, str] = {}
     for tree in carried.trees:
         try:
+            if largest is not None and tree_program(tree.structure).size > largest:
+                raise OverflowError
             tree_plan(tree.structure)
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
                    f"where compiling costs more than it saves: kinematic joints are as fast there")  # fmt: skip
-            found |= {tree.coordinates[j].name: why for j in range(len(tree.joints))}
+            found |= dict.fromkeys(tree.names, why)
     return found
 
 

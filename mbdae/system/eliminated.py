@@ -104,7 +104,9 @@ def singular(t: float, row: str) -> SolverError:
 
 
 class Eliminated(SceneSystem):
-    """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
+    """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation. strict: stop at singular positions."""
+
+    strict = False
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  carried: Carried | None = None) -> None:  # fmt: skip
@@ -155,6 +157,8 @@ class Eliminated(SceneSystem):
         self._rates.matrices(t, y, self._rate)
         weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
         if expected < 0 or self._rates.shares()[weakest] < NEAR:
+            if self.strict:
+                raise singular(t, self.full.numbering.rows[weakest].name)
             self._told = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "

@@ -224,7 +224,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
     """The laws of an item in the model."""
-    return c.as_kinematic if c.name in kept else c.laws
+    return c.as_kinematic or c.laws if c.name in kept else c.laws
 
 
 def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],

@@ -1,4 +1,4 @@
-"""Trees of recursive joints in a model: which joint carries which body from which root, and what is part of the tree."""
+"""Trees of recursive joints and welds in a model: which joint carries which body from which root, and what is part of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbdae.errors import SceneError
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.law import Element, Force
+from mbdae.symbolic.law import Element, Force, Joint
 from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
 from mbdae.system.lines import drawn_quaternion
 from mbdae.system.model import Instance, Model
@@ -28,8 +28,9 @@ class Tree:
 
     structure: TreeStructure
     nodes: tuple[Node | None, ...]
-    coordinates: tuple[Node, ...]
+    coordinates: tuple[Node | None, ...]  #: of the joints, None of a weld
     joints: tuple[Place, ...]
+    names: tuple[str, ...]  #: of the joints
     members: tuple[Place, ...]
     numbers: tuple[dict[str, float], ...]  #: of the joints, with the quaternions of their axes
 
@@ -37,7 +38,12 @@ class Tree:
     def carried(self) -> tuple[Node, ...]:
         """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
         driven = [c for c, link in zip(self.coordinates, self.structure.links, strict=True) if link.prescribed]
-        return (*(n for n in self.nodes[1:] if n is not None), *driven)
+        return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
+
+    @property
+    def rigid(self) -> tuple[str, ...]:
+        """Names of the welds."""
+        return tuple(name for name, c in zip(self.names, self.coordinates, strict=True) if c is None)
 
     def node(self, j: int) -> Node:
         """A node by its number in the tree; -j the coordinate of joint j."""
@@ -80,12 +86,13 @@ def refused(joints: list[Joined]) -> list[str]:
 def find_trees(model: Model) -> list[Tree]:
     """The trees of the recursive joints of a model; raises SceneError where one cannot be recursive."""
     joints = [(c, *model.ends(c)) for c in model.recursive]
-    if not joints:
-        return []
     problems = refused(joints)
     if problems:
         raise SceneError(problems)
-    places = {instance.item: (g, i) for g, i, instance in model.instances() if getattr(instance.law, "twist", None)}
+    joints += _rigid(model, joints)
+    carrying = {c.name for c, _, _ in joints}
+    places = {instance.item: (g, i) for g, i, instance in model.instances()
+              if instance.item in carrying and isinstance(instance.law, Joint)}  # fmt: skip
     trees, seen = [], set()
     for root in _roots(joints, model.scene.ground):
         if root not in seen:
@@ -96,11 +103,28 @@ def find_trees(model: Model) -> list[Tree]:
     return trees
 
 
+def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
+    """Rigid joints that close no loop with the recursive ones."""
+    leads: dict[Body, Body] = {}
+    points: set[Body] = set()  # a point carries nothing: it has no orientation
+    for _, k, l in joints:
+        leads[leader(k, leads)] = leader(l, leads)
+        points |= {b for b in (k, l) if b.is_point}
+    found = []
+    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.kept):
+        a, b = leader(c.k, leads), leader(c.l, leads)
+        if a is not b and not points & {c.k, c.l}:
+            leads[a] = b
+            points |= {body for body in (c.k, c.l) if body.is_point}
+            found.append((c, c.k, c.l))
+    return found
+
+
 def _roots(joints: list[Joined], ground: Body) -> list[Body]:
     """The ground first, then bodies no recursive joint carries as its l, then the rest."""
     bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
     carried = {l for _, _, l in joints}
-    return sorted(bodies, key=lambda b: (b is not ground, b in carried))
+    return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
 
 
 def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Body]]:
@@ -129,8 +153,9 @@ def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], 
     numbered = {n: j for j, n in enumerate(nodes) if n is not None}
     members = tuple((g, i) for g, i, instance in model.instances() if _is_member(instance, numbered))
     stated = tuple(_member(model, g, i, numbered) for g, i in members)
-    coordinates = tuple(by_name[c.name] for _, c, _ in edges)
-    return Tree(TreeStructure(kind, links, stated), nodes, coordinates, joints, members, numbers)
+    names = tuple(c.name for _, c, _ in edges)
+    coordinates = tuple(map(by_name.get, names))
+    return Tree(TreeStructure(kind, links, stated), nodes, coordinates, joints, names, members, numbers)
 
 
 def _link(model: Model, parent: int, c: Connection, child: Node | None, place: Place, numbers: dict[str, float]) -> Link:
@@ -140,7 +165,8 @@ def _link(model: Model, parent: int, c: Connection, child: Node | None, place: P
     outward = child is instance.nodes[1]
     axes = (sides[0][1], sides[1][1]) if outward else (sides[1][1], sides[0][1])
     rounded = _rounded(numbers, model.length)
-    return Link(group.key[0], parent, "k" if outward else "l", child.kind, axes, c.prescribed is not None, rounded)
+    twist = group.key[0].twist or (0, 0)
+    return Link(group.key[0], parent, "k" if outward else "l", child.kind, axes, c.prescribed is not None, rounded, twist)
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:

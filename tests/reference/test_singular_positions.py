@@ -17,7 +17,3 @@ def test_ida_stops_with_its_reason_and_the_run_so_far():
     assert np.isfinite(caught.value.solution["A0"].angle).all()
 
 
-def test_the_default_falls_back_to_radau_and_says_so():
-    r = n_four_bar(2).simulate(1.0, 1e-3)
-    assert "RadauIIA" in r.info.solver.label
-    assert "IDA stopped" in r.info.choice

@@ -15,7 +15,8 @@ import mbdae as mb
 from mbdae.cli import main
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.document import Section, Table
-from mbdae.reports.scene_sheet import KINDS, Sheet, Size, size_of, unpruned
+from mbdae.reports.scene_sheet import KINDS, Sheet
+from mbdae.results.reductions import size_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -43,15 +44,18 @@ def test_numbers_are_those_of_the_system():
     assert counted == {KINDS[kind]: n for kind, n in Counter(system.kinds).items()}
     named = {row[0]: row[3].split(", ") for row in table(document, "Unknowns and equations").rows}
     assert [name for names in named.values() for name in names] == list(system.names)
-    rows = {row[0]: [int(cell) for cell in row[1:]] for row in table(document, "Pruned").rows}
-    assert rows["unknowns"][1] == system.n
-    assert rows["equations"][1] == len(system.equations) == system.n
-    assert rows["multipliers"] == [42, sum(kind in ("lambda", "mu") for kind in system.kinds)]
+    first, classical, planar, last = ([int(cell) for cell in row[1:]] for row in table(document, "Pruned").rows)
+    multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
+    assert planar[:3] == [system.n, len(system.equations), multipliers]
+    assert classical[:3] == [3 * 13 + 42 + 1, 82, 42]  # bodies of 7 + 6, rows, the turns of a spring
+    assert first[2] == classical[2] + 2 * 4  # a row more for the coordinate of each hinge
+    assert last[:3] == [18, 18, 0]
     plans = [(linearised_plan(g.derived, system.spec.outputs), len(g.instances)) for g in system.model.groups]
     operations = sum(n * p.residual.operations for p, n in plans if p.nonlinear)
     operations += sum(n * p.jacobian.operations for p, n in plans if p.jacobian_places)
-    assert rows["kernel operations"][1] == operations
-    assert rows["kernel operations"][0] > 10 * operations
+    assert planar[4] == operations
+    assert first[4] > 10 * operations
+    assert planar[3] == sum(bool(p.nonlinear) + bool(p.jacobian_places) for p, _ in plans)
     text = document.to_markdown()
     assert f"{system.n} x {system.n}, {system.pattern.nnz} entries" in text
     check = s.check()
@@ -87,9 +91,9 @@ def test_recursive_and_flexible_scenes_have_sheets():
     tree = pendulum().recursive()
     sheet = Sheet(tree)
     assert sheet.system.label == "ODE"
-    before, after = unpruned(tree, sheet.system), size_of(sheet.system)
-    assert isinstance(before, Size)
-    assert after.unknowns == 2 < before.unknowns
+    sizes = [step.size.unknowns for step in sheet.check.reductions]
+    assert sizes[-1] == size_of(sheet.system).unknowns == 2 < sizes[0]
+    assert sizes == sorted(sizes, reverse=True)
     s = mb.Scene("cantilever", gravity=(0, -9.81, 0))
     beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.circular(5e-3, E=210e9, nu=0.3, rho=7850), elements=2)
     s.weld("clamp", s.ground, beam, at=(0, 0))

@@ -1,0 +1,127 @@
+"""What a scene saves on the way from the naive formulation to the equations that are integrated, counted in systems.
+
+The naive one: in space, classical joints with their coordinates, every row of every joint, every node on its own.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from mbdae.errors import MbdaeError
+from mbdae.formulations import GGL, system_for
+from mbdae.kernels.plan import linearised_plan
+from mbdae.kernels.tree_plan import tree_plan
+from mbdae.results.choice import Choice
+from mbdae.scene.components import Classical
+from mbdae.scene.scene import SceneData
+from mbdae.scene.variants import MODELLED, replaced
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.carried import Carried
+from mbdae.system.eliminated import Eliminated
+from mbdae.system.model import Model, build
+from mbdae.system.numbering import Row, constraint_rows
+from mbdae.system.prepare import Prepared
+from mbdae.system.trees import find_trees
+
+
+@dataclass(frozen=True)
+class Size:
+    """Unknowns, equations, multipliers (both sets), kernels, and kernel operations of residual and derivatives, of a system."""
+
+    unknowns: int
+    equations: int
+    multipliers: int
+    kernels: int
+    operations: int
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What is left after a reduction, and why it is possible."""
+
+    reason: str
+    size: Size
+
+
+def size_of(system: SceneSystem) -> Size:
+    """Counted in the system itself; kernels of beams not among them."""
+    kernels, operations = 0, 0
+    live = {(row.group, row.instance) for row in system.numbering.rows}
+    for g, group in enumerate(system.model.groups):
+        d = group.derived
+        idle = d.rows and not (d.force or getattr(d.law, "penalty", None))
+        active = [i for i in range(len(group.instances))
+                  if (g, i) not in system.carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
+        if active:
+            p = linearised_plan(d, system.spec.outputs)
+            own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
+            kernels += bool(p.nonlinear) + bool(p.jacobian_places)
+            operations += own * len(active)
+    trees = system.carried.trees
+    kernels += 2 * len({tree.structure for tree in trees})
+    operations += sum(tree_plan(tree.structure).operations for tree in trees)
+    multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
+    return Size(system.n, len(system.equations), multipliers, kernels, operations)
+
+
+def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Reduction]:
+    """From the naive formulation to what is integrated by default, one after the other; those without effect are left out."""
+    found: list[Reduction] = []
+    for reason, system in _ladder(scene, prepared):
+        size = size_of(system)
+        if not found or size != found[-1].size:
+            found.append(Reduction(reason, size))
+    system = system_for(choice.prepared, choice.form, choice.solver.highest_index)
+    size = size_of(system.full if isinstance(system, Eliminated) else system)
+    if isinstance(system, Eliminated):
+        size = replace(size, unknowns=system.n, equations=system.n, multipliers=0)
+    made = " with recursive joints" if choice.recursive else ""
+    found.append(Reduction(f"by default{made}, {choice.form.label} for {choice.solver.label}", size))
+    return found
+
+
+def absent(scene: SceneData) -> list[str]:
+    """Terms the scene does not need."""
+    laws = [law for c in scene.connections for law in c.laws]
+    rubbing = any(getattr(law, "friction", None) is not None for law in laws)
+    timed = any(not isinstance(getattr(law, p), float | int | None) for law in laws for p in law.params)
+    has = {"gravity": bool(scene.gravity.any()), "friction": rubbing, "contact": any(c.loose for c in scene.joints),
+           "values prescribed in time": timed}  # fmt: skip
+    return [term for term, needed in has.items() if not needed]
+
+
+def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSystem]]:
+    """Systems of the scene with more and more of its reductions."""
+    spec, model = GGL().for_index(1).spec(), prepared.model
+    by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
+
+    def whole(of: Model, rows: list[Row]) -> SceneSystem:
+        return SceneSystem(of, rows, spec, carried=Carried(of, [], share=False))
+
+    spatial = copy.copy(scene)
+    spatial.space = "spatial"
+    joints = [c.name for c in scene.joints if c.kind in MODELLED and not (c.loose or c.rubs or c.k.is_point or c.l.is_point)]
+    for reason, classical in (("in space, classical joints, every row, every node on its own", tuple(joints)),
+                              ("joints without unknowns of their own", ())):  # fmt: skip
+        try:
+            of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
+            yield reason, whole(of, constraint_rows(of))
+        except MbdaeError:  # laws may exist in the plane alone
+            continue
+    of = build(scene, by_rows)
+    rows = constraint_rows(of)
+    yield f"planar: {model.why}" if of.planar else "as stated", whole(of, rows)
+    redundant = {row.name for row in prepared.rank.dropped}
+    rows = [row for row in rows if row.name not in redundant]
+    yield "redundant rows left out", whole(of, rows)
+    rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.kept)
+    rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
+    trees = find_trees(rigid)
+    yield "welded bodies, and points held by a joint, move with the other body", SceneSystem(
+        rigid, rows, spec, carried=Carried(rigid, trees, share=False))  # fmt: skip
+    yield "nodes that meet share unknowns, or are fixed to the ground", SceneSystem(
+        rigid, rows, spec, carried=Carried(rigid, trees))  # fmt: skip
+    yield "recursive joints: their coordinates are the only unknowns", SceneSystem(
+        model, prepared.mechanics.rows, spec, carried=prepared.expansion.carried)  # fmt: skip

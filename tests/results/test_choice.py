@@ -1,0 +1,124 @@
+"""What a default run chooses: predicted by `check`, told by the result, safe where the choice does not hold."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import andrews, n_four_bar
+
+import mbdae as mb
+
+EXAMPLES = Path(__file__).parent.parent.parent / "examples"
+
+
+def chain(n: int, **options: Any) -> mb.Scene:
+    s = mb.Scene("chain", gravity=(0, -9.81, 0))
+    before = s.ground
+    for i in range(n):
+        rod = s.link(f"rod{i}", (i, 0), (i + 1, 0), mass=1.0)
+        s.revolute(f"J{i}", before, rod, at=(i, 0), **options)
+        before = rod
+    return s
+
+
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-8])
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
+@pytest.mark.filterwarnings("ignore::mbdae.AccuracyWarning")
+def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    example = importlib.import_module(name)
+    predicted = example.scene().check(accuracy).choice
+    r = example.scene().simulate(1e-4 * example.t_end, accuracy)
+    assert r.info.choice == str(predicted)
+    assert (type(r.info.solver), r.info.form) == (type(predicted.solver), predicted.form.label)
+    assert predicted.why in str(example.scene().check(accuracy))
+
+
+@pytest.mark.parametrize(("accuracy", "solver"), [(1e-5, mb.RadauIIA), (1e-8, mb.CVODE)])
+def test_open_joints_of_a_tree_become_recursive(accuracy: float, solver: type[mb.Solver]) -> None:
+    choice = chain(2).check(accuracy).choice
+    assert choice.recursive == ("J0", "J1")
+    assert isinstance(choice.solver, solver)
+    r = chain(2).simulate(0.5, accuracy)
+    stated = chain(2).simulate(0.5, accuracy, solver=mb.RadauIIA(3), form=mb.GGL())
+    assert r.info.form == "ODE"
+    for sensor in ("J0.angle", "rod1.velocity", "J1.force"):
+        known = stated.read(sensor)
+        np.testing.assert_allclose(r.read(sensor), known, atol=50 * accuracy * np.max(np.abs(known)))
+
+
+@pytest.mark.parametrize("model", [mb.Kinematic(), mb.Classical()])
+def test_a_model_that_is_named_is_kept(model: mb.JointModel) -> None:
+    assert chain(2, model=model).check().choice.recursive == ()
+    assert chain(2, model=model).simulate(0.1).info.form == "GGL"
+
+
+def test_large_trees_and_loops_and_chosen_forms_stay_as_stated() -> None:
+    assert chain(14).check().choice.recursive == ()
+    assert andrews().check().choice.recursive == ()
+    assert chain(2).simulate(0.1, form=mb.GGL()).info.form == "GGL"
+    assert chain(2).simulate(0.1, solver=mb.RadauIIA(3)).info.form == "GGL"
+
+
+def test_runs_continue_each_other_whatever_their_joints() -> None:
+    s = chain(2)
+    whole = s.simulate(0.6, accuracy=1e-8)["rod1"].position[-1]
+    lean = s.simulate(0.2, accuracy=1e-8)
+    full = s.simulate(0.4, accuracy=1e-8, solver=mb.IDA(), start=lean)
+    again = s.simulate(0.6, accuracy=1e-8, start=full)
+    assert (lean.info.form, full.info.form, again.info.form) == ("ODE", "GGL", "GGL")
+    assert s.simulate(0.4, start=lean).info.form == "ODE"
+    np.testing.assert_allclose(again["rod1"].position[-1], whole, atol=1e-6)
+
+
+def test_places_are_found_and_files_read(tmp_path: Path) -> None:
+    """Bodies of the scene as stated name those of the run, also of a loaded one."""
+    s = chain(2)
+    r = s.simulate(0.3)
+    r.save(tmp_path / "run.npz")
+    loaded = mb.load(tmp_path / "run.npz")
+    tip = s["rod1"].at((2, 0))
+    for found in (r, loaded):
+        np.testing.assert_allclose(found[tip].position, found["rod1"].at((2, 0)).position)
+        assert np.ptp(found[tip].position) > 0.1
+    assert loaded.info.choice == r.info.choice
+    assert loaded.info.form == "ODE"
+
+
+def test_a_scene_whose_laws_cannot_be_found_again_runs_as_stated() -> None:
+    class Slow(mb.Force):
+        params = mb.params(c="N s/m")
+
+        def wrench(self, k: Any, l: Any) -> Any:
+            return (l.v - k.v) * (-self.c), l.r * 0.0
+
+    s = chain(1)
+    s.add(Slow("drag", s.ground, s["rod0"], at=(1, 0), c=0.1))
+    assert s.check().choice.recursive == ()
+
+
+def test_where_eliminated_multipliers_stop_radau_takes_over_and_says_so() -> None:
+    """A four-bar whose bars are equally long passes flat positions, where another branch begins."""
+    scene = n_four_bar(2)
+    assert isinstance(scene.check(1e-8).choice.solver, mb.CVODE)
+    r = scene.simulate(1.0, 1e-8)
+    assert isinstance(r.info.solver, mb.RadauIIA)
+    assert "singular position" in r.info.choice
+    assert r.accuracy.met
+
+
+def test_decay_and_vibration_decide_between_adams_and_radau() -> None:
+    def damped(damper: float, spring: float) -> Any:
+        s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+        rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+        s.revolute("hinge", s.ground, rod, at=(0, 0), damper=damper, spring=spring)
+        return s.check(1e-8).choice
+
+    assert isinstance(damped(0.1, 1.0).solver, mb.CVODE)
+    for stiff in (damped(1e5, 1.0), damped(0.1, 1e7)):
+        assert isinstance(stiff.solver, mb.RadauIIA)
+        assert "stiff" in stiff.why
