@@ -134,10 +134,12 @@ class Result:
         when = self.solution.t[-1:] if t is None else np.array([float(t)])
         (q,), (u,), (s,) = self.states(when)
         known = {c.name for c in scene.joints if c.joint.own_coordinates}
+        coordinates = {n.name: float(q[n.q]) for n in self.prepared.model.joint_coordinates}
         nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.name in known]
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
-        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0))
+        names = tuple(self.prepared.mechanics.numbering.states.values())
+        return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates)
 
     @property
     def q(self) -> Array:

@@ -176,9 +176,15 @@ def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: Ran
 
 def _continued(mechanics: Mechanics, start: Start) -> Start:
     """The start of a continued run: its state, accelerations anew."""
-    t = np.array([start.t])
-    a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], start.s[None])
-    return Start(start.t, start.q, start.u, start.s, a[0], multipliers[0])
+    t, s = np.array([start.t]), start.s
+    wanted = tuple(mechanics.numbering.states.values())
+    if start.names is not None and start.names != wanted:
+        s = Starter(mechanics, start.t).states(start.q, start.u)
+        known = {f"{joint}.followed": value for joint, value in start.coordinates.items()}
+        known |= dict(zip(start.names, start.s, strict=True))
+        s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
+    a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])
+    return Start(start.t, start.q, start.u, s, a[0], multipliers[0])
 
 
 @single_threaded

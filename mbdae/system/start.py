@@ -32,7 +32,8 @@ CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
 
 @dataclass
 class Start:
-    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences."""
+    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
+    other joint models also the names of its internal states `s`, and the coordinates (rad or m, turns counted) of its joints."""
 
     t: float
     q: Array
@@ -41,6 +42,8 @@ class Start:
     acceleration: Array
     multipliers: Array
     changes: list[str] = field(default_factory=list)
+    names: tuple[str, ...] | None = None
+    coordinates: dict[str, float] = field(default_factory=dict)
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:

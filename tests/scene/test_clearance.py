@@ -123,7 +123,7 @@ def test_the_same_motion_by_another_way(turned: mb.Result, other: dict[str, Any]
 
 def test_starts_as_the_ideal_joint(turned: mb.Result) -> None:
     ideal = crank(loose="").check().prepared.start
-    start = turned.start
+    start = crank().check().prepared.start
     assert np.allclose(start.q, ideal.q, atol=1e-12)
     assert np.allclose(start.u, ideal.u, atol=1e-9)
     assert turned["B"].gap[0] == pytest.approx(1e-4, rel=1e-9)

@@ -41,7 +41,7 @@ def test_rhs_solves_the_residual() -> None:
 
 def test_parts_satisfy_the_equations_of_motion() -> None:
     scene = chain(3)
-    r = scene.simulate(0.05)
+    r = scene.simulate(0.05, form=mb.GGL())
     M, f, g, G = scene.system().partition
     q, u = r.q[0], r.u[0]
     s = r.solution(0.0)[len(q) + len(u) :][:3]
