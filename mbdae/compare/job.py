@@ -127,11 +127,7 @@ class Job:
             raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
         if not any(c.kind in MODELLED for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute or prismatic joint to describe")
-        scene: Any = self.scene
-        for name, model in run.models.items():
-            spanning = not name and isinstance(model, Recursive)
-            scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)
-        return Equations(prepare(scene, t_end=self.t_end))
+        return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property
     def yardstick(self) -> Equations:
@@ -177,6 +173,14 @@ class Job:
             a, b = (np.split(v, [prepared.mechanics.nq], axis=1) for v in (values, reference))
             return float(np.max(motion_distance(prepared, (a[0], a[1]), (b[0], b[1]))))
         return float(np.max(np.abs(values - reference)))
+
+
+def with_models(scene: Any, run: Run) -> Any:
+    """The scene with the joint models of a run."""
+    for name, model in run.models.items():
+        spanning = not name and isinstance(model, Recursive)
+        scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)
+    return scene
 
 
 def new_job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) -> Job:

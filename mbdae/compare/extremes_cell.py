@@ -1,0 +1,123 @@
+"""One cell of a map of extremes: a run at the accuracy asked, its error against a trustworthy reference, and the verdict."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdae.compare.equations import Equations
+from mbdae.compare.extremes_ways import Way
+from mbdae.compare.job import Job, with_models
+from mbdae.compare.reference import Reference
+from mbdae.errors import AccuracyWarning, MbdaeError
+from mbdae.results.result import Result
+
+MET, NEAR, TOLD = "met", "within 10 times", "missed and said so"
+SILENT, FAILED, UNKNOWN = "missed silently", "failed loudly", "not judged"
+#: verdict -> what it means, in the order of the legend
+VERDICTS = {
+    MET: "the error is at most what was asked",
+    NEAR: "the error is 1 to 10 times what was asked, and the run did not say so",
+    TOLD: "the error is above what was asked, and the run said so",
+    SILENT: "the error is more than 10 times what was asked, without warning or error",
+    FAILED: "the run stopped, or was refused, with its reason",
+    UNKNOWN: "no trustworthy reference: nobody knows the error of this run",
+}
+SILENCE = 10.0  #: error over accuracy above which nothing said is a silent miss
+SURE = 1 / 3  #: of the accuracy: a reference whose methods differ by less judges every run
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A run at one value of the parameter. error as the measure says, estimated by the run itself, cpu_s of all its runs."""
+
+    value: float
+    label: str
+    solver: str
+    form: str
+    model: str | None
+    accuracy: float
+    t_end: float
+    verdict: str
+    error: float | None = None
+    estimated: float | None = None
+    cpu_s: float | None = None
+    steps: int = 0
+    residuals: int = 0
+    warnings: tuple[str, ...] = ()
+    failure: str | None = None
+
+    @property
+    def told(self) -> bool:
+        """Whether the run said that it may not be trusted."""
+        return bool(self.warnings)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What runs are measured against; known: the difference of its two methods (0 where given), None where it has none."""
+
+    reference: str
+    values: Any
+    known: float | None
+
+
+def truth_of(reference: Reference, values: Any) -> Truth:
+    """A reference, with how far it can be trusted."""
+    given = reference.confirmed_by is None and reference.trusted
+    return Truth(str(reference), values, 0.0 if given else reference.difference)
+
+
+def verdict(error: float, accuracy: float, told: bool, known: float | None) -> str:
+    """The verdict on an error that is known to within `known` (None: not at all); what doubt leaves open is not judged."""
+    if not math.isfinite(error):
+        return TOLD if told else SILENT
+    doubt = math.inf if known is None else known if known > SURE * accuracy else 0.0
+    if error + doubt <= accuracy:
+        return MET
+    if error - doubt > SILENCE * accuracy:
+        return TOLD if told else SILENT
+    if doubt:
+        return UNKNOWN
+    return TOLD if told else NEAR
+
+
+def cell(job: Job, way: Way, value: float, accuracy: float, truth: Truth) -> Cell:
+    """Run a way at a value and judge it. A run with a tolerance or step of its own is verified by another method, as a user
+    would who wants to know its error."""
+    run = way.run
+    facts: dict[str, Any] = {
+        "value": value, "label": way.label, "solver": run.solver.label if run else "", "form": run.form.label if run and run.form
+        else "", "model": (run or way.models).model_label if run or way.models else None, "accuracy": accuracy,  # type: ignore[union-attr]
+        "t_end": job.t_end,
+    }  # fmt: skip
+    begin = time.process_time()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AccuracyWarning)
+            models = run or way.models
+            scene = with_models(job.scene, models) if models is not None else job.scene
+            r: Result = scene.simulate(job.t_end, accuracy, solver=run.solver if run else None, form=run.form if run else None,
+                                       max_wall=job.max_wall, verify=run is not None and run.as_it_is)  # fmt: skip
+    except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as error:
+        name = "" if isinstance(error, MbdaeError) else f"{type(error).__name__}: "
+        return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(error).split()))
+    if not r.complete:
+        raise KeyboardInterrupt
+    cpu = time.process_time() - begin
+    facts |= {"solver": r.info.solver.label, "form": r.info.form, "cpu_s": cpu}
+    values = job.values(r.solution, Equations(r.prepared))
+    if truth.values is None:
+        error, found = math.nan, UNKNOWN
+    else:
+        error = job.error(values, truth.values)
+        found = verdict(error, accuracy, bool(r.warnings), truth.known)
+    best = r.accuracy.verified if r.accuracy.verified is not None else r.accuracy.estimated
+    known = best if best is not None and math.isfinite(best) else None
+    return Cell(**facts, verdict=found, error=error if math.isfinite(error) else None, estimated=known, steps=r.stats.steps,
+                residuals=r.stats.residuals, warnings=tuple(" ".join(w.split()) for w in r.warnings))  # fmt: skip

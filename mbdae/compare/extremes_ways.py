@@ -1,0 +1,84 @@
+"""The ways a scene is run at every extreme: joint model x form x solver, and the choice mbdae makes by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mbdae.compare.job import Job
+from mbdae.compare.run import Run, checked_runs
+from mbdae.formulations import GGL, ODE, Index3
+from mbdae.integrators.cvode import CVODE
+from mbdae.integrators.ida import IDA
+from mbdae.integrators.radau import RadauIIA
+from mbdae.scene.components import JointModel
+from mbdae.system.base import System
+
+#: a form or a solver that is added to the package is mapped by a line here
+CONSTRAINED = (
+    Run(IDA(), GGL()),
+    Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
+    Run(RadauIIA(2), Index3()), Run(RadauIIA(3), Index3()),
+)  # fmt: skip
+FREE = (
+    Run(IDA(), ODE()), Run(CVODE(), ODE()),
+    Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
+)  # fmt: skip
+#: with a constant step (s): form that constraints need -> run
+STEPPED: tuple[Callable[[float], Run], ...] = (
+    lambda h: Run(RadauIIA(2, step=h), GGL()), lambda h: Run(RadauIIA(3, step=h), GGL()),
+    lambda h: Run(RadauIIA(2, step=h), Index3()), lambda h: Run(RadauIIA(3, step=h), Index3()),
+)  # fmt: skip
+CHOICE = "chosen by mbdae"
+
+
+@dataclass(frozen=True)
+class Way:
+    """A run, or with `run` None the choice mbdae makes (of its joint models too where `model` is None)."""
+
+    label: str
+    run: Run | None
+    models: Run | None = None  #: a run that carries the joint models of a choice
+
+    def with_step(self, h: float) -> Run | None:
+        """The run at a constant step; None where its solver has none."""
+        if self.run is None or not hasattr(self.run.solver, "step"):
+            return None
+        return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
+
+
+def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
+    """The runs given, or all that apply to the scene; the choice of mbdae last."""
+    if runs is not None:
+        chosen = checked_runs(runs)
+        return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
+    found = []
+    models: dict[JointModel | None, bool] = {None: not job.constrained, **job.other_models}
+    for model, free in models.items():
+        listed = [replace(run, model=model) for run in (FREE if free else CONSTRAINED)]
+        system = job.equations(listed[0]).system(None)
+        found += [Way(_label(run), run) for run in listed if _applies(run, system)]
+        found.append(Way(CHOICE + (f" {listed[0].model_label}" if model else ""), None, listed[0] if model else None))
+    return found
+
+
+def stepped_ways(job: Job, h: float) -> list[Way]:
+    """Constant steps of h s, on the form the scene takes."""
+    found = []
+    for make in STEPPED:
+        run = make(h)
+        if not job.constrained:
+            run = replace(run, form=ODE())
+        way = Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
+        if way.label not in [w.label for w in found]:
+            found.append(way)
+    return found
+
+
+def _applies(run: Run, system: System) -> bool:
+    """CVODE needs a right-hand side; what a form or solver refuses for another reason is shown as refused."""
+    return not isinstance(run.solver, CVODE) or system.rhs is not None
+
+
+def _label(run: Run) -> str:
+    return run.name(run.form.label if run.form is not None else "")
