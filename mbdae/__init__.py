@@ -20,7 +20,7 @@ from mbdae.errors import (
 
 if TYPE_CHECKING:
     from mbdae.api import Scene
-    from mbdae.compare import Run, compare
+    from mbdae.compare import Run, compare, extremes
     from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index3
@@ -50,16 +50,17 @@ _HOME = {
     "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
     "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
     "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare", "load": "mbdae.results.storage",
-    "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
+    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
+    "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
     "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
     "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
     "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare", "load",
-    "params", "report", "selftest", "t",
+    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare",
+    "extremes", "load", "params", "report", "selftest", "t",
 ]  # fmt: skip
 
 

@@ -115,6 +115,31 @@ def compare(a: argparse.Namespace) -> int:
     return 0 if reached and not w.failures and w.reference.trusted else 1
 
 
+def extremes(a: argparse.Namespace) -> int:
+    """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
+    from mbdae.compare import extremes as map_of
+    from mbdae.results.progress import bar
+
+    module = _load(a.file)
+    t_end, out, shown = _t_end(a, module), _folder(a.out), bar()
+    _scene(module, a.file)
+    asked = {"accuracy": a.accuracy if a.accuracy is not None else getattr(module, "accuracy", None)}
+    try:
+        m = map_of(module.scene, t_end, getattr(module, "vary", None), getattr(module, "runs", None), resume=a.resume,
+                   measure=getattr(module, "measure", None), max_wall=a.max_wall,
+                   progress=lambda done, total, label: shown.show(done / total, "extremes", label),
+                   **{key: value for key, value in asked.items() if value is not None})  # fmt: skip
+    finally:
+        shown.close()
+    written = _write_extremes(m, out / f"{Path(a.file).stem}_extremes") if out else []
+    if a.json:
+        _json(a, m.to_dict())
+    else:
+        print(m.table())
+        _list(written)
+    return 1 if m.silent else 0
+
+
 def report(a: argparse.Namespace) -> int:
     """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
     if a.what == "paper" or a.what.endswith(".audit"):
@@ -227,6 +252,13 @@ def _write_comparison(w: Any, stem: Path) -> list[str]:
     return [str(stem.with_name(stem.name + ending)) for ending in writers]
 
 
+def _write_extremes(m: Any, stem: Path) -> list[str]:
+    writers = {".json": m.to_json, ".html": m.to_html}
+    for ending, write in writers.items():
+        write(stem.with_name(stem.name + ending))
+    return [str(stem.with_name(stem.name + ending)) for ending in writers]
+
+
 def _list(written: Sequence[str]) -> None:
     for path in written:
         print(f"wrote {path}")
@@ -333,6 +365,11 @@ def _parser() -> argparse.ArgumentParser:
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", metavar="FILE.json", help=resumed)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    p = _command(commands, "extremes", extremes, "every way of running a scene at the extremes of its parameters")
+    p.add_argument("--accuracy", type=float, help="bound of the error over the run (default: accuracy of FILE, else 1e-5)")
+    p.add_argument("--max-wall", type=float, default=20.0, metavar="S", help="wall time of a run in s (default 20)")
+    p.add_argument("--resume", metavar="FILE.json", help="file that keeps every finished value; a map that was stopped goes on")
+    _common(p, "folder for the page (.html) and its data (.json)")
     _report(commands)
     _validate(commands)
     return parser
@@ -363,7 +400,8 @@ def _validate(commands: Any) -> None:
 
 def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
     p: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("file", metavar="FILE", help="Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs")
+    what = "Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs, vary"
+    p.add_argument("file", metavar="FILE", help=what)
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
     p.set_defaults(command=action)
     return p

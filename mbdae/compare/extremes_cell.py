@@ -90,23 +90,23 @@ def verdict(error: float, accuracy: float, told: bool, known: float | None) -> s
 def cell(job: Job, way: Way, value: float, accuracy: float, truth: Truth) -> Cell:
     """Run a way at a value and judge it. A run with a tolerance or step of its own is verified by another method, as a user
     would who wants to know its error."""
-    run = way.run
+    run, models, scene = way.run, way.run or way.models, job.scene
+    assert scene is not None
     facts: dict[str, Any] = {
         "value": value, "label": way.label, "solver": run.solver.label if run else "", "form": run.form.label if run and run.form
-        else "", "model": (run or way.models).model_label if run or way.models else None, "accuracy": accuracy,  # type: ignore[union-attr]
+        else "", "model": models.model_label if models else None, "accuracy": accuracy,
         "t_end": job.t_end,
     }  # fmt: skip
     begin = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)
-            models = run or way.models
-            scene = with_models(job.scene, models) if models is not None else job.scene
-            r: Result = scene.simulate(job.t_end, accuracy, solver=run.solver if run else None, form=run.form if run else None,
+            variant: Any = with_models(scene, models) if models is not None else scene
+            r: Result = variant.simulate(job.t_end, accuracy, solver=run.solver if run else None, form=run.form if run else None,
                                        max_wall=job.max_wall, verify=run is not None and run.as_it_is)  # fmt: skip
-    except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as error:
-        name = "" if isinstance(error, MbdaeError) else f"{type(error).__name__}: "
-        return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(error).split()))
+    except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as stop:
+        name = "" if isinstance(stop, MbdaeError) else f"{type(stop).__name__}: "
+        return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(stop).split()))
     if not r.complete:
         raise KeyboardInterrupt
     cpu = time.process_time() - begin

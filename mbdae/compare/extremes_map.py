@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +13,10 @@ from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.compare.table import grid
 
+#: numbers, and what resists a run most: sentences that differ in them alone are told once
+NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
+                     r"|Convergence tests failed too many times, or reached min step size"
+                     r"|the step fell below the round-off of the time")  # fmt: skip
 #: how a verdict is marked where there is no colour
 MARKS = {MET: "=", NEAR: "~", TOLD: "!", SILENT: "SILENT", FAILED: "x", UNKNOWN: "?"}
 
@@ -118,6 +123,7 @@ def text(cell: Cell | None, mark: bool = False) -> str:
 def notes(block: Block) -> list[str]:
     """What runs said, each sentence once with the cells it belongs to; silent misses first."""
     said: dict[tuple[str, str], list[str]] = {}
+    first: dict[tuple[str, str], str] = {}
     for cell in sorted(block.cells, key=lambda c: c.verdict != SILENT):
         where = f"{cell.label} at {cell.value:g}"
         if cell.verdict == SILENT:
@@ -125,9 +131,10 @@ def notes(block: Block) -> list[str]:
             said.setdefault((SILENT, reason), []).append(where)
         for kind, sentence in (("failed", cell.failure), *(("said", w) for w in cell.warnings)):
             if sentence:
-                said.setdefault((kind, _without_numbers(sentence)), []).append(where)
-    first = {key: places[0] for key, places in said.items()}
-    return [f"{kind}: {sentence} ({first[kind, sentence]}{f' and {len(p) - 1} more' if len(p) > 1 else ''})"
+                alike = kind, NUMBERS.sub("#", sentence)
+                first.setdefault(alike, sentence)
+                said.setdefault(alike, []).append(where)
+    return [f"{kind}: {_short(first.get((kind, sentence), sentence))} ({p[0]}{f' and {len(p) - 1} more' if len(p) > 1 else ''})"
             for (kind, sentence), p in said.items()]  # fmt: skip
 
 
@@ -137,9 +144,9 @@ def doubted(block: Block) -> list[tuple[float, str]]:
     return [(value, told) for value, told in zip(block.values, block.references, strict=True) if value in open_]
 
 
-def _without_numbers(sentence: str) -> str:
-    """A sentence short enough to be read beside others."""
-    return sentence if len(sentence) <= 240 else sentence[:237] + "..."
+def _short(sentence: str) -> str:
+    """Short enough to be read beside others."""
+    return sentence if len(sentence) <= 300 else sentence[:297] + "..."
 
 
 def _written(content: str, path: Any) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.scene import timed
@@ -38,7 +39,8 @@ class Varied:
 def varied(scene: Any, t_end: float, vary: Mapping[str, Any]) -> list[Varied]:
     """The parameters of `vary`, each checked at all its values."""
     if not isinstance(vary, Mapping) or not vary:
-        raise OptionError(f"vary = {vary!r}: give {{parameter: (low, high) or [values]}}, such as {{'coupler.mass': (1e-3, 1e3)}}")
+        raise OptionError(f"vary = {vary!r}: give {{parameter: (low, high) or [values]}}, such as "
+                          f"{{'coupler.mass': (1e-3, 1e3)}}")
     found = []
     for name, asked in vary.items():
         values = _values(name, asked)
@@ -189,7 +191,7 @@ def _set_speed(call: dict[str, Any], method: str, value: float, name: str) -> fl
     motion = {"revolute": "angle", "prismatic": "position"}.get(method, "")
     drive = call.get(motion)
     if isinstance(drive, dict) and "expression" in drive:
-        e = timed.expression(timed.se.sympify(drive["expression"]))
+        e = timed.expression(se.sympify(drive["expression"]))
         before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
         factor = _ratio(value, before, name)
         call[motion] = {"expression": str(e.subs({timed.TIME: factor * timed.TIME}))}
@@ -231,7 +233,8 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         size = np.max(np.abs(np.asarray(old, dtype=float)))
         holder[key] = (np.asarray(old, dtype=float) * _ratio(value, float(size), name)).tolist()
     elif isinstance(old, bool | str | dict):
-        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', an object by 'item.argument.field'")
+        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', an object by "
+                          f"'item.argument.field'")
     else:
         holder[key] = value
     return None

@@ -52,9 +52,9 @@ def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
     if runs is not None:
         chosen = checked_runs(runs)
         return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
-    found = []
-    models: dict[JointModel | None, bool] = {None: not job.constrained, **job.other_models}
-    for model, free in models.items():
+    found: list[Way] = []
+    models: list[tuple[JointModel | None, bool]] = [(None, not job.constrained), *job.other_models.items()]
+    for model, free in models:
         listed = [replace(run, model=model) for run in (FREE if free else CONSTRAINED)]
         system = job.equations(listed[0]).system(None)
         found += [Way(_label(run), run) for run in listed if _applies(run, system)]
@@ -64,7 +64,7 @@ def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
 
 def stepped_ways(job: Job, h: float) -> list[Way]:
     """Constant steps of h s, on the form the scene takes."""
-    found = []
+    found: list[Way] = []
     for make in STEPPED:
         run = make(h)
         if not job.constrained:

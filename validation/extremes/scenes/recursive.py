@@ -1,0 +1,25 @@
+"""A chain of three bodies in space on recursive joints, one of them sprung: leaf masses down to none, stiffness, speed."""
+
+import mbdae as mb
+
+t_end = 0.5  # s
+accuracy = 1e-5
+vary = {
+    "leaf.mass": [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9],
+    "middle.mass": (1e-9, 1e9),
+    "knee.spring": (1e2, 1e14),
+    "hip.speed": (1e0, 1e4),
+    "accuracy": (1e-3, 1e-8),
+    "step": (1e-1, 1e-9),
+    "t_end": [0.5, 5.0],
+}
+
+
+def scene():
+    """Three bodies from the ground, axes that are not parallel."""
+    s = mb.Scene("chain", gravity=(0, 0, -9.81))
+    bodies = [s.rigid_body(name, 1.0, (0.02, 0.03, 0.04), at=(0.5 + i, 0, 0)) for i, name in enumerate(("root", "middle", "leaf"))]
+    s.revolute("hip", s.ground, bodies[0], at=(0, 0, 0), axis=(0, 1, 0), model=mb.Recursive(), rate0=1.0)
+    s.revolute("knee", bodies[0], bodies[1], at=(1, 0, 0), axis=(0, 1, 1), model=mb.Recursive(), spring=1e2)
+    s.revolute("ankle", bodies[1], bodies[2], at=(2, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
+    return s
