@@ -19,6 +19,7 @@ from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.drift import drift_of_energy
+from mbdae.results.norms import unequal_norms
 from mbdae.results.passages import passages
 from mbdae.results.reliability import doubts_of_steps, judged
 from mbdae.results.resolution import refuse_unresolved
@@ -200,7 +201,7 @@ class _Job:
         found = Result(self.prepared, run.solution, info, times)
         judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
         notes = [*_warnings(self.prepared, run, known), *doubts_of_steps(run), *judgement.notes, *passages(found, asked),
-                 *drift_of_energy(found, run, asked)]  # fmt: skip
+                 *unequal_norms(found), *drift_of_energy(found, run, asked)]  # fmt: skip
         found.info = replace(info, warnings=tuple(notes), reliable=judgement.reliable)
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)

@@ -11,7 +11,8 @@ from mbdae.formulations import GGL, ODE, Index3
 from mbdae.integrators.cvode import CVODE
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
-from mbdae.scene.components import JointModel
+from mbdae.scene.components import Classical, JointModel, Recursive
+from mbdae.scene.variants import MODELLED
 from mbdae.system.base import System
 
 #: a form or a solver that is added to the package is mapped by a line here
@@ -53,13 +54,24 @@ def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
         chosen = checked_runs(runs)
         return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
     found: list[Way] = []
-    models: list[tuple[JointModel | None, bool]] = [(None, not job.constrained), *job.other_models.items()]
-    for model, free in models:
-        listed = [replace(run, model=model) for run in (FREE if free else CONSTRAINED)]
+    for name, models, free in _models(job):
+        listed = [replace(run, model=models) for run in (FREE if free else CONSTRAINED)]
+        listed = [replace(run, label=" ".join([_label(replace(run, model=None)), name]).strip()) for run in listed]
         system = job.equations(listed[0]).system(None)
         found += [Way(_label(run), run) for run in listed if _applies(run, system)]
-        found.append(Way(CHOICE + (f" {listed[0].model_label}" if model else ""), None, listed[0] if model else None))
+        found.append(Way(f"{CHOICE} {name}".strip(), None, listed[0] if models else None))
     return found
+
+
+def _models(job: Job) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
+    """Name, joint models and whether they leave an ODE: as stated, and the others. Joints with clearance keep theirs."""
+    joints = [c for c in job.scene.joints if c.kind in MODELLED] if job.scene is not None else []
+    ideal = [c for c in joints if not c.loose]
+    if len(ideal) == len(joints):
+        others = job.other_models.items()
+        return [("", None, not job.constrained), *((type(m).__name__, m, free) for m, free in others)]
+    loose: tuple[JointModel, ...] = (Classical(), Recursive()) if ideal else ()
+    return [("", None, not job.constrained), *((type(m).__name__, {c.name: m for c in ideal}, False) for m in loose)]
 
 
 def stepped_ways(job: Job, h: float) -> list[Way]:

@@ -7,7 +7,6 @@ RATE = 20.0  # rad/s
 
 t_end = 0.08  # s, a quarter of a turn
 accuracy = 1e-4
-measure = "slider.position"
 vary = {
     "B.clearance": (1e-8, 1e-3),
     "B.stiffness": (1e6, 1e14),

@@ -18,8 +18,9 @@ vary = {
 def scene():
     """Three bodies from the ground, axes that are not parallel."""
     s = mb.Scene("chain", gravity=(0, 0, -9.81))
-    bodies = [s.rigid_body(name, 1.0, (0.02, 0.03, 0.04), at=(0.5 + i, 0, 0)) for i, name in enumerate(("root", "middle", "leaf"))]
-    s.revolute("hip", s.ground, bodies[0], at=(0, 0, 0), axis=(0, 1, 0), model=mb.Recursive(), rate0=1.0)
-    s.revolute("knee", bodies[0], bodies[1], at=(1, 0, 0), axis=(0, 1, 1), model=mb.Recursive(), spring=1e2)
-    s.revolute("ankle", bodies[1], bodies[2], at=(2, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
+    for i, name in enumerate(("root", "middle", "leaf")):
+        s.rigid_body(name, 1.0, (0.02, 0.03, 0.04), at=(0.5 + i, 0, 0))
+    s.revolute("hip", s.ground, "root", at=(0, 0, 0), axis=(0, 1, 0), model=mb.Recursive(), rate0=1.0)
+    s.revolute("knee", "root", "middle", at=(1, 0, 0), axis=(0, 1, 1), model=mb.Recursive(), spring=1e2)
+    s.revolute("ankle", "middle", "leaf", at=(2, 0, 0), axis=(0, 1, 0), model=mb.Recursive())
     return s
