@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from mbdae.compare.extremes_cell import FAILED, Cell, Truth, cell, truth_of
+from mbdae.compare.extremes_cell import FAILED, Cell, cell
 from mbdae.compare.extremes_kept import Kept, kept_rows
 from mbdae.compare.extremes_map import Block, Extremes
+from mbdae.compare.extremes_truth import truth
 from mbdae.compare.extremes_vary import Varied, default_vary, stated, varied
 from mbdae.compare.extremes_ways import Way, stepped_ways, ways
 from mbdae.compare.job import Job, new_job
-from mbdae.compare.reference import computed_reference
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError
 from mbdae.results.control import plausible
@@ -85,12 +85,12 @@ class _Work:
         except MbdaeError as error:
             reason = " ".join(str(error).split())
             return "the scene is refused", [_refused(way, value, accuracy, t_end, reason) for way in chosen]
-        truth = _truth(job, accuracy)
+        known = truth(job, accuracy)
         cells = []
         for way in chosen:
             self._told(p, value, way.label)
-            cells.append(cell(job, way, value, accuracy, truth))
-        return truth.reference, cells
+            cells.append(cell(job, way, value, accuracy, known))
+        return known.reference, cells
 
     def _ways(self, p: Varied, value: float) -> list[Way]:
         if p.name != "step":
@@ -103,13 +103,6 @@ class _Work:
     def _told(self, p: Varied, value: float, label: str) -> None:
         self.tell(min(self.done, self.total), self.total, f"{p.name} = {value:g}: {label}")
         self.done += 1
-
-
-def _truth(job: Job, accuracy: float) -> Truth:
-    try:
-        return truth_of(*computed_reference(job, accuracy))
-    except MbdaeError as error:
-        return Truth("no reference: " + " ".join(str(error).split()), None, None)
 
 
 def _refused(way: Way, value: float, accuracy: float, t_end: float, reason: str) -> Cell:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.equations import Equations
+from mbdae.compare.extremes_truth import SURE, Truth
 from mbdae.compare.extremes_ways import Way
 from mbdae.compare.job import Job, with_models
-from mbdae.compare.reference import Reference
 from mbdae.errors import AccuracyWarning, MbdaeError
 from mbdae.results.result import Result
 
@@ -29,7 +29,7 @@ VERDICTS = {
     UNKNOWN: "no trustworthy reference: nobody knows the error of this run",
 }
 SILENCE = 10.0  #: error over accuracy above which nothing said is a silent miss
-SURE = 1 / 3  #: of the accuracy: a reference whose methods differ by less judges every run
+MARGIN = 10.0  #: a doubtful reference judges what is off by that many times its doubt
 
 
 @dataclass(frozen=True)
@@ -58,21 +58,6 @@ class Cell:
         return bool(self.warnings)
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What runs are measured against; known: the difference of its two methods (0 where given), None where it has none."""
-
-    reference: str
-    values: Any
-    known: float | None
-
-
-def truth_of(reference: Reference, values: Any) -> Truth:
-    """A reference, with how far it can be trusted."""
-    given = reference.confirmed_by is None and reference.trusted
-    return Truth(str(reference), values, 0.0 if given else reference.difference)
-
-
 def verdict(error: float, accuracy: float, told: bool, known: float | None) -> str:
     """The verdict on an error that is known to within `known` (None: not at all); what doubt leaves open is not judged."""
     if not math.isfinite(error):
@@ -80,7 +65,7 @@ def verdict(error: float, accuracy: float, told: bool, known: float | None) -> s
     doubt = math.inf if known is None else known if known > SURE * accuracy else 0.0
     if error + doubt <= accuracy:
         return MET
-    if error - doubt > SILENCE * accuracy:
+    if error - MARGIN * doubt > SILENCE * accuracy:
         return TOLD if told else SILENT
     if doubt:
         return UNKNOWN

@@ -145,7 +145,7 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
         return _set_speed(call, method, value, name)
     if keys == ["mass"] and method in ("rigid_body", "link"):
         _set_mass(call, method, value)
-    elif keys == ["stiffness"] and "stiffness" not in call:
+    elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
         _set_stiffness(call, value, name)
     elif keys == ["clearance"]:
         fields = _fields(call, "model", ("outer", "inner"), name)
@@ -236,7 +236,7 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', an object by "
                           f"'item.argument.field'")
     else:
-        holder[key] = value
+        holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
     return None
 
 
@@ -279,7 +279,8 @@ def current(scene: SceneData, item: str, kind: str) -> float | None:
     model = call.get("model")
     normal = model.get("fields", {}).get("normal") if isinstance(model, dict) else None
     section = call.get("section")
-    for holder, key in ((call, "stiffness"), (call, "spring"), (section, "EA"), (normal, "stiffness")):
+    own = call.get("law", {}).get("values", {})
+    for holder, key in ((call, "stiffness"), (own, "stiffness"), (call, "spring"), (section, "EA"), (normal, "stiffness")):
         fields = holder.get("fields", holder) if isinstance(holder, dict) else {}
         if fields.get(key) is not None:
             return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
