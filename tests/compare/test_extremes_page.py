@@ -48,7 +48,7 @@ def test_page_is_well_formed_and_needs_nothing_else(m: Extremes, tmp_path, read_
 def test_page_tells_every_cell_every_count_and_every_remark(m: Extremes):
     text = shown(m.to_html())
     for name, n in m.counts.items():
-        assert re.search(rf"\S+ {n} {name}: ", text), name
+        assert re.search(rf"\S+ {n} {name} : ", text), name
     (block,) = m.blocks
     for label in block.labels:
         assert label in text
