@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from mbdae.compare import Run, compare, extremes
     from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
-    from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.friction import Coulomb, Friction, LuGre
     from mbdae.integrators.cvode import CVODE
+    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
     from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
@@ -41,26 +42,26 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Audit": "mbdae.reports.audit",
-    "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components", "ClassicalRevolute": "mbdae.joints",
-    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction", "DAE": "mbdae.system.dae", "Distance": "mbdae.joints",
-    "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law", "Friction": "mbdae.friction",
-    "GGL": "mbdae.formulations", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida", "Index3": "mbdae.formulations",
-    "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction",
-    "Normal": "mbdae.contact", "ODE": "mbdae.formulations", "Prismatic": "mbdae.joints",
-    "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components", "Revolute": "mbdae.joints",
-    "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section", "Spherical": "mbdae.joints",
-    "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
+    "Audit": "mbdae.reports.audit", "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components",
+    "ClassicalRevolute": "mbdae.joints", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction",
+    "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
+    "Friction": "mbdae.friction", "GGL": "mbdae.formulations", "GeneralizedAlpha": "mbdae.integrators.generalized_alpha",
+    "HHT": "mbdae.integrators.generalized_alpha", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida",
+    "Index1": "mbdae.formulations", "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law",
+    "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction", "Normal": "mbdae.contact", "ODE": "mbdae.formulations",
+    "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
+    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
+    "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
     "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance", "Coulomb",
-    "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "Hertz", "Index3", "Joint", "Kinematic",
-    "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Weld", "audit", "compare",
-    "extremes", "load", "params", "report", "selftest", "t",
+    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance",
+    "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz", "Index1",
+    "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA",
+    "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError",
+    "Weld", "audit", "compare", "extremes", "load", "params", "report", "selftest", "t",
 ]  # fmt: skip
 
 

@@ -15,10 +15,11 @@ from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockErr
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
+from mbdae.results.balance import drift_of_energy
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import chosen_solver
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
-from mbdae.results.drift import drift_of_energy
+from mbdae.results.drift import drifted
 from mbdae.results.norms import unequal_norms
 from mbdae.results.passages import passages
 from mbdae.results.reliability import doubts_of_steps, judged
@@ -90,7 +91,7 @@ class Scene(SceneData):
         prepared = prepare(self, begin, t_end=float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None)
         if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
             raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        form = form if form is not None else default_form(prepared)
+        form = form if form is not None else default_form(prepared, solver.highest_index if solver is not None else 1)
         times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
         job = _Job(prepared, form, accuracy, float(t_end), times, {"max_wall": max_wall, "progress": progress_of(progress)})
         run = job.run(solver) if solver is not None else job.run_default()
@@ -116,8 +117,11 @@ class _Job:
         system = system_for(self.prepared, self.form, solver.highest_index)
         try:
             if solver.fixed or solver.rtol is not None:
-                solution = solver.solve(system, self.t_end, **self.options)
-                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s)
+                with python_warnings.catch_warnings(record=True) as caught:
+                    python_warnings.simplefilter("always", AccuracyWarning)
+                    solution = solver.solve(system, self.t_end, **self.options)
+                notes = tuple(dict.fromkeys(str(w.message) for w in caught))
+                return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
             return self._with_waves(run, solver) if system.numbering.stresses and not self.form.waves else run
         except SolverError as error:
@@ -200,8 +204,8 @@ class _Job:
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
         judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
-        notes = [*_warnings(self.prepared, run, known), *doubts_of_steps(run), *judgement.notes, *passages(found, asked),
-                 *unequal_norms(found), *drift_of_energy(found, run, asked)]  # fmt: skip
+        notes = [*_warnings(self.prepared, run, known, self.form.label == "Index1"), *doubts_of_steps(run), *judgement.notes,
+                 *passages(found, asked), *unequal_norms(found), *drift_of_energy(found, run, asked)]  # fmt: skip
         found.info = replace(info, warnings=tuple(notes), reliable=judgement.reliable)
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
@@ -224,15 +228,16 @@ def progress_of(progress: Any) -> Any:
     return progress or None
 
 
-def _warnings(prepared: Prepared, run: Controlled, known: Accuracy) -> list[str]:
+def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
     notes = []
     if known.met is False:
         worst = known.verified if known.verified is not None else known.estimated
         found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
+    if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
-    notes += _broken_rows(prepared, run, known.asked)
+    notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)

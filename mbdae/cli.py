@@ -19,9 +19,9 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
-FORMS = ("ggl", "index3", "ode")
+FORMS = ("ggl", "index3", "index1", "ode")
 REPORTS = (".html", ".md", ".tex")
-SOLVERS = ("ida", "radau2", "radau3", "cvode")
+SOLVERS = ("ida", "radau2", "radau3", "cvode", "hht", "genalpha")
 
 
 class UsageError(Exception):
@@ -333,19 +333,21 @@ def _folder(out: str | None) -> Path | None:
 
 def _solver(name: str | None) -> Any:
     from mbdae.integrators.cvode import CVODE
+    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.ida import IDA
     from mbdae.integrators.radau import RadauIIA
 
     makers: dict[str, Callable[[], Any]] = {
-        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE
+        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE,
+        "hht": HHT, "genalpha": GeneralizedAlpha
     }  # fmt: skip
     return makers[name]() if name else None
 
 
 def _form(name: str | None) -> Any:
-    from mbdae.formulations import GGL, ODE, Index3
+    from mbdae.formulations import GGL, ODE, Index1, Index3
 
-    return {"ggl": GGL, "index3": Index3, "ode": ODE}[name]() if name else None
+    return {"ggl": GGL, "index3": Index3, "index1": Index1, "ode": ODE}[name]() if name else None
 
 
 # -- the parser

@@ -74,14 +74,26 @@ def test_run_writes_result_and_picture_on_request(file, tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"swing.npz", "swing.png"}
 
 
-def test_cvode_runs_what_is_free_and_refuses_constraints(file, capsys):
+def test_cvode_runs_what_is_free_and_refuses_multipliers(file, capsys):
     free = PENDULUM.replace('    s.revolute("hinge", s.ground, rod, at=(0, 0))\n', "").replace("hinge.angle", "rod.position")
     assert main(["run", file(free), "--solver", "cvode", "--json"]) == 0
     data = json.loads(said(capsys)[0])
     assert data["solver"] == "CVODE (Adams)"
     assert data["final"][1] == pytest.approx(-9.81 * 0.5**2 / 2, abs=1e-6)
-    assert main(["run", file(), "--solver", "cvode"]) == 2
+    assert main(["run", file(), "--solver", "cvode", "--form", "ggl"]) == 2
     assert "this system has constraints (GGL form)" in said(capsys)[1]
+
+
+@pytest.mark.parametrize(("solver", "form"), [("cvode", "index1"), ("ida", "index1"), ("hht", "ggl"), ("genalpha", "index3")])
+def test_solvers_and_forms_of_the_command_line_agree(solver, form, file, capsys):
+    command = ["run", file(), "--t-end", "0.2", "--accuracy", "1e-4", "--json"]
+    main(command)
+    expected = json.loads(said(capsys)[0])["final"]
+    assert main([*command, "--solver", solver, "--form", form]) == 0
+    data = json.loads(said(capsys)[0])
+    assert data["form"].lower() == form
+    assert data["accuracy"]["estimated"] <= 1e-4
+    assert data["final"] == pytest.approx(expected, abs=2e-4)
 
 
 def test_compare_writes_pictures_page_and_the_json_it_prints(file, tmp_path, capsys):

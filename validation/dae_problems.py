@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+from mbdae.system.base import System
 from mbdae.system.dae import DAE
 
 t = sp.Symbol("t")
@@ -39,10 +40,19 @@ def dae(y: Sequence[Any], yp: Sequence[Any], F: Sequence[Any], y0: Any, yp0: Any
     )
 
 
+def numeric(q: Sequence[Any], v: Sequence[Any], part: Any) -> Callable[..., Any]:
+    """A part of equations of motion as a function of t, q and, where it is called with them, velocities."""
+    function = sp.lambdify([t, q, v], part.tolist() if part.shape[1] > 1 or part.shape[0] == 1 != len(q) else list(part))
+    shape = part.shape if part.shape[1] > 1 else (part.shape[0],)
+    still = [0.0] * len(v)
+    return lambda time, at, moving=still: np.reshape(np.array(function(time, at, moving), dtype=float), shape)
+
+
 def mechanism(
     q: Sequence[Any], mass: Any, force: Callable[[Any], Any], g: Any, q0: Any, v0: Any, form: str, **options: Any
 ) -> DAE:
-    """M(q) v' + G^T lambda = force(v), g(q, t) = 0 as "index3", "ggl", or "ggl_rates" (multipliers as derivatives).
+    """M(q) v' + G^T lambda = force(v), g(q, t) = 0 as "index3", "ggl", "ggl_rates" (multipliers as derivatives) or "index1"
+    (stabilised by Baumgarte's terms at 1/s).
 
     Order of the unknowns: q, v, lambda, mu.
     """
@@ -60,15 +70,21 @@ def mechanism(
     M, G0, f, c = (np.array(e.subs(start).evalf(20), dtype=float) for e in (mass, G, applied, curvature))
     solved = np.linalg.solve(np.block([[M, G0.T], [G0, np.zeros((m, m))]]), np.concatenate([f, -c]).ravel())
     a, multipliers, zeros = solved[:n], solved[n:], np.zeros(m)
+    parts = tuple(numeric(list(q), list(v), part) for part in (mass, applied, g, G))
     if form == "index3":
         y0, yp0 = np.concatenate([q0, v0, multipliers]), np.concatenate([v0, a, zeros])
-        return dae([*q, *v, *lam], [*qp, *vp, *lamp], [*kinematics, *forces, *g], y0, yp0, 3, **options)
+        return dae([*q, *v, *lam], [*qp, *vp, *lamp], [*kinematics, *forces, *g], y0, yp0, 3, partition=parts, **options)
+    if form == "index1":
+        held = G * sp.Matrix(vp) + curvature + 2 * rate + g
+        y0, yp0 = np.concatenate([q0, v0, multipliers]), np.concatenate([v0, a, zeros])
+        return dae([*q, *v, *lam], [*qp, *vp, *lamp], [*kinematics, *forces, *held], y0, yp0, 1, partition=parts, **options)
     kinematics += G.T * sp.Matrix(mup if as_rates else mu)
     equations = [*kinematics, *forces, *g, *rate]
     y0 = np.concatenate([q0, v0, zeros if as_rates else multipliers, zeros])
     yp0 = np.concatenate([v0, a, multipliers if as_rates else zeros, zeros])
     index = 1 if as_rates else 2
-    return dae([*q, *v, *lam, *mu], [*qp, *vp, *lamp, *mup], equations, y0, yp0, index, **options)
+    given = {} if as_rates else {"partition": parts}
+    return dae([*q, *v, *lam, *mu], [*qp, *vp, *lamp, *mup], equations, y0, yp0, index, **given, **options)
 
 
 def circle(form: str) -> DAE:
@@ -150,6 +166,33 @@ def decay(**options: Any) -> DAE:
         **options,
     )
     return explicit(system)
+
+
+class Carried(System):
+    """First-order equations as internal states of a body at rest: what methods for equations of motion take."""
+
+    label, sparsity = "ODE", None
+
+    def __init__(self, inner: System) -> None:
+        self.inner, self.n, self.t0 = inner, inner.n + 2, inner.t0
+        self.kinds = ("q", "v", *["s"] * inner.n)
+        self.names, self.equations = ("x", "v", *inner.names), ("x'", "v'", *inner.equations)
+        self.index = np.ones(self.n, dtype=int)
+        self.scale, self.y0, self.yp0 = np.r_[1.0, 1.0, inner.scale], np.r_[0.0, 0.0, inner.y0], np.r_[0.0, 0.0, inner.yp0]
+
+    def residual(self, t: float, y: Any, yp: Any, out: Any) -> None:
+        out[:2] = yp[0] - y[1], yp[1]
+        self.inner.residual(t, y[2:], yp[2:], out[2:])
+
+    def jacobian(self, t: float, y: Any, yp: Any, cj: float, out: Any) -> None:
+        out[...] = 0.0
+        out[:2, :2] = [[cj, -1.0], [0.0, cj]]
+        part = np.zeros((self.inner.n, self.inner.n))
+        self.inner.jacobian(t, y[2:], yp[2:], cj, part)
+        out[2:, 2:] = part
+
+    def accept(self, t: float, y: Any) -> None:
+        self.inner.accept(t, y[2:])
 
 
 def blow_up() -> DAE:

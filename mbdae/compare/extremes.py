@@ -28,7 +28,7 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     """Run a scene at the extremes of its parameters and say where which method keeps its promise.
 
     scene: a mb.Scene, or a function scene(**parameters) that returns one. t_end: s.
-    vary: {parameter: (low, high)}, a ladder of at most ten values, decades apart; or {parameter: [values]}. Values are in the
+    vary: {parameter: (low, high)}, a ladder of at most seven values, decades apart; or {parameter: [values]}. Values are in the
     unit of the parameter, which is "item.argument" of a statement of the scene ("coupler.mass" with its inertia,
     "C.spring", "beam.section.EA", "B.model.outer"; shorthands: mass, stiffness, speed, clearance), an argument of scene(),
     or "accuracy", "step" (s, constant, at most `STEPS` of them), "t_end" (s). A faster drive or start runs for as many

@@ -20,6 +20,7 @@ METHODS: tuple[tuple[Solver, float], ...] = (
     (RadauIIA(3), 100.0), (IDA(), 10.0), (RadauIIA(2), 10.0), (RadauIIA(3), 1000.0), (IDA(), 100.0),
 )  # fmt: skip
 FLOOR = 1e-10
+PATIENCE = 3.0  #: wall time of a run of a reference, over that of a run that is judged
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,9 @@ def _controlled(job: Job, solver: Solver, accuracy: float) -> Controlled:
     assert prepared is not None
     system = job.stated.for_solver(job.resolving, solver)
     assert isinstance(system, SceneSystem)
+    wall = None if job.max_wall is None else PATIENCE * job.max_wall
     try:
-        return run_controlled(system, prepared, solver, accuracy, job.t_end, job.times, max_wall=job.max_wall)
+        return run_controlled(system, prepared, solver, accuracy, job.t_end, job.times, max_wall=wall)
     except MbdaeError as error:
         begun = getattr(error, "solution", None)
         if begun is not None and begun.complete and begun.t[-1] >= job.t_end:  # its error is not known: the other method tells

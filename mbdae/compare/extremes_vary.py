@@ -21,7 +21,7 @@ from mbdae.scene.record import replay
 from mbdae.scene.scene import SceneData
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
-RUNGS = 10  #: values of a ladder between two bounds at most
+RUNGS = 7  #: values of a ladder between two bounds at most
 SHORTHANDS = "mass, stiffness, speed, clearance"
 Statements = list[Any]
 

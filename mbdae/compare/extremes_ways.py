@@ -7,28 +7,35 @@ from dataclasses import dataclass, replace
 
 from mbdae.compare.job import Job
 from mbdae.compare.run import Run, checked_runs
-from mbdae.formulations import GGL, ODE, Index3
+from mbdae.formulations import GGL, ODE, Index1, Index3
 from mbdae.integrators.cvode import CVODE
+from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.variants import MODELLED
-from mbdae.system.base import System
 
 #: a form or a solver that is added to the package is mapped by a line here
 CONSTRAINED = (
     Run(IDA(), GGL()),
     Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
     Run(RadauIIA(2), Index3()), Run(RadauIIA(3), Index3()),
+    Run(IDA(), Index1()), Run(CVODE(), Index1()), Run(RadauIIA(3), Index1()),
+    Run(GeneralizedAlpha(), GGL()), Run(HHT(), GGL()),
 )  # fmt: skip
 FREE = (
     Run(IDA(), ODE()), Run(CVODE(), ODE()),
     Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
+    Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
 )  # fmt: skip
-#: with a constant step (s): form that constraints need -> run
+#: with other joint models than those stated, methods of higher order alone
+LOW_ORDER = (GeneralizedAlpha, HHT)
+#: with a constant step (s)
 STEPPED: tuple[Callable[[float], Run], ...] = (
     lambda h: Run(RadauIIA(2, step=h), GGL()), lambda h: Run(RadauIIA(3, step=h), GGL()),
     lambda h: Run(RadauIIA(2, step=h), Index3()), lambda h: Run(RadauIIA(3, step=h), Index3()),
+    lambda h: Run(GeneralizedAlpha(step=h), GGL()), lambda h: Run(HHT(step=h), GGL()),
+    lambda h: Run(GeneralizedAlpha(step=h), Index3()), lambda h: Run(HHT(step=h), Index3()),
 )  # fmt: skip
 CHOICE = "chosen by mbdae"
 
@@ -57,8 +64,7 @@ def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
     for name, models, free in _models(job):
         listed = [replace(run, model=models) for run in (FREE if free else CONSTRAINED)]
         listed = [replace(run, label=" ".join([_label(replace(run, model=None)), name]).strip()) for run in listed]
-        system = job.equations(listed[0]).system(None)
-        found += [Way(_label(run), run) for run in listed if _applies(run, system)]
+        found += [Way(_label(run), run) for run in listed if not (models and isinstance(run.solver, LOW_ORDER))]
         found.append(Way(f"{CHOICE} {name}".strip(), None, listed[0] if models else None))
     return found
 
@@ -85,11 +91,6 @@ def stepped_ways(job: Job, h: float) -> list[Way]:
         if way.label not in [w.label for w in found]:
             found.append(way)
     return found
-
-
-def _applies(run: Run, system: System) -> bool:
-    """CVODE needs a right-hand side; what a form or solver refuses for another reason is shown as refused."""
-    return not isinstance(run.solver, CVODE) or system.rhs is not None
 
 
 def _label(run: Run) -> str:

@@ -27,3 +27,7 @@ class Form(ABC):
     def for_index(self, highest: int) -> Form:
         """The variant of this form for a solver that takes unknowns up to index `highest`."""
         return self
+
+    def for_time(self, characteristic: float) -> Form:
+        """This form with the options that follow from the characteristic time (s) of a scene."""
+        return self

@@ -5,20 +5,21 @@ from __future__ import annotations
 from mbdae.errors import OptionError
 from mbdae.formulations.base import Form
 from mbdae.formulations.ggl import GGL
+from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.prepare import Prepared, make_system
 
 
-def default_form(prepared: Prepared) -> Form:
-    """Stabilised index 2; the plain ODE where nothing is constrained."""
-    return GGL() if prepared.rows else ODE()
+def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
+    """Stabilised index 2; the plain ODE where nothing is constrained; index 1 for a solver that takes an ODE alone."""
+    return (GGL() if highest_index else Index1()) if prepared.rows else ODE()
 
 
 def system_for(prepared: Prepared, form: Form | None = None, highest_index: int = 1) -> SceneSystem:
     """The System in the variant of the form that suits a solver which takes unknowns up to `highest_index`."""
-    form = form if form is not None else default_form(prepared)
+    form = form if form is not None else default_form(prepared, highest_index)
     refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:
         raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
-    return make_system(prepared, form.for_index(highest_index).spec())
+    return make_system(prepared, form.for_index(highest_index).for_time(prepared.time).spec())

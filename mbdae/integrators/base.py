@@ -7,7 +7,7 @@ A new solver is a frozen dataclass of its options that derives from `Solver` and
 3. `integrate(system, loop, h0)`: step from `system.t0` to `loop.t_end`, calling `loop.accept` after every
    accepted step (stop when it says so) and `loop.guard` in every rejected one, and counting into `loop.stats`;
 4. `dense(t, y, yp, pieces)`: the interpolant between accepted steps;
-5. `factors` and `tightest`, measured, which turn an accuracy into its `rtol`.
+5. `factors` and `tightest`, measured, which turn an accuracy into its `rtol`; `orders`, where its step may be constant.
 """
 
 from __future__ import annotations
@@ -41,12 +41,19 @@ class Solver(ABC):
     companion: ClassVar[float] = 10.0
     #: tolerance of positions over the penetration of a contact at which it is resolved to some per cent
     penetration_share: ClassVar[float] = 0.01
-    #: highest index of an unknown this method takes
+    #: order of positions, velocities and multipliers with constant steps, by label of the solver and of the form
+    orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {}
+    #: highest index of an unknown this method takes; 0: differential unknowns alone
     highest_index: ClassVar[int] = 1
     #: what to use instead below it
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
     rtol: float | None
+
+    @classmethod
+    def variants(cls) -> list[Self]:
+        """The method with its options' defaults, once for every label it may have."""
+        return [cls()]
 
     @property
     def tolerance(self) -> float:
@@ -58,6 +65,11 @@ class Solver(ABC):
     @property
     def fixed(self) -> bool:
         """Whether the step is constant, so that no tolerance steers it."""
+        return False
+
+    @property
+    def by_steps(self) -> bool:
+        """Whether an accuracy is reached by shorter constant steps instead of a tolerance."""
         return False
 
     @property

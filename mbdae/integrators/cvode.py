@@ -43,12 +43,13 @@ class CVODE(Solver):
     max_order: int | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
-        "CVODE (Adams)": {"ODE": 1e-3, "DAE": 5e-4},
-        "CVODE (BDF)": {"ODE": 1e-3, "DAE": 5e-4},
+        "CVODE (Adams)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
+        "CVODE (BDF)": {"ODE": 1e-3, "Index1": 1e-3, "DAE": 5e-4},
     }
     error_fall: ClassVar[float] = 0.4  # over a factor of 30 in rtol; over 10 the error of Adams was seen to rise
     companion: ClassVar[float] = 30.0
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
+    highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         check_tolerances(self.rtol, self.atol)
@@ -57,6 +58,11 @@ class CVODE(Solver):
         highest = HIGHEST[self.method]
         if self.max_order is not None and self.max_order not in range(1, highest + 1):
             raise OptionError(f"max_order = {self.max_order}: {self.method} has orders 1 to {highest}")
+
+    @classmethod
+    def variants(cls) -> list[CVODE]:
+        """Adams and BDF."""
+        return [cls(method=method) for method in HIGHEST]
 
     @property
     def label(self) -> str:
@@ -70,7 +76,8 @@ class CVODE(Solver):
         if any(kind in ("lambda", "mu") for kind in system.kinds):
             raise OptionError(
                 f"{self.label} needs y' = f(t, y), but this system has constraints ({system.label} form), so no right-hand "
-                "side: use mb.IDA() or mb.RadauIIA(3), or make the joints recursive with s.recursive()"
+                "side: use form=mb.Index1(), which solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or "
+                "make the joints recursive with s.recursive()"
             )
         raise OptionError(
             f"{self.label} needs y' = f(t, y), but this system ({system.label}) gives only F(t, y, y') = 0, no right-hand side: "
@@ -201,7 +208,9 @@ class _Callbacks(Callbacks):
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
-    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0."""
+    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0, unless the system knows it."""
+    if system.rate_jacobian is not None:
+        return np.asarray(system.rate_jacobian(t, y))
     fy, fyp = system.jacobian_parts(t, y, yp)
     try:
         if system.sparsity is None:

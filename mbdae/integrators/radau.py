@@ -55,6 +55,10 @@ class RadauIIA(Solver):
         "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "ODE": 0.2, "DAE": 0.03},
         "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "ODE": 0.01, "DAE": 0.01},
     }
+    orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        "RadauIIA(3)": {"GGL": (5, 5, 3), "Index3": (5, 3, 2), "Index1": (5, 5, 5)},
+        "RadauIIA(2)": {"GGL": (3, 3, 2), "Index3": (3, 2, 1), "Index1": (3, 3, 3)},
+    }
     highest_index: ClassVar[int] = 3
     penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
@@ -71,6 +75,11 @@ class RadauIIA(Solver):
             )
         if self.step is not None and not (isfinite(self.step) and self.step > 0):
             raise OptionError(f"step = {self.step}: give a positive number of seconds, or None for error control")
+
+    @classmethod
+    def variants(cls) -> list[RadauIIA]:
+        """With two and with three stages."""
+        return [cls(stages) for stages in (2, 3)]
 
     @property
     def fixed(self) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
+from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
 from mbdae.results.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
@@ -137,6 +138,9 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
 def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float,
                 outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
     measure = measure_of(system, prepared)
+    if solver.by_steps:
+        found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
+        return Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)

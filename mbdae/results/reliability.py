@@ -37,6 +37,8 @@ class Judgement(NamedTuple):
 def judged(result: Result, run: Controlled) -> Judgement:
     """What is not to be trusted of a run with contact or friction; its energy decides, and contacts whose growth it lost."""
     prepared = result.prepared
+    if run.solver.fixed and (made := _of_constant_steps(result)):
+        return Judgement(tuple(made), False)
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
         return Judgement()
     energy = _of_energy(result)
@@ -59,6 +61,17 @@ def _of_energy(result: Result) -> list[str]:
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]  # fmt: skip
+
+
+def _of_constant_steps(result: Result) -> list[str]:
+    """The alarm of a run whose steps nothing controls: its energy balance is off by more than a tenth of all that moved."""
+    e = result.energy
+    off = np.abs(e.balance)
+    moved = max(float(np.max(e.kinetic)), float(np.ptp(e.potential)), float(np.max(np.abs(e.work))), float(np.max(e.dissipated)))
+    if np.isfinite(off).all() and np.max(off) <= ALARM * moved:
+        return []
+    return [f"not reliable: with steps of {result.stats.h_max:.2g} s the energy balance is off by {np.max(off):.2g} J, where "
+            f"{moved:.2g} J moved: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
 
 
 def _of_contact(prepared: Prepared, sensor: ClearanceSensor, run: Controlled, expected: Any) -> list[str]:

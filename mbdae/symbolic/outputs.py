@@ -140,6 +140,13 @@ def acceleration(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("gdd", i), d.variation.resolve(d.variation.rate(row))) for i, row in enumerate(_velocity(d))]
 
 
+def second_rate(d: Derived) -> list[Expr]:
+    """d2g/dt2 = G u' + gamma of every row."""
+    gamma = [e for _, e in acceleration(d)]
+    return [c + sum((e * _accelerations(f)[t[2]] for f in d.frames for t, e in scatter_pair(f, row[f.side])), se.Integer(0))
+            for c, row in zip(gamma, d.G, strict=True)]  # fmt: skip
+
+
 def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
     """Entries of G: target ("G", row, side, column)."""
     return [(("G", i, t[1], t[2]), e) for i in range(len(d.rows)) for f in d.frames for t, e in scatter_pair(f, d.G[i][f.side])]
@@ -187,7 +194,8 @@ def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
     if isinstance(d.law, Element):
         b = d.frames[0]
         out += [(("qp", b.side, i), se.Symbol(f"{b.side}_qp{i + 1}")) for i in range(b.kind.sizes[0])]
-        out += [(("up", b.side, i), a) for i, a in enumerate(_accelerations(b))]
+    for f in d.frames:
+        out += [(("up", f.side, i), a) for i, a in enumerate(_accelerations(f))]
     out += [(("lambda", i), s) for i, s in enumerate(d.multipliers)]
     out += [(("mu", i), s) for i, s in enumerate(d.stabilisers)]
     out += [(("s", j), se.Symbol(f"state_{n}")) for j, n in enumerate(d.states)]
@@ -201,7 +209,10 @@ def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
     for f in d.frames:
         if f.kind.moves:
             result |= _node_derivatives(d.variation, f, e)
+    free = se.sympify(e).free_symbols
     for target, symbol in input_symbols(d):
+        if target[0] == "up" and symbol not in free:  # accelerations are never part of an intermediate result
+            continue
         if target[0] not in ("q", "u"):
             result[target] = d.variation.diff(e, symbol)
     resolve = d.variation.resolve

@@ -8,7 +8,7 @@ evaluated in one kernel call.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -47,7 +47,8 @@ class FormSpec:
     outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
     multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
     keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
-    loads_only: of beams only gravity and loads along them.
+    loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
+    multipliers are solved for at every state, y = (q, u, s).
     """
 
     label: str
@@ -59,6 +60,8 @@ class FormSpec:
     mixed: bool = False
     waves: bool = False
     loads_only: bool = False
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    eliminated: bool = False
 
 
 class SceneSystem(System):
@@ -70,7 +73,7 @@ class SceneSystem(System):
         self.carried = carried = carried if carried is not None else Carried(model, [])
         rows = [row for row in rows if carried.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
-        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives)
+        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
@@ -108,7 +111,7 @@ class SceneSystem(System):
 
     def _equations(self) -> tuple[str, ...]:
         """Name of every row of F."""
-        nb, meaning = self.numbering, {"g": "position", "gd": "velocity"}
+        nb, meaning = self.numbering, {"g": "position", "gd": "velocity", "gdd": "acceleration"}
         names = [f"kinematics of {n}" for n in self.names[: nb.nq]]
         names += [f"momentum of {n}" for n in self.names[nb.nq : nb.nq + nb.nu]]
         names += [f"state {n}" for n in nb.states.values()]

@@ -7,7 +7,7 @@ back into the rows of the joint coordinates by the tree's kernel.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,10 +60,10 @@ class Carried:
         return (row.group, row.instance) not in self.dropped and (row.group, row.instance, row.row) not in self.sharing.rows
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
-                  loaded: bool = True) -> Numbering:  # fmt: skip
-        """The numbering of what is left; without `loaded` carried nodes have no slots."""
+                  loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
+        """The numbering of what is left; without `loaded` carried nodes have no slots. numbers: parameters of the form."""
         return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.dropped,
-                         self.constants, self.sharing)  # fmt: skip
+                         self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
         """Plan and trees of equal structure."""

@@ -11,6 +11,7 @@ from scipy.sparse import csc_matrix
 
 from mbdae.errors import OptionError
 from mbdae.system.base import Array, System
+from mbdae.system.partition import checked_partition
 
 #: largest residual at the start, relative to the terms each equation cancels
 START_TOLERANCE = 1e-6
@@ -33,6 +34,8 @@ class DAE(System):
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
     guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
     guard_names  name of each contact, default contact[0], contact[1], ...
+    partition  (M, f, g, G) of equations of motion with y = (q, u, lambda) or, stabilised, (q, u, lambda, mu) and q' = u + ...:
+              functions M(t, q) (nu, nu), f(t, q, u) (nu,), g(t, q) (m,) and G(t, q) (m, nu); what GeneralizedAlpha and HHT need
     """
 
     label = "DAE"
@@ -51,6 +54,7 @@ class DAE(System):
         sparsity: Any = None,
         guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None,
         guard_names: Sequence[str] | None = None,
+        partition: tuple[Callable[..., Any], ...] | None = None,
     ) -> None:
         self.t0 = float(t0)
         self.y0 = finite_vector("y0", y0)
@@ -68,6 +72,8 @@ class DAE(System):
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
         self.kinds = tuple("lambda" if found else "y" for found in algebraic)
+        if partition is not None:
+            self.partition, self.kinds = checked_partition(self, partition)
         self.guards = guards
         self.guard_names = self._checked_guards(guard_names)
 

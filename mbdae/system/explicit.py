@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
@@ -15,8 +17,11 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
+from mbdae.system.eliminated import Rates
 from mbdae.system.expansion import Expansion
 from mbdae.system.mechanics import Mechanics
+
+DENSE_TREES = 100  #: velocities of trees above which their mass matrix is factorised as a sparse one
 
 
 class Partition(NamedTuple):
@@ -91,16 +96,44 @@ def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) ->
 def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
     """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
 
+    That of beams is sparse and factorised once, that of large trees sparse and factorised in every call.
     Raises SolverError where the mass matrix is not positive definite."""
     nb, still = system.numbering, np.zeros(system.n)
     u = slice(nb.nq, nb.nq + nb.nu)
+    if system.carried.trees and (nb.nu > DENSE_TREES or system.model.lines):
+        return Rates(system, system.n, linear=True).solve
+    solve = _constant(system, u) if system.model.lines else None
 
     def rhs(t: float, y: Array, out: Array) -> None:
         system.residual(t, y, still, out)
         np.negative(out, out=out)
+        if solve is not None:
+            out[u] = solve(out[u])
+            return
         _, out[u], info = dposv(system.mass_here(), out[u], overwrite_a=1)
         if info:
-            raise SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[nb.nq + info - 1]} has "
-                              f"no inertia; give the bodies that it moves mass or inertia", t)  # fmt: skip
+            raise _massless(system, nb.nq + info - 1, t)
 
     return rhs
+
+
+def _constant(system: SceneSystem, u: slice) -> Callable[[Array], Array]:
+    """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
+    factors: list[Any] = []  # made in the first call, when the start of the system is known
+
+    def solve(x: Array) -> Array:
+        if not factors:
+            _, data = system.jacobian_values(system.t0, system.y0, system.yp0)
+            M = csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
+            try:
+                factors.append(splu(M.tocsc()))
+            except RuntimeError as error:
+                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), system.t0) from error
+        return np.asarray(factors[0].solve(x))
+
+    return solve
+
+
+def _massless(system: SceneSystem, unknown: int, t: float) -> SolverError:
+    return SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[unknown]} has no inertia; "
+                       f"give the bodies that it moves mass or inertia", t)  # fmt: skip

@@ -79,13 +79,13 @@ class Numbering:
     carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
     read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
     and instances that do not take part. constants: further numbers, behind those of the laws. sharing: nodes whose
-    displacement is that of another node, or constant.
+    displacement is that of another node, or constant. numbers: parameters every law sees (those of a form).
     """
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
                  carried: Sequence[Node] = (), loaded: Sequence[Node] = (),
                  dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
-                 sharing: Shared | None = None) -> None:  # fmt: skip
+                 sharing: Shared | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
         self.free = [node for node in model.nodes if node not in set(carried)]
         self._place: dict[str, tuple[int, int]] = {}
@@ -124,6 +124,7 @@ class Numbering:
         self._gathers: dict[Any, NDArray[np.intp]] = {}
         self._clock_calls: dict[int, tuple[Array, Array, Callable[[], Any]]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
+        self._numbers = dict(numbers or {})
         self._collect()
         self.further = self.carried + len(self._clock_values) + len(self._constants)
         self._constants += constants
@@ -155,6 +156,9 @@ class Numbering:
                 for name, number in instance.numbers.items():
                     self._slots[g, i, name] = self.carried + len(self._clock_values) + len(self._constants)
                     self._constants.append(number)
+        for name, number in self._numbers.items():
+            self._slots[-2, 0, name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants.append(number)
 
     def workspace(self, count: int) -> Array:
         """(count, width) rows [y, y', prescribed values, parameters, 0] with the constants filled in."""
@@ -251,13 +255,13 @@ class Numbering:
             for j, target in enumerate(inputs.unknowns):
                 table[row, j] = self.place(target, g, i) % self.width  # -1: the zero at the end
             for j, name in enumerate(inputs.parameters, start=len(inputs.unknowns)):
-                table[row, j] = self._slots[g, i, name]
+                table[row, j] = self._slots[-2, 0, name] if name in self._numbers else self._slots[g, i, name]
         return table
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of constant parameters."""
         instances = self.model.groups[g].instances
-        values = np.array([[instance.numbers[name] for name in inputs.parameters] for instance in instances])
+        values = np.array([[(self._numbers | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
         return values.reshape(len(instances), len(inputs.parameters))
 
     def scaling(self) -> Array:

@@ -26,7 +26,7 @@ def machine(length=1.0):
 
 def test_ladders():
     assert ladder(1e-3, 1e1) == (1e-3, 1e-2, 1e-1, 1.0, 10.0)
-    assert ladder(1e-9, 1e9) == tuple(float(f"1e{n}") for n in range(-9, 10, 2))
+    assert ladder(1e-9, 1e9) == tuple(float(f"1e{n}") for n in range(-9, 10, 3))
     assert ladder(1e4, 1e0) == (1e4, 1e3, 1e2, 1e1, 1e0)
     assert ladder(2.0, 5.0) == (2.0, 5.0)
 

@@ -1,4 +1,4 @@
-"""Radau IIA: its tables and the Newton iteration at extreme steps; its orders are measured in validation/radau_orders."""
+"""Radau IIA: its tables and the Newton iteration at extreme steps; its orders are measured in validation/integrator_orders."""
 
 import numpy as np
 import pytest

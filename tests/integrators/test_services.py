@@ -2,10 +2,13 @@
 
 import signal
 import time
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from dae_problems import blow_up, decay, explicit, pendulum
+from exported_solvers import READY, VARIANTS, solve
+from scenes import physical_pendulum
 
 from mbdae.errors import OptionError, SolverError
 from mbdae.integrators.cvode import CVODE
@@ -13,10 +16,7 @@ from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
 from mbdae.system.dae import DAE
 
-SOLVERS = [
-    IDA(1e-6), RadauIIA(3, rtol=1e-6), RadauIIA(2, rtol=1e-6), RadauIIA(3, step=0.01), CVODE(1e-6), CVODE(1e-6, method="BDF")
-]  # fmt: skip
-every_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label + (" fixed" if s.fixed else ""))
+every_solver = pytest.mark.parametrize("solver", READY, ids=lambda s: s.label + (" fixed" if s.fixed else ""))
 
 
 def exact(times):
@@ -25,10 +25,10 @@ def exact(times):
 
 @every_solver
 def test_outputs_do_not_change_the_steps(solver):
-    plain = solver.solve(decay(), 2.0)
+    plain = solve(solver, decay(), 2.0)
     times = [0.0, 0.123, 1.9, 2.0]
-    listed = solver.solve(decay(), 2.0, outputs=times)
-    spaced = solver.solve(decay(), 2.0, outputs=5)
+    listed = solve(solver, decay(), 2.0, outputs=times)
+    spaced = solve(solver, decay(), 2.0, outputs=5)
     assert plain.outputs is None
     assert plain.complete
     assert np.array_equal(listed.t, plain.t)
@@ -43,16 +43,16 @@ def test_outputs_do_not_change_the_steps(solver):
 def test_every_accepted_step_is_announced_once(solver):
     system, seen = decay(), []
     system.accept = lambda t, y: seen.append((t, *y))
-    solution = solver.solve(system, 1.0)
+    solution = solve(solver, system, 1.0)
     assert np.array_equal(np.array(seen), np.column_stack([solution.t, solution.y])[1:])
 
 
 @every_solver
 def test_failure_tells_where_and_keeps_the_solution(solver):
     with pytest.raises(SolverError, match=r"stopped at t = .* of 2") as caught:
-        solver.solve(blow_up(), 2.0)
+        solve(solver, blow_up(), 2.0)
     error = caught.value
-    assert error.time == pytest.approx(1, abs=0.02)
+    assert error.time == pytest.approx(1, abs=0.025)
     assert error.culprit == "y[0]"
     assert error.solution.t[-1] == error.time
     assert not error.solution.complete
@@ -67,7 +67,7 @@ def test_equation_that_turns_into_nan_is_named(solver, capfd):
             out[1] = np.nan
 
     with pytest.raises(SolverError, match=r"F\[1\] is not finite near t = 0\.5") as caught:
-        solver.solve(explicit(DAE(residual, [1.0, 1.0], [-1.0, -1.0])), 1.0)
+        solve(solver, explicit(DAE(residual, [1.0, 1.0], [-1.0, -1.0])), 1.0)
     assert caught.value.culprit == "F[1]"
     assert caught.value.time > 0.45
     assert capfd.readouterr() == ("", "")
@@ -78,7 +78,7 @@ def test_equation_that_is_nan_at_the_start_is_named(solver):
     system = decay()
     system.residual = lambda t, y, yp, out: out.__setitem__(slice(None), [0.0, np.nan])
     with pytest.raises(OptionError, match=r"equation F\[1\] is nan at the start"):
-        solver.solve(system, 1.0)
+        solve(solver, system, 1.0)
 
 
 @every_solver
@@ -94,7 +94,7 @@ def test_exception_of_the_system_comes_through(solver, where):
     plain = getattr(system, where)
     setattr(system, where, broken)
     with pytest.raises(ZeroDivisionError, match="law divided by zero") as caught:
-        solver.solve(system, 1.0)
+        solve(solver, system, 1.0)
     assert "raised in" in caught.value.__notes__[0]
 
 
@@ -104,7 +104,7 @@ def test_wall_clock_guard(solver):
     plain = system.residual
     system.residual = lambda *arguments: (time.sleep(1e-3), plain(*arguments))[1]
     with pytest.raises(SolverError, match=r"max_wall = 0\.05 s") as caught:
-        solver.solve(system, 50.0, max_wall=0.05)
+        solve(solver, system, 50.0, max_wall=0.05)
     assert caught.value.solution.stats.wall_s < 0.5
     assert caught.value.solution.t[0] == 0.0
 
@@ -120,7 +120,7 @@ def test_ctrl_c_stops_between_steps(solver):
             signal.raise_signal(signal.SIGINT)
 
     system.accept = accept
-    solution = solver.solve(system, 5.0, outputs=[0.0, 5.0])
+    solution = solve(solver, system, 5.0, outputs=[0.0, 5.0])
     assert not solution.complete
     assert len(solution.t) == 4
     assert len(solution.outputs.t) == 1
@@ -130,7 +130,7 @@ def test_ctrl_c_stops_between_steps(solver):
 @every_solver
 def test_progress_is_reported_sparingly(solver):
     calls = []
-    solver.solve(decay(), 2.0, progress=lambda *arguments: calls.append(arguments))
+    solve(solver, decay(), 2.0, progress=lambda *arguments: calls.append(arguments))
     assert 1 <= len(calls) <= 3
     assert calls[0][1] == 2.0
     assert calls[0][2].steps >= 1
@@ -176,6 +176,26 @@ def test_arguments_of_solve(options, message):
 def test_options_of_solvers(make, message):
     with pytest.raises(OptionError, match=message):
         make()
+
+
+@pytest.mark.parametrize("solver", VARIANTS, ids=lambda s: s.label)
+def test_every_solver_delivers_what_is_asked_and_not_much_more(solver):
+    s = physical_pendulum(60)
+    fine = s.simulate(1.0, solver=RadauIIA(3, rtol=1e-11), outputs=41)
+    for asked in (1e-3, 1e-5):
+        r = s.simulate(1.0, accuracy=asked, solver=solver, outputs=41)
+        error = np.abs(r["A"].angle - fine["A"].angle).max()
+        assert 1e-4 * asked < error < asked
+        assert r.accuracy.met
+
+
+@pytest.mark.parametrize("solver", VARIANTS, ids=lambda s: s.label)
+def test_every_solver_states_its_orders_or_measured_factors(solver):
+    if "step" in {f.name for f in fields(solver)}:
+        assert {"GGL", "Index3"} <= set(solver.orders[solver.label])
+    if not solver.by_steps:
+        assert solver.factors[solver.label]
+        assert 0 < solver.tightest[""] < 1e-9
 
 
 def test_looser_stages_of_constant_steps_cost_less_for_the_same_error():

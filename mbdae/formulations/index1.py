@@ -1,0 +1,86 @@
+"""Index-1 form: constraints on the level of accelerations, with Baumgarte's stabilisation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, ClassVar
+
+from mbdae.errors import OptionError
+from mbdae.formulations.base import Form
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target, dynamics, kinematics, state_rows
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembly import FormSpec
+from mbdae.system.elimination import POSITION, VELOCITY, stabilised
+
+#: default rate times the characteristic time: what is off decays as fast as the motion changes, so the rows are no stiffer than
+#: the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
+#: no smaller error; 0 drifts, with 5 to 50 times the error (docs/accuracy.md)
+RATE = 1.0
+MULTIPLIERS = ("derivatives", "algebraic", "eliminated")
+
+
+def index1_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """q' = H u, M u' + G^T lambda = f, G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0."""
+    if isinstance(d.law, Element):
+        return [*kinematics(d), *dynamics(d)]
+    return [*dynamics(d), *stabilised(d), *state_rows(d)]
+
+
+@dataclass(frozen=True)
+class Index1(Form):
+    """Constraints differentiated twice: cheap steps, but nothing except Baumgarte's terms keeps the joints closed.
+
+    baumgarte    alpha (1/s): what is off in a joint decays like exp(-alpha t); or the pair (alpha, beta) of
+                 G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0. None: 1 over the characteristic time of the scene, because a
+                 fixed number of 1/s is nothing for a fast scene and a stiff spring for a slow one. 0: no stabilisation
+    multipliers  "derivatives" of unknowns (what IDA takes: in its error test multipliers stall or lie), "algebraic" unknowns
+                 (Radau IIA), or "eliminated": u' and lambda are solved for at every state, which leaves y' = f(t, y) (CVODE);
+                 None: the solver decides, the equations as such have them as derivatives
+    waves        Radau resolves elastic vibrations instead of stepping over them
+
+    What the joints are off at the end of a run is compared with the accuracy, and told where it is larger.
+    """
+
+    baumgarte: float | Sequence[float] | None = None
+    multipliers: str | None = None
+    waves: bool = False
+    label: ClassVar[str] = "Index1"
+
+    def __post_init__(self) -> None:
+        if self.baumgarte is not None:
+            values = _pair(self.baumgarte)
+            if values is None or not all(isfinite(v) and v >= 0 for v in values):
+                raise OptionError(f"baumgarte = {self.baumgarte!r}: give alpha >= 0 in 1/s, the pair (alpha, beta), or None for "
+                                  f"{RATE:g} over the characteristic time of the scene")  # fmt: skip
+            object.__setattr__(self, "baumgarte", values)
+        if self.multipliers not in (None, *MULTIPLIERS):
+            raise OptionError(f"multipliers = {self.multipliers!r}: give one of {', '.join(MULTIPLIERS)}, or None")
+
+    def for_index(self, highest: int) -> Index1:
+        if self.multipliers is not None:
+            return self
+        return replace(self, multipliers="algebraic" if highest >= 2 else MULTIPLIERS[2 * (highest < 1)])
+
+    def for_time(self, characteristic: float) -> Index1:
+        return self if self.baumgarte is not None else replace(self, baumgarte=RATE / characteristic)
+
+    def spec(self) -> FormSpec:
+        alpha, beta = _pair(self.baumgarte) or (0.0, 0.0)
+        dotted, algebraic = self.multipliers in (None, "derivatives"), self.multipliers == "algebraic"
+        rows = {"q": "q", "u": "u", "s": "s", "gdd": "lambda"}
+        index = {"q": 1, "v": 1, "s": 1, "lambda": 1}
+        numbers, eliminated = {VELOCITY: 2 * alpha, POSITION: beta**2}, self.multipliers == "eliminated"
+        return FormSpec(self.label, index1_outputs, rows, ("lambda",), dotted, index, algebraic, self.waves, numbers=numbers,
+                        eliminated=eliminated)  # fmt: skip
+
+
+def _pair(value: Any) -> tuple[float, float] | None:
+    try:
+        alpha, beta = value if isinstance(value, Sequence) else (value, value)
+        return float(alpha), float(beta)
+    except (TypeError, ValueError):
+        return None

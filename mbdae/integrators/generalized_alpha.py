@@ -1,0 +1,247 @@
+"""Generalised-alpha with constant steps for equations of motion, HHT and Newmark among them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil, isfinite
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
+from mbdae.integrators.contact_steps import contact_steps
+from mbdae.integrators.dense import Hermite, interval
+from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
+from mbdae.integrators.halving import halved, scaled_difference
+from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
+from mbdae.integrators.radau_tables import radau_table
+from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.system.base import Array, System
+
+SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
+GAINS = 0.9  #: spectral radius from which coarse steps gain energy
+
+
+class _Alpha(Solver):
+    """What all members of the family share; `rho_infinity` is the spectral radius for high frequencies."""
+
+    step: float | None
+    accuracy: float | None
+    highest_index: ClassVar[int] = 3
+    orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        label: dict.fromkeys(("GGL", "Index3", "Index1"), SECOND) for label in ("GeneralizedAlpha", "HHT")
+    }
+    tightest: ClassVar[dict[str, float]] = {"": 1e-10}
+
+    @property
+    def fixed(self) -> bool:
+        """Whether a step is given."""
+        return self.step is not None
+
+    @property
+    def by_steps(self) -> bool:
+        """Steered by its step."""
+        return True
+
+    @property
+    def rho_infinity(self) -> float:
+        """Spectral radius for high frequencies."""
+        raise NotImplementedError
+
+    @property
+    def coefficients(self) -> Alphas:
+        """Those for accelerations."""
+        raise NotImplementedError
+
+    def _check_step(self) -> None:
+        for name in ("step", "accuracy"):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and value > 0):
+                raise OptionError(f"{name} = {value}: give a positive number, or None")
+        if self.step is not None and self.accuracy is not None:
+            raise OptionError(f"step = {self.step} and accuracy = {self.accuracy}: give one of the two")
+
+    def at_accuracy(self, accuracy: float, form_label: str) -> Self:
+        """This method with steps halved until its error is below `accuracy`; itself where the step is given."""
+        if self.fixed:
+            return self
+        if not (np.isfinite(accuracy) and accuracy > 0):
+            raise OptionError(f"accuracy = {accuracy}: give a positive number such as 1e-6")
+        return replace(self, accuracy=accuracy)  # type: ignore[type-var]
+
+    def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,
+              **options: Any) -> Solution:  # fmt: skip
+        """Integrate with the given step, or with steps halved until the error of all unknowns but multipliers, over their scale,
+        is below `accuracy` (1e-6 where none is given)."""
+        if self.fixed:
+            return super().solve(system, t_end, outputs, **options)
+        goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
+        return halved(self, system, t_end, goal, scaled_difference(system), outputs=outputs, **options).solution
+
+    def check(self, system: System) -> None:
+        """Refuse what is no equation of motion with multipliers as algebraic unknowns."""
+        kinds = [ORDER.index(k) if k in ORDER else -1 for k in system.kinds]
+        if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
+            raise OptionError(
+                f"{self.label} needs equations of motion M u' + G^T lambda = f, g = 0, but this system ({system.label}) has no "
+                "partition into them: use mb.RadauIIA(3) or mb.IDA(), or give mb.DAE(..., partition=(M, f, g, G))"
+            )
+        forces = np.array([kind == "lambda" for kind in system.kinds])
+        columns = forces if system.sparsity is None else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
+        if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
+            raise OptionError(f"{self.label} takes multipliers as unknowns, not as derivatives of unknowns ({system.label}): "
+                              f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
+
+    def doubts(self, system: System) -> list[str]:
+        """What these options are known to do wrong."""
+        if self.rho_infinity < GAINS:
+            return []
+        less = "rho = 0.6 to 0.8, or HHT with alpha = 0.1 to 0.25"
+        if self.coefficients == Alphas.of(0.0, 0.0) and "lambda" in system.kinds and "mu" not in system.kinds:
+            return [f"Newmark's method (alpha = 0): in index 3 multipliers do not converge with any step; use GGL, or {less}"]
+        return [f"{self.label} damps high frequencies so little (spectral radius {self.rho_infinity:.2g}) that coarse steps gain "
+                f"energy, and with index 3 may blow up; compare the energy balance, or use {less}"]
+
+    def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
+        """Constant steps; a last one that differs from h by round-off counts as equal."""
+        assert self.step is not None
+        for doubt in self.doubts(system):
+            warnings.warn(doubt, AccuracyWarning, stacklevel=4)
+        rho, h, t0 = self.rho_infinity, self.step, float(system.t0)
+        step = AlphaStep(system, self.coefficients, Alphas.of((3 * rho - 1) / (2 * (rho + 1)), rho / (rho + 1)), loop.stats)
+        _begin(step, h, loop.stats)
+        algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
+        contacts = contact_steps(system, loop.stats)
+        count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
+        for k in range(1, count + 1):
+            last = k == count
+            rest = loop.t_end - step.t
+            width = rest if last and abs(rest - h) > 1e-6 * h else h
+            try:
+                step.solve(width)
+            except StepFailedError as error:
+                text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
+                raise loop.failure(text, error.culprit) from error
+            t1 = loop.t_end if last else t0 + k * h
+            if contacts is not None:
+                contacts.look(t1, step.reached())
+                contacts.count_hidden([])
+                contacts.keep()
+            if not loop.accept(*step.advance(width, t1), algebraic):
+                return
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
+        """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""
+        return _Cubic(t, y, yp, pieces[0] if pieces else np.zeros(y.shape[1], dtype=bool))
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(_Alpha):
+    """Generalised-alpha of Chung and Hulbert, stabilised as Arnold, Bruels and Cardona do: order 2 in positions, velocities and
+    multipliers, in the GGL form, Index3 (for comparison) and ODE.
+
+    rho       spectral radius for high frequencies, 0 (damps them in one step) to 1 (keeps them); from 0.9 on coarse steps gain
+              energy
+    step      constant step in s, run as it is: no accuracy is asked or estimated. The last one is cut to end at t_end
+    accuracy  without a step: steps are halved until the error is below it; `Scene.simulate` sets it
+    """
+
+    rho: float = 0.7
+    step: float | None = None
+    accuracy: float | None = None
+    rtol: float | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.rho <= 1:
+            raise OptionError(f"rho = {self.rho}: give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)")
+        self._check_step()
+
+    @property
+    def rho_infinity(self) -> float:
+        return self.rho
+
+    @property
+    def coefficients(self) -> Alphas:
+        return Alphas.of((2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1))
+
+
+@dataclass(frozen=True)
+class HHT(_Alpha):
+    """Hilber, Hughes and Taylor: the member of the generalised-alpha family with alpha_m = 0, alpha_f = alpha.
+
+    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3, or -1/3 to 0.
+              Its spectral radius for high frequencies is (1 - alpha) / (1 + alpha): 0.74 for 0.15
+    step, accuracy  as in GeneralizedAlpha
+    """
+
+    alpha: float = 0.15
+    step: float | None = None
+    accuracy: float | None = None
+    rtol: float | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not abs(self.alpha) <= 1 / 3:
+            raise OptionError(f"alpha = {self.alpha}: give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign")
+        self._check_step()
+
+    @property
+    def rho_infinity(self) -> float:
+        return (1 - abs(self.alpha)) / (1 + abs(self.alpha))
+
+    @property
+    def coefficients(self) -> Alphas:
+        return Alphas.of(0.0, abs(self.alpha))
+
+
+def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
+    """The algorithmic rates belong to times before the start; from rates at the start alone, multipliers oscillate at first and
+    lose their order. Found with one short step of Radau IIA; where that fails the rates at the start serve."""
+    lead = min(step.A.lead, step.B.lead if step.size[2] else 0.0)
+    if lead == 0:
+        return
+    tolerance = 1e-10
+    scale = np.asarray(step.system.scale, dtype=float)
+    short = RadauStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
+    try:
+        short.solve(-lead * h)
+    except StepFailedError:
+        return
+    change = (short.newton.Yp[-1] - step.yp) / -lead
+    step.a += step.A.lead * change[step.u]
+    step.w += step.B.lead * change[step.s]
+
+
+class _Cubic(Hermite):
+    """Cubic between two steps; algebraic unknowns, whose rates are differences, on straight lines."""
+
+    def __init__(self, t: Array, y: Array, yp: Array, algebraic: Any) -> None:
+        super().__init__(t, y, yp, 2)
+        self._algebraic = np.flatnonzero(algebraic)
+
+    def value(self, times: Array) -> Array:
+        """y (k, n) at times (k,)."""
+        out = super().value(times)
+        if len(self._algebraic) and len(self.t) > 1:
+            out[:, self._algebraic] = self._line(times)
+        return out
+
+    def derivative(self, times: Array) -> Array:
+        """dy/dt (k, n) at times (k,)."""
+        out = super().derivative(times)
+        if len(self._algebraic) and len(self.t) > 1:
+            i = interval(self.t, times)
+            ends = self.y[:, self._algebraic]
+            out[:, self._algebraic] = (ends[i + 1] - ends[i]) / (self.t[i + 1] - self.t[i])[:, None]
+        return out
+
+    def _line(self, times: Array) -> Array:
+        i = interval(self.t, times)
+        part = ((times - self.t[i]) / (self.t[i + 1] - self.t[i]))[:, None]
+        ends = self.y[:, self._algebraic]
+        return np.asarray((1 - part) * ends[i] + part * ends[i + 1])
+
+

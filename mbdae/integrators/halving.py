@@ -1,0 +1,110 @@
+"""Constant steps from an accuracy: runs with steps of two sizes measure the error, its order says the next size.
+
+An estimate made inside a single step was measured not to follow the tolerance; two runs compared over their whole length do.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import SolverError, WallClockError
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import Array, System
+
+ORDER = 2
+SAFETY = 0.5  #: part of the accuracy aimed at
+MOST_STEPS = 300_000
+RUNS = 7
+LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
+BETWEEN = 3  #: points compared inside every coarse step
+GRID = 2000  #: coarse steps looked into at most
+
+Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
+
+
+@dataclass(frozen=True)
+class Halved:
+    """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds."""
+
+    solution: Solution
+    solver: Any
+    estimate: float
+    runs: int
+    cpu_s: float
+
+
+def scaled_difference(system: System) -> Measure:
+    """Largest difference of any unknown but multipliers over its scale."""
+    keep = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
+    scale = np.asarray(system.scale, dtype=float)
+    return lambda t, a, b: np.asarray(np.max((np.abs(a - b) / np.maximum(scale, np.max(np.abs(b), axis=0)))[:, keep], axis=1))
+
+
+def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: Measure, **options: Any) -> Halved:
+    """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made.
+
+    Raises SolverError, with the last run attached, where more than MOST_STEPS steps would be needed."""
+    options.setdefault("begin", time.perf_counter())
+    h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
+    best: Halved | None = None
+    while runs < RUNS:
+        now = replace(solver, step=h, accuracy=None)
+        runs += 1
+        try:
+            fine = now.solve(system, t_end, **options)
+        except WallClockError:
+            raise
+        except SolverError as error:
+            spent += error.solution.stats.cpu_s if error.solution is not None else 0.0
+            if runs >= RUNS or best is not None:
+                raise
+            h /= 4
+            continue
+        spent += fine.stats.cpu_s
+        if coarse is None or not fine.complete:
+            coarse, best = (fine, h), Halved(fine, now, float("nan") if not fine.complete else float("inf"), runs, spent)
+            if not fine.complete:
+                return best
+            h /= 2
+            continue
+        share = (h / coarse[1]) ** ORDER
+        estimate = float(np.max(_gap(coarse[0], fine, measure))) * share / (1 - share)
+        best = Halved(fine, now, estimate, runs, spent)
+        if estimate <= accuracy:
+            return best
+        coarse = fine, h
+        wanted = (SAFETY * accuracy / estimate) ** (1 / ORDER) if np.isfinite(estimate) else 0.25
+        if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
+            raise _too_dear(best, h * wanted, t_end - system.t0, accuracy)
+        h *= float(np.clip(wanted, 0.01, 0.5))
+    assert best is not None
+    return best
+
+
+def _first_step(system: System, t_end: float) -> float:
+    slow = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
+    rate = float(np.max((np.abs(system.yp0) / (np.asarray(system.scale) + np.abs(system.y0)))[slow], initial=0.0))
+    span = t_end - float(system.t0)
+    return min(LONGEST * span, FIRST / rate if rate > 0 else span)
+
+
+def _gap(coarse: Solution, fine: Solution, measure: Measure) -> Array:
+    """Distance of two runs at the coarse steps and between them."""
+    t = coarse.t[:: len(coarse.t) // GRID + 1]
+    inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
+    times = np.unique(np.concatenate([t, inner]))
+    return measure(times, coarse(times), fine(times))
+
+
+def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverError:
+    solution, steps = best.solution, span / h
+    cpu = solution.stats.cpu_s * steps / max(solution.stats.steps, 1)
+    reached = best.estimate * (solution.stats.steps / MOST_STEPS) ** ORDER
+    text = (f"{best.solver.label}: accuracy {accuracy:g} needs steps of {h:.1e} s, {steps:.1e} steps and {cpu:.0f} s of CPU; "
+            f"the run attached has {best.estimate:.1e}. Ask for {reached:.0e} or more, or use mb.RadauIIA(3)")  # fmt: skip
+    return SolverError(text, float(solution.t[-1]), "", solution)

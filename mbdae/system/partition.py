@@ -1,0 +1,49 @@
+"""Equations of motion by their parts, as textbook problems state them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.system.base import System
+
+TOLERANCE = 1e-6  #: of the parts against the start, over the largest term
+
+Parts = tuple[Callable[..., Any], ...]
+
+
+def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
+    """The parts (M, f, g, G) and the kinds of the unknowns; refused where they do not fit the unknowns or the start."""
+    if len(parts) != 4 or not all(callable(part) for part in parts):
+        raise OptionError("partition: give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)")
+    M, f, g, G = parts
+    for nu in range(system.n // 2, 0, -1):
+        left = system.n - 2 * nu
+        try:
+            q, u = system.y0[:nu], system.y0[nu : 2 * nu]
+            shapes = [np.shape(value) for value in (M(system.t0, q), f(system.t0, q, u), g(system.t0, q), G(system.t0, q))]
+        except (IndexError, ValueError, TypeError):
+            continue
+        m = shapes[2][0] if shapes[2] else 0
+        if shapes == [(nu, nu), (nu,), (m,), (m, nu)] and left in (m, 2 * m):
+            _check_start(system, (M, f, g, G), nu, m)
+            kinds = ("q",) * nu + ("v",) * nu + ("lambda",) * m + ("mu",) * (left - m)
+            return (M, f, g, G), kinds
+    raise OptionError(f"partition does not fit {system.n} unknowns: y = (q, u, lambda) or (q, u, lambda, mu) with M (nu, nu), "
+                      f"f (nu,), g (m,), G (m, nu)")  # fmt: skip
+
+
+def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m: int) -> None:
+    """Refuse parts that the start does not satisfy."""
+    M, f, g, G = parts
+    t, q, u, multipliers = system.t0, system.y0[:nu], system.y0[nu : 2 * nu], system.y0[2 * nu : 2 * nu + m]
+    inertia, force, rows = np.asarray(M(t, q)) @ system.yp0[nu : 2 * nu], np.asarray(f(t, q, u)), np.asarray(G(t, q))
+    left, size = inertia + rows.T @ multipliers - force, np.max(np.abs(inertia)) + np.max(np.abs(force)) + 1e-300
+    if np.max(np.abs(left)) > TOLERANCE * size:
+        raise OptionError(f"partition: M u' + G^T lambda - f = {left} at the start; it states other equations than the residual, "
+                          f"or multipliers of another sign")  # fmt: skip
+    if np.max(np.abs(g(t, q)), initial=0.0) > TOLERANCE * (1 + np.max(np.abs(q))):
+        raise OptionError(f"partition: g = {g(t, q)} at the start, where it has to vanish")

@@ -1,0 +1,138 @@
+"""Work of every solver on six scenes, counted: a change that makes a solver lazier or busier shows here, on any machine.
+
+`python tests/integrators/test_counts.py` (with validation/ on the path) prints the table anew.
+"""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contact_scenes import ball
+from exported_solvers import VARIANTS
+from recursive_scenes import loop, spring_chain
+from scenes import andrews, physical_pendulum
+
+import mbdae as mb
+from mbdae.formulations import system_for
+from mbdae.system.prepare import prepare
+
+MORE, LESS, FEW = 1.15, 0.7, 3  #: a count may rise by 15 % or by 3; where it falls by 30 % the table is to be renewed
+RTOL = 1e-6
+
+
+def four_bar():
+    """Free to swing from a crank at 60 degrees."""
+    s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
+    A, B, C, D = (0, 0), (0.1, 0.17320508), (0.5, 0.4), (0.6, 0)
+    crank, coupler, rocker = s.link("crank", A, B, mass=0.3), s.link("coupler", B, C, mass=0.6), s.link("rocker", C, D, mass=0.5)
+    s.revolute("A", s.ground, crank, at=A)
+    s.revolute("B", crank, coupler, at=B)
+    s.revolute("C", coupler, rocker, at=C)
+    s.revolute("D", rocker, s.ground, at=D)
+    return s
+
+
+def soft_beam():
+    """A beam that falls about its hinge."""
+    s = mb.Scene("beam", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(0.02, 0.02, E=1e6, nu=0.3, rho=1000, damping=1e-3)
+    s.revolute("A", s.ground, s.beam("b", (0, 0), (1, 0), section=section, elements=3), at=(0, 0))
+    return s
+
+
+SCENES = {  # scene, end (s), constant step (s)
+    "pendulum": (lambda: physical_pendulum(60), 2.0, 1e-2), "four-bar": (four_bar, 1.0, 5e-3), "Andrews": (andrews, 0.03, 5e-5),
+    "chain": (spring_chain, 1.0, 5e-3), "closing loop": (loop, 1.0, 5e-3), "beam": (soft_beam, 0.1, 1e-3),
+    "contact": (lambda: ball(1.0, mb.Hertz(1e8, 0.1)), 0.02, 1e-5),
+}  # fmt: skip
+FORMS = {"GGL": mb.GGL(), "Index3": mb.Index3(), "Index1": mb.Index1(), "ODE": mb.ODE()}
+COUNTED = ("steps", "residuals", "jacobians", "factorisations")
+#: (scene, solver, form): steps, residuals (or right-hand sides), Jacobians, factorisations
+COUNTS = {
+    ("pendulum", "CVODE (Adams)", "Index1"): (127, 159, 3, 3), ("pendulum", "CVODE (BDF)", "Index1"): (121, 132, 3, 3),
+    ("pendulum", "HHT", "GGL"): (200, 985, 201, 127), ("pendulum", "HHT", "Index3"): (200, 969, 126, 126),
+    ("pendulum", "HHT", "Index1"): (200, 977, 124, 124), ("pendulum", "IDA", "GGL"): (319, 593, 22, 22),
+    ("pendulum", "IDA", "Index1"): (218, 356, 22, 22), ("pendulum", "GeneralizedAlpha", "GGL"): (200, 977, 201, 125),
+    ("pendulum", "GeneralizedAlpha", "Index3"): (200, 961, 128, 128),
+    ("pendulum", "GeneralizedAlpha", "Index1"): (200, 979, 125, 125), ("pendulum", "RadauIIA(2)", "GGL"): (288, 1414, 112, 121),
+    ("pendulum", "RadauIIA(2)", "Index3"): (289, 1656, 139, 181), ("pendulum", "RadauIIA(2)", "Index1"): (393, 2170, 225, 233),
+    ("pendulum", "RadauIIA(3)", "GGL"): (85, 774, 51, 69), ("pendulum", "RadauIIA(3)", "Index3"): (89, 806, 72, 87),
+    ("pendulum", "RadauIIA(3)", "Index1"): (96, 936, 76, 80), ("four-bar", "CVODE (Adams)", "Index1"): (160, 205, 3, 3),
+    ("four-bar", "CVODE (BDF)", "Index1"): (210, 254, 4, 4), ("four-bar", "HHT", "GGL"): (200, 1100, 201, 121),
+    ("four-bar", "HHT", "Index3"): (200, 1096, 121, 121), ("four-bar", "HHT", "Index1"): (200, 1101, 122, 122),
+    ("four-bar", "IDA", "GGL"): (397, 720, 32, 32), ("four-bar", "IDA", "Index1"): (275, 463, 34, 34),
+    ("four-bar", "GeneralizedAlpha", "GGL"): (200, 1096, 201, 119),
+    ("four-bar", "GeneralizedAlpha", "Index3"): (200, 1094, 120, 120),
+    ("four-bar", "GeneralizedAlpha", "Index1"): (200, 1096, 120, 120),
+    ("four-bar", "RadauIIA(2)", "GGL"): (333, 1702, 168, 186), ("four-bar", "RadauIIA(2)", "Index3"): (215, 1266, 177, 190),
+    ("four-bar", "RadauIIA(2)", "Index1"): (477, 2824, 409, 419), ("four-bar", "RadauIIA(3)", "GGL"): (106, 978, 95, 102),
+    ("four-bar", "RadauIIA(3)", "Index3"): (80, 723, 75, 79), ("four-bar", "RadauIIA(3)", "Index1"): (136, 1536, 129, 132),
+    ("Andrews", "CVODE (Adams)", "Index1"): (268, 337, 5, 5), ("Andrews", "CVODE (BDF)", "Index1"): (300, 375, 6, 6),
+    ("Andrews", "HHT", "GGL"): (600, 2697, 601, 261), ("Andrews", "HHT", "Index3"): (600, 2703, 259, 259),
+    ("Andrews", "HHT", "Index1"): (600, 2708, 260, 260), ("Andrews", "IDA", "GGL"): (614, 1071, 41, 41),
+    ("Andrews", "IDA", "Index1"): (394, 675, 33, 33), ("Andrews", "GeneralizedAlpha", "GGL"): (600, 2690, 601, 260),
+    ("Andrews", "GeneralizedAlpha", "Index3"): (600, 2701, 256, 256),
+    ("Andrews", "GeneralizedAlpha", "Index1"): (600, 2707, 258, 258), ("Andrews", "RadauIIA(2)", "GGL"): (430, 2196, 219, 242),
+    ("Andrews", "RadauIIA(2)", "Index3"): (219, 1382, 198, 205), ("Andrews", "RadauIIA(2)", "Index1"): (714, 4188, 612, 621),
+    ("Andrews", "RadauIIA(3)", "GGL"): (135, 1347, 121, 130), ("Andrews", "RadauIIA(3)", "Index3"): (80, 903, 77, 79),
+    ("Andrews", "RadauIIA(3)", "Index1"): (202, 2283, 196, 200), ("chain", "CVODE (Adams)", "ODE"): (204, 234, 4, 4),
+    ("chain", "CVODE (BDF)", "ODE"): (299, 327, 5, 5), ("chain", "HHT", "ODE"): (200, 914, 11, 11),
+    ("chain", "IDA", "ODE"): (414, 453, 14, 14), ("chain", "GeneralizedAlpha", "ODE"): (200, 887, 11, 11),
+    ("chain", "RadauIIA(2)", "ODE"): (807, 3234, 7, 140), ("chain", "RadauIIA(3)", "ODE"): (236, 1554, 8, 84),
+    ("closing loop", "CVODE (Adams)", "Index1"): (98, 124, 2, 2), ("closing loop", "CVODE (BDF)", "Index1"): (132, 156, 3, 3),
+    ("closing loop", "HHT", "GGL"): (200, 855, 201, 87), ("closing loop", "HHT", "Index3"): (200, 854, 86, 86),
+    ("closing loop", "HHT", "Index1"): (200, 856, 86, 86), ("closing loop", "IDA", "GGL"): (161, 272, 24, 24),
+    ("closing loop", "IDA", "Index1"): (146, 231, 19, 19), ("closing loop", "GeneralizedAlpha", "GGL"): (200, 854, 201, 86),
+    ("closing loop", "GeneralizedAlpha", "Index3"): (200, 852, 86, 86),
+    ("closing loop", "GeneralizedAlpha", "Index1"): (200, 854, 86, 86),
+    ("closing loop", "RadauIIA(2)", "GGL"): (185, 920, 84, 94), ("closing loop", "RadauIIA(2)", "Index3"): (139, 790, 98, 115),
+    ("closing loop", "RadauIIA(2)", "Index1"): (276, 1858, 224, 273), ("closing loop", "RadauIIA(3)", "GGL"): (59, 531, 45, 52),
+    ("closing loop", "RadauIIA(3)", "Index3"): (51, 454, 38, 46), ("closing loop", "RadauIIA(3)", "Index1"): (71, 801, 74, 78),
+    ("beam", "HHT", "ODE"): (100, 396, 2, 2), ("beam", "GeneralizedAlpha", "ODE"): (100, 396, 2, 2),
+    ("beam", "RadauIIA(2)", "ODE"): (49, 192, 1, 13), ("beam", "RadauIIA(3)", "ODE"): (21, 141, 2, 17),
+    ("contact", "CVODE (Adams)", "ODE"): (248, 443, 75, 75), ("contact", "CVODE (BDF)", "ODE"): (379, 649, 93, 93),
+    ("contact", "HHT", "ODE"): (2000, 3022, 2, 2), ("contact", "IDA", "ODE"): (407, 654, 119, 119),
+    ("contact", "GeneralizedAlpha", "ODE"): (2000, 2997, 2, 2), ("contact", "RadauIIA(2)", "ODE"): (553, 2536, 200, 312),
+    ("contact", "RadauIIA(3)", "ODE"): (192, 1501, 104, 170),
+}  # fmt: skip
+
+
+def solved(scene, label, form):
+    """The statistics of one run."""
+    make, end, step = SCENES[scene]
+    solver = next(v for v in VARIANTS if v.label == label)
+    ready = replace(solver, step=step) if solver.by_steps else replace(solver, rtol=RTOL)
+    return ready.solve(system_for(prepare(make()), FORMS[form], ready.highest_index), end).stats
+
+
+@pytest.mark.parametrize(("scene", "label", "form"), COUNTS, ids=" ".join)
+def test_work_is_what_it_was(scene, label, form):
+    stats = solved(scene, label, form)
+    found, stated = (np.array([getattr(stats, name) for name in COUNTED]), np.array(COUNTS[scene, label, form]))
+    print(dict(zip(COUNTED, found, strict=True)))
+    assert (found <= np.maximum(MORE * stated, stated + FEW)).all(), f"busier: {found} instead of {stated}"
+    assert (found >= np.minimum(LESS * stated, stated - FEW)).all(), f"lazier, or better: {found} instead of {stated}"
+
+
+def test_every_solver_is_counted():
+    assert {label for _, label, _ in COUNTS} == {variant.label for variant in VARIANTS}
+
+
+def _print_table():
+    for scene in SCENES:
+        constrained = bool(prepare(SCENES[scene][0]()).rows)
+        for variant in VARIANTS:
+            for form in ("GGL", "Index3", "Index1") if constrained else ("ODE",):
+                if scene == "beam" and not hasattr(variant, "step"):
+                    continue  # BDF and Adams follow its fastest vibration
+                try:
+                    stats = solved(scene, variant.label, form)
+                except mb.OptionError:
+                    continue
+                print(f'    ("{scene}", "{variant.label}", "{form}"): {tuple(getattr(stats, n) for n in COUNTED)},')
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    _print_table()

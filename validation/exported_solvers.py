@@ -1,0 +1,51 @@
+"""Every solver the package exports, so that a new one is held to the same contract without being named."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from dae_problems import Carried
+
+import mbdae as mb
+from mbdae.errors import SolverError
+from mbdae.integrators.base import Solver
+from mbdae.integrators.solution import Outputs, Solution
+
+_EXPORTED = [getattr(mb, name) for name in mb.__all__]
+_METHODS = [found for found in _EXPORTED if isinstance(found, type) and issubclass(found, Solver)]
+VARIANTS = [variant for method in _METHODS for variant in method.variants()]
+
+
+def _ready(solver: Any) -> list[Any]:
+    """With a tolerance and, where it has one, with a constant step."""
+    adaptive = [] if solver.by_steps else [replace(solver, rtol=1e-6)]
+    return adaptive + ([replace(solver, step=0.01)] if "step" in {f.name for f in fields(solver)} else [])
+
+
+READY = [solver for variant in VARIANTS for solver in _ready(variant)]
+
+
+class _Inner:
+    """The interpolant of the unknowns that were carried."""
+
+    def __init__(self, interpolant: Any) -> None:
+        self.value, self.derivative = (lambda t, f=f: f(t)[:, 2:] for f in (interpolant.value, interpolant.derivative))
+
+
+def _trimmed(s: Any) -> Any:
+    outputs = None if s.outputs is None else Outputs(s.outputs.t, s.outputs.y[:, 2:], s.outputs.yp[:, 2:])
+    return replace(s, y=s.y[:, 2:], yp=s.yp[:, 2:], names=s.names[2:], outputs=outputs, interpolant=_Inner(s.interpolant))
+
+
+def solve(solver: Any, system: Any, *arguments: Any, **options: Any) -> Any:
+    """solver.solve of first-order equations; methods for equations of motion get them as internal states."""
+    if not solver.by_steps:
+        return solver.solve(system, *arguments, **options)
+    try:
+        return _trimmed(solver.solve(Carried(system), *arguments, **options))
+    except SolverError as error:
+        if isinstance(error.solution, Solution) and np.size(error.solution.y):
+            error.solution = _trimmed(error.solution)
+        raise
