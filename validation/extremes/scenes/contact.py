@@ -10,9 +10,9 @@ accuracy = 1e-4
 vary = {
     "B.clearance": (1e-8, 1e-3),
     "B.stiffness": (1e6, 1e14),
-    "A.speed": (1e1, 1e4),
-    "v_c": [1.0, 1e-1, 1e-2, 1e-4, 1e-6, 1e-8],
-    "accuracy": [1e-2, 1e-3, 1e-4, 1e-5, 1e-6],
+    "A.speed": [1e1, 1e4],
+    "v_c": [1e-1, 1e-3, 1e-6, 1e-8],
+    "accuracy": [1e-3, 1e-5],
     "step": [1e-3, 1e-5, 1e-7, 1e-9],
 }
 

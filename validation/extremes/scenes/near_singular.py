@@ -14,9 +14,8 @@ accuracy = 1e-5
 vary = {
     "delta": [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 0.0],
     "tilt": [1e-9, 1e-7, 1e-5, 1e-3, 1e-1],
-    "A.speed": (1e0, 1e4),
-    "accuracy": (1e-3, 1e-8),
-    "coupler.mass": (1e-9, 1e9),
+    "A.speed": [1e4],
+    "accuracy": [1e-3, 1e-7],
 }
 
 

@@ -5,13 +5,13 @@ import mbdae as mb
 t_end = 0.5  # s
 accuracy = 1e-5
 vary = {
-    "leaf.mass": [0.0, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9],
-    "middle.mass": (1e-9, 1e9),
+    "leaf.mass": [0.0, 1e-9, 1e-3, 1.0, 1e3, 1e9],
+    "middle.mass": [1e-9, 1e9],
     "knee.spring": (1e2, 1e14),
-    "hip.speed": (1e0, 1e4),
-    "accuracy": (1e-3, 1e-8),
+    "hip.speed": [1e0, 1e4],
+    "accuracy": [1e-3, 1e-5, 1e-7],
     "step": (1e-1, 1e-9),
-    "t_end": [0.5, 5.0],
+    "t_end": [5.0],
 }
 
 

@@ -10,12 +10,12 @@ accuracy = 1e-5
 vary = {
     "coupler.mass": (1e-9, 1e9),
     "strut.stiffness": (1e2, 1e14),
-    "A.speed": (1e1, 1e4),
-    "accuracy": (1e-3, 1e-8),
+    "A.speed": [1e1, 1e4],
+    "accuracy": [1e-3, 1e-5, 1e-7],
     "step": (1e-1, 1e-9),
-    "t_end": [0.5, 5.0],
-    "offset": [1e-6, 1e-3, 0.1, 1.0, 3.0],
-    "rate": [1e-6, 1.0],
+    "t_end": [5.0],
+    "offset": [1e-6, 1e-2, 1.0, 3.0],
+    "rate": [1.0],
 }
 
 
