@@ -89,8 +89,8 @@ def test_flapping_wing_closes_its_turn_and_bends_by_a_hundredth():
     for name in ("4", "8", "9"):
         assert rigid["L" + name].angle[-1] == pytest.approx(0, abs=1e-8)
         np.testing.assert_allclose(rigid["L" + name].angle, -rigid["R" + name].angle, atol=1e-8)
-    elastic = flapping_wing.scene(flexible=True).simulate(0.1, solver=mb.RadauIIA(3, step=1e-3))
-    assert np.max(np.abs(elastic["L9"].angle - rigid(elastic.t)["L9"].angle)) == pytest.approx(0.0118, rel=0.01)  # rad
+    for solver in (mb.RadauIIA(3, step=1e-3), mb.HHT(step=1e-3)):
+        assert flapping_wing.bending(solver) == pytest.approx(0.0118, rel=0.01)  # rad
 
 
 def test_flapping_wing_draws_its_pictures(tmp_path):

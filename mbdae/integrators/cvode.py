@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,6 +25,8 @@ HIGHEST = {"Adams": 12, "BDF": 5}
 #: neighbouring steps lose all digits where the step grows a thousandfold (the start), cubic ones a factor of 30 at
 #: rtol 1e-11; 4 stages lose 30 % at 1e-12, 5 nothing
 NODES = 5
+#: parts of a step at which CVODE's interpolant is read; with the values and slopes at both ends a polynomial of the same degree
+SAMPLES = (1 / 3, 2 / 3)
 
 
 @dataclass(frozen=True)
@@ -106,10 +109,7 @@ class CVODE(Solver):
                 callbacks.renew = contacts is not None and callbacks.stiffness_changed(contacts)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
-                inner = _cubic(loop, t, y, yp)
-                own = _own(method, loop, t)
-                if (np.abs(own - inner) > self.tolerance * np.abs(y) + atol).any():
-                    inner = own
+                inner = _between(method, loop, t, y, yp, self.tolerance * np.abs(y) + atol)
                 going = loop.accept(t, y, yp, inner)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
@@ -132,26 +132,37 @@ def _create(solver: CVODE, callbacks: _Callbacks, atol: Array, h0: float | None)
     )
 
 
-def _cubic(loop: StepLoop, t: float, y: Array, yp: Array) -> Array:
-    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes, of the cubic with y and y' at both ends.
+@lru_cache(maxsize=1)
+def _weights() -> tuple[Array, Array, Array]:
+    """On y1 - y0, h y0', h y1' and the increments at SAMPLES: increments at the inner nodes, (NODES - 1, ...), of the quintic
+    with all five and of the cubic with the first three, and those of the cubic at SAMPLES, (2, 3)."""
+    nodes, powers = radau_table(NODES).c[:-1], np.arange(1, 6)
 
-    Its slopes are better than those of CVODE's interpolant while the order is low: that is linear in the first step.
-    """
-    c, h = radau_table(NODES).c[:-1, None], t - loop.t
+    def rows(points: Array, degree: int) -> Array:
+        return np.asarray(points[:, None] ** powers[:degree])
+
+    ends = np.array([np.ones(5), np.eye(5)[0], powers])  # y1 - y0, h y0', h y1' of a polynomial without constant term
+    samples = np.array(SAMPLES)
+    quintic, cubic = np.linalg.inv(np.vstack([ends, rows(samples, 5)])), np.linalg.inv(ends[:, :3])
+    return rows(nodes, 5) @ quintic, rows(nodes, 3) @ cubic, rows(samples, 3) @ cubic
+
+
+def _between(method: Any, loop: StepLoop, t: float, y: Array, yp: Array, tolerance: Array) -> Array:
+    """Increments (NODES - 1, n) since the last accepted step at the inner nodes.
+
+    They are of the cubic with y and y' at both ends where CVODE's own interpolant agrees within the tolerance: its slopes are
+    better while the order is low (that is linear in the first step). Elsewhere of the quintic with two of its values too. In
+    normal mode CVODE interpolates inside its last step; it then has to be brought back to t, or the next internal step would
+    only return to it."""
+    quintic, cubic, checked = _weights()
     start, rate = loop.state
-    return np.asarray(c**2 * (3 - 2 * c) * (y - start) + h * c * (1 - c) * ((1 - c) * rate - c * yp))
-
-
-def _own(method: Any, loop: StepLoop, t: float) -> Array:
-    """The same of CVODE's own interpolant.
-
-    In normal mode CVODE interpolates inside its last step. It then has to be brought back to t, or the next internal
-    step would only return to it.
-    """
-    start, y = loop.t, loop.state[0]
-    inner = np.array([method.step(start + c * (t - start), method="normal").y - y for c in radau_table(NODES).c[:-1]])
+    h = t - loop.t
+    ends = np.array([y - start, h * rate, h * yp])
+    own = np.array([method.step(loop.t + c * h, method="normal").y for c in SAMPLES]) - start
     method.step(t, method="normal")
-    return inner
+    if (np.abs(own - checked @ ends) > tolerance).any():
+        return np.asarray(quintic @ np.concatenate([ends, own]))
+    return np.asarray(cubic @ ends)
 
 
 class _Callbacks(Callbacks):

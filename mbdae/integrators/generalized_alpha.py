@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
 from mbdae.integrators.contact_steps import contact_steps
-from mbdae.integrators.dense import Hermite, interval
+from mbdae.integrators.dense import Collocation
 from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
 from mbdae.integrators.halving import halved, scaled_difference
 from mbdae.integrators.loop import StepLoop
@@ -23,6 +23,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
+CUBIC = 3  #: nodes of Radau IIA that hold a cubic
 GAINS = 0.9  #: spectral radius from which coarse steps gain energy
 
 
@@ -131,12 +132,14 @@ class _Alpha(Solver):
                 contacts.look(t1, step.reached())
                 contacts.count_hidden([])
                 contacts.keep()
-            if not loop.accept(*step.advance(width, t1), algebraic):
+            start = step.y, step.yp
+            t1, y, yp = step.advance(width, t1)
+            if not loop.accept(t1, y, yp, _inside(width, start, (y, yp), algebraic)):
                 return
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""
-        return _Cubic(t, y, yp, pieces[0] if pieces else np.zeros(y.shape[1], dtype=bool))
+        return Collocation.of(CUBIC, t, y, pieces)
 
 
 @dataclass(frozen=True)
@@ -215,33 +218,9 @@ def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
     step.w += step.B.lead * change[step.s]
 
 
-class _Cubic(Hermite):
-    """Cubic between two steps; algebraic unknowns, whose rates are differences, on straight lines."""
-
-    def __init__(self, t: Array, y: Array, yp: Array, algebraic: Any) -> None:
-        super().__init__(t, y, yp, 2)
-        self._algebraic = np.flatnonzero(algebraic)
-
-    def value(self, times: Array) -> Array:
-        """y (k, n) at times (k,)."""
-        out = super().value(times)
-        if len(self._algebraic) and len(self.t) > 1:
-            out[:, self._algebraic] = self._line(times)
-        return out
-
-    def derivative(self, times: Array) -> Array:
-        """dy/dt (k, n) at times (k,)."""
-        out = super().derivative(times)
-        if len(self._algebraic) and len(self.t) > 1:
-            i = interval(self.t, times)
-            ends = self.y[:, self._algebraic]
-            out[:, self._algebraic] = (ends[i + 1] - ends[i]) / (self.t[i + 1] - self.t[i])[:, None]
-        return out
-
-    def _line(self, times: Array) -> Array:
-        i = interval(self.t, times)
-        part = ((times - self.t[i]) / (self.t[i + 1] - self.t[i]))[:, None]
-        ends = self.y[:, self._algebraic]
-        return np.asarray((1 - part) * ends[i] + part * ends[i + 1])
-
-
+def _inside(h: float, start: tuple[Array, Array], end: tuple[Array, Array], algebraic: Any) -> Array:
+    """Increments (2, n) at the inner nodes of the cubic with y and y' at both ends; algebraic unknowns on straight lines."""
+    c = radau_table(CUBIC).c[:-1, None]
+    (y0, rate0), (y1, rate1) = start, end
+    curve = c**2 * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1)
+    return np.asarray(np.where(algebraic, c * (y1 - y0), curve))

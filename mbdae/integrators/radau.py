@@ -52,8 +52,8 @@ class RadauIIA(Solver):
     newton: float | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
-        "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "ODE": 0.2, "DAE": 0.03},
-        "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "ODE": 0.01, "DAE": 0.01},
+        "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "Index1": 0.2, "ODE": 0.2, "DAE": 0.03},
+        "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "Index1": 0.01, "ODE": 0.01, "DAE": 0.01},
     }
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
         "RadauIIA(3)": {"GGL": (5, 5, 3), "Index3": (5, 3, 2), "Index1": (5, 5, 5)},

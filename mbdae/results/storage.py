@@ -105,7 +105,8 @@ def _prepared(header: dict[str, Any], start: Start) -> Prepared:
 
 
 def _info(info: RunInfo) -> dict[str, Any]:
-    options = {f.name: encode(getattr(info.solver, f.name)) for f in fields(info.solver)} if is_dataclass(info.solver) else {}
+    given = [f.name for f in fields(info.solver) if f.init] if is_dataclass(info.solver) else []
+    options = {name: encode(getattr(info.solver, name)) for name in given}
     cls = type(info.solver)
     solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
     parts = {"accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "warnings": list(info.warnings)}

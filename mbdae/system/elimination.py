@@ -15,7 +15,6 @@ import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dpbsv, dposv
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
@@ -179,6 +178,8 @@ class Banded:
     full_rows = False
 
     def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
+
         self._inverse = 1 / M.diagonal()
         self._m, self._nu = shape
         pattern = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)

@@ -179,14 +179,14 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
 def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
     """The System of a prepared scene in a form, with start and scales."""
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
-    kind = Eliminated if spec.eliminated else SceneSystem
+    kind = Eliminated if spec.eliminated and prepared.rows else SceneSystem
     system = kind(prepared.model, mechanics.rows, spec, sparse, prepared.expansion.carried)
     spec = system.spec
     nb = system.numbering
     q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
     system.partition = None if mechanics.reactive else partition_of(mechanics, prepared.expansion)
     system.displaced = Displacements(nb)
-    system.rhs = system.rhs or (None if spec.blocks else rhs_of(system))
+    system.rhs = system.rhs or (None if nb.m else rhs_of(system))
     state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
     force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
     scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda

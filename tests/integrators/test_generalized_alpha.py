@@ -115,6 +115,15 @@ def test_accuracy_steers_the_step(solver):
         s.simulate(1.0, accuracy=1e-12, solver=solver)
 
 
+def test_runs_are_stored(tmp_path):
+    r = physical_pendulum(60).simulate(0.5, solver=mb.HHT(step=1e-2), outputs=7)
+    r.save(tmp_path / "r.npz")
+    back = mb.load(tmp_path / "r.npz")
+    assert back.info.solver == r.info.solver
+    times = np.linspace(0, 0.5, 33)
+    np.testing.assert_array_equal(back(times)["A"].angle, r(times)["A"].angle)
+
+
 def test_constant_step_claims_no_accuracy():
     r = a01().simulate(0.5, solver=mb.HHT(step=1e-3))
     assert (r.accuracy.asked, r.accuracy.estimated, r.accuracy.met) == (None, None, None)
