@@ -26,7 +26,7 @@ table.map tbody th { position: sticky; left: 0; background: #fff; }
 .swatch { flex: none; min-width: 6.2rem; text-align: center; border-radius: 2px; padding: .1rem .4rem; font-size: .875rem; }
 .holds { font-weight: 600; }
 details { max-width: 60rem; } summary { cursor: pointer; min-height: 24px; }
-@media (max-width: 700px) { table.map tbody th { white-space: normal; min-width: 6.5rem; max-width: 8rem; } }
+@media (max-width: 700px) { table.map tbody th { white-space: normal; min-width: 8.5rem; max-width: 9rem; } }
 @media print { td, .swatch { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """
 
@@ -90,7 +90,7 @@ def _said(block: Block) -> str:
     if not told:
         return ""
     lines = "".join(f"<li>{escape(line)}</li>\n" for line in told)
-    return f"<details><summary>What was said: {len(told)} remarks</summary><ul>{lines}</ul></details>\n"
+    return f"<details><summary>What was said: {len(told)} remark{"s" * (len(told) > 1)}</summary><ul>{lines}</ul></details>\n"
 
 
 def _made(m: Extremes) -> str:
