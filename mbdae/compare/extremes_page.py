@@ -90,7 +90,8 @@ def _said(block: Block) -> str:
     if not told:
         return ""
     lines = "".join(f"<li>{escape(line)}</li>\n" for line in told)
-    return f"<details><summary>What was said: {len(told)} remark{"s" * (len(told) > 1)}</summary><ul>{lines}</ul></details>\n"
+    count = f"{len(told)} remark{'s' if len(told) > 1 else ''}"
+    return f"<details><summary>What was said: {count}</summary><ul>{lines}</ul></details>\n"
 
 
 def _made(m: Extremes) -> str:

@@ -180,6 +180,22 @@ def test_a_run_begins_where_the_scene_does(solver):
 # -- steps and work
 
 
+@pytest.mark.parametrize("form", [mb.GGL(), mb.Index3()], ids=lambda f: f.label)
+def test_steps_do_not_depend_on_the_unit_of_time(form):
+    """A turn of a driven linkage takes the same steps at any speed: weights of errors know the time of the motion."""
+    steps = []
+    for speed in (1.0, 1e4):
+        s = mb.Scene("linkage")
+        points = (0, 0), (0, 0.3), (0.5, 0.6), (0.6, 0)
+        links = [s.link(name, p, q, mass=0.5) for name, p, q in zip("abc", points[:-1], points[1:], strict=True)]
+        s.revolute("A", s.ground, links[0], at=points[0], angle=speed * mb.t)
+        s.revolute("B", *links[:2], at=points[1])
+        s.revolute("C", *links[1:], at=points[2])
+        s.revolute("D", s.ground, links[2], at=points[3])
+        steps.append(s.simulate(6.0 / speed, solver=mb.RadauIIA(3, rtol=1e-6), form=form).stats.steps)
+    assert abs(steps[0] - steps[1]) <= 0.05 * steps[0]
+
+
 @pytest.mark.parametrize("stages", [2, 3])
 @pytest.mark.parametrize("step", [1e-5, 1e-7, 1e-9])
 def test_reactions_at_index_3_survive_tiny_steps(stages, step):
