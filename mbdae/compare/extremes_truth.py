@@ -33,8 +33,9 @@ class Truth:
 
 
 def truth(job: Job, accuracy: float) -> Truth:
-    """Methods are added until two agree; what comes nearest where none do."""
-    found: list[tuple[str, Any]] = []
+    """Runs are added until two of different methods agree; what comes nearest where none do. One method agrees with itself at
+    the tolerance of round-off, or on a wrong branch: that confirms nothing."""
+    found: list[tuple[str, str, Any]] = []
     best = Truth("no method finished", None, None)
     reasons: list[str] = []
     for solver, below in METHODS:
@@ -48,15 +49,15 @@ def truth(job: Job, accuracy: float) -> Truth:
             reasons.append(f"{solver.label}: " + " ".join(str(error).split()))
             continue
         label = f"{solver.label}, rtol {run.solver.tolerance:.1e}"
-        for other, seen in found:
+        for method, other, seen in found:
             gap = job.error(values, seen)
-            if best.known is None or gap < best.known:
+            if method != solver.label and (best.known is None or gap < best.known):
                 best = Truth(f"{other}; {label} differs by {gap:.1e}", seen, gap if math.isfinite(gap) else None)
-        found.append((label, values))
+        found.append((solver.label, label, values))
         if best.known is not None and best.known <= SURE * accuracy:
             return best
     if best.known is None and found:
-        best = Truth(f"{found[0][0]}, not confirmed", found[0][1], None)
+        best = Truth(f"{found[0][1]}, not confirmed", found[0][2], None)
     return Truth("; ".join([best.reference, *reasons]), best.values, best.known)
 
 

@@ -144,3 +144,12 @@ def test_command_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Extremes, "silent", property(lambda self: self.cells[:1]))
     assert main(["extremes", "swing.py", "--accuracy", "1e-2"]) == 1
     assert "within 10 times" in capsys.readouterr().out
+
+
+def test_a_method_does_not_confirm_itself(monkeypatch):
+    """At the tolerance of round-off two runs of one method are the same run."""
+    module = sys.modules["mbdae.compare.extremes_truth"]
+    monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.RadauIIA(3), 10.0)))
+    assert module.truth(new_job(pendulum(), 0.1, None, None), 1e-4).known is None
+    monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.IDA(), 10.0)))
+    assert 0 < module.truth(new_job(pendulum(), 0.1, None, None), 1e-4).known < 1e-4 / 3
