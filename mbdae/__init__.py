@@ -20,7 +20,7 @@ from mbdae.errors import (
 
 if TYPE_CHECKING:
     from mbdae.api import Scene
-    from mbdae.compare import Run, compare, sweep
+    from mbdae.compare import Run, compare, extremes, sweep
     from mbdae.contact import Hertz, Normal
     from mbdae.contracts.selftest import selftest
     from mbdae.formulations import GGL, ODE, Index1, Index3
@@ -52,8 +52,8 @@ _HOME = {
     "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
     "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
-    "load": "mbdae.results.storage", "params": "mbdae.symbolic.law", "report": "mbdae.reports.report",
-    "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.compare",
+    "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.compare",
 }  # fmt: skip
 
 __all__ = [
@@ -61,7 +61,7 @@ __all__ = [
     "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz", "Index1",
     "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError",
-    "Weld", "audit", "compare", "load", "params", "report", "selftest", "sweep", "t",
+    "Weld", "audit", "compare", "extremes", "load", "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

@@ -15,10 +15,13 @@ from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, 
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.integrators.solution import Solution
+from mbdae.results.balance import drift_of_energy
 from mbdae.results.checks import Check, check_scene, doubts
 from mbdae.results.choice import Choice, alternatives, choose, prepared_by_default
 from mbdae.results.control import Controlled, measure_of, plausible, run_controlled
 from mbdae.results.drift import drifted
+from mbdae.results.norms import unequal_norms
+from mbdae.results.passages import passages
 from mbdae.results.reliability import doubts_of_steps, judged
 from mbdae.results.resolution import refuse_unresolved
 from mbdae.results.result import Accuracy, Result, RunInfo
@@ -257,7 +260,8 @@ class _Job:
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
         judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
-        notes = [*_warnings(self.prepared, run, known, self.form.label == "Index1"), *doubts_of_steps(run), *judgement.notes]
+        notes = [*_warnings(self.prepared, run, known, self.form.label == "Index1"), *doubts_of_steps(run), *judgement.notes,
+                 *passages(found, asked), *unequal_norms(found), *drift_of_energy(found, run, asked)]  # fmt: skip
         found.info = replace(info, warnings=tuple(notes), reliable=judgement.reliable)
         for note in notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)

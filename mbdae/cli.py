@@ -93,26 +93,26 @@ def run(a: argparse.Namespace) -> int:
 
 def compare(a: argparse.Namespace) -> int:
     """Solvers side by side; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
-    from mbdae.compare import compare as compare_runs
-    from mbdae.results.progress import bar
+    from mbdae.compare.command import compare_file
 
     module = _load(a.file)
-    t_end, out, shown = _t_end(a, module), _folder(a.out), bar()
-    options: dict[str, Any] = {} if a.accuracies is None else {"accuracies": a.accuracies}
-    try:
-        w = compare_runs(_scene(module, a.file), t_end, getattr(module, "runs", None), measure=getattr(module, "measure", None),
-                         progress=lambda done, total, label: shown.show(done / total, "compare", label),
-                         resume=a.resume, **options)  # fmt: skip
-    finally:
-        shown.close()
-    written = _write_comparison(w, out / f"{Path(a.file).stem}_work_precision") if out else []
-    if a.json:
-        _json(a, w.to_dict())
-    else:
-        print(w.table())
-        _list(written)
+    t_end, out = _t_end(a, module), _folder(a.out)
+    w = compare_file(module, _scene(module, a.file), t_end, accuracies=a.accuracies, resume=a.resume)
+    _tell(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     return 0 if reached and not w.failures and w.reference.trusted else 1
+
+
+def extremes(a: argparse.Namespace) -> int:
+    """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
+    from mbdae.compare.command import map_of_file
+
+    module = _load(a.file)
+    t_end, out = _t_end(a, module), _folder(a.out)
+    _scene(module, a.file)
+    m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=a.resume)
+    _tell(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
+    return 1 if m.silent else 0
 
 
 def report(a: argparse.Namespace) -> int:
@@ -220,11 +220,16 @@ def _write_result(r: Any, measure: str | None, out: Path, stem: str) -> list[str
     return [str(path) for path in written]
 
 
-def _write_comparison(w: Any, stem: Path) -> list[str]:
-    writers = {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}
-    for ending, write in writers.items():
-        write(stem.with_name(stem.name + ending))
-    return [str(stem.with_name(stem.name + ending)) for ending in writers]
+def _tell(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
+    """Write what has a folder, and print the table or the JSON."""
+    stem = f"{Path(a.file).stem}_{name}"
+    for ending, write in writers.items() if out else ():
+        write(out / (stem + ending))  # type: ignore[operator]
+    if a.json:
+        _json(a, found.to_dict())
+    else:
+        print(found.table())
+        _list([str(out / (stem + ending)) for ending in writers] if out else [])
 
 
 def _list(written: Sequence[str]) -> None:
@@ -335,6 +340,11 @@ def _parser() -> argparse.ArgumentParser:
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", metavar="FILE.json", help=resumed)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    p = _command(commands, "extremes", extremes, "every way of running a scene at the extremes of its parameters")
+    p.add_argument("--accuracy", type=float, help="bound of the error over the run (default: that of FILE, else 1e-5)")
+    p.add_argument("--max-wall", type=float, metavar="S", help="wall time of a run in s (default 20)")
+    p.add_argument("--resume", metavar="FILE.json", help="file that keeps every finished value of the map")
+    _common(p, "folder for the page (.html) and its data (.json)")
     _report(commands)
     _validate(commands)
     return parser
@@ -365,7 +375,8 @@ def _validate(commands: Any) -> None:
 
 def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
     p: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    p.add_argument("file", metavar="FILE", help="Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs")
+    what = "Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs, vary"
+    p.add_argument("file", metavar="FILE", help=what)
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone")
     p.set_defaults(command=action)
     return p

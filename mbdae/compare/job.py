@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from mbdae.compare.equations import Equations
 from mbdae.compare.memory import peak_bytes, reset_peak
 from mbdae.compare.run import Run
-from mbdae.errors import MbdaeError, OptionError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
@@ -127,11 +128,7 @@ class Job:
             raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
         if not any(c.kind in MODELLED for c in self.scene.joints):
             raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute or prismatic joint to describe")
-        scene: Any = self.scene
-        for name, model in run.models.items():
-            spanning = not name and isinstance(model, Recursive)
-            scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)
-        return Equations(prepare(scene, t_end=self.t_end))
+        return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property
     def yardstick(self) -> Equations:
@@ -148,7 +145,9 @@ class Job:
         for _ in range(2 if repeat else 1):
             begin = time.process_time()
             try:
-                solution = solver.solve(system, self.t_end, max_wall=self.max_wall)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", AccuracyWarning)  # the error is measured here
+                    solution = solver.solve(system, self.t_end, max_wall=self.max_wall)
             finally:
                 seconds.append(time.process_time() - begin)
                 self.spent += seconds[-1]
@@ -177,6 +176,14 @@ class Job:
             a, b = (np.split(v, [prepared.mechanics.nq], axis=1) for v in (values, reference))
             return float(np.max(motion_distance(prepared, (a[0], a[1]), (b[0], b[1]))))
         return float(np.max(np.abs(values - reference)))
+
+
+def with_models(scene: Any, run: Run) -> Any:
+    """The scene with the joint models of a run."""
+    for name, model in run.models.items():
+        spanning = not name and isinstance(model, Recursive)
+        scene = scene.recursive() if spanning else scene.replace(*([name] if name else []), model=model)
+    return scene
 
 
 def new_job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) -> Job:

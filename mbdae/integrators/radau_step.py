@@ -70,9 +70,9 @@ class RadauStep:
         self._singular = -1
 
     def weights(self, h: float, y: Array) -> Array:
-        """(n,) h^(k-1) / tolerance for unknowns of index k."""
+        """(n,) (h/T)^(k-1) / tolerance for unknowns of index k, T the typical time of the motion."""
         if h != self._power_h:
-            self._power_h, self._power = h, np.asarray(h**self._order)
+            self._power_h, self._power = h, np.asarray((h / self.system.time) ** self._order)
         return np.asarray(self._power / self._tolerance(y))
 
     def _tolerance(self, y: Array) -> Array:

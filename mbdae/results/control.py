@@ -35,6 +35,7 @@ CHAOTIC = 2.0
 CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
+FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
 BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
@@ -140,7 +141,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
-        return Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
+        unseen = stepped_over(system, found.solution, accuracy, measure) if found.solution.complete else 0.0
+        return Controlled(found.solution, found.solver, found.estimate + unseen, found.runs, found.cpu_s)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -180,6 +182,25 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))
         loose, coarse, tight = tight, fine, _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def stepped_over(system: System, run: Solution, accuracy: float, measure: Measure) -> float:
+    """What constant steps leave out at the start: vibrations that are shorter than a step look alike with steps of half the size,
+    so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
+    from mbdae.integrators.radau import RadauIIA
+
+    end = min(float(run.t[-1]), float(run.t[0]) + FIRST_STEPS * run.stats.h_max)
+    if not end > run.t[0]:
+        return 0.0
+    close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
+    try:
+        probe = close.solve(system, end, max_residuals=10 * run.stats.residuals + 10000)
+    except SolverError as error:
+        if error.solution is None or len(error.solution.t) < 3:
+            return float("inf")
+        probe = error.solution
+    times = np.linspace(float(run.t[0]), float(probe.t[-1]), PROBES)
+    return float(np.max(measure(times, run(times), probe(times))))
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:

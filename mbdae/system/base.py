@@ -41,6 +41,8 @@ class System:
     yp0: Array
     sparsity: Any
     label: str = ""
+    #: typical time of the motion, s: errors of unknowns of higher index are weighed by the step over it
+    time: float = 1.0
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 

@@ -218,6 +218,8 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
     system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
     system.t0 = start.t
+    if not prepared.model.lines:  # of beams the step over a second was measured
+        system.time = T
     if prepared.contacts:
         system.guards = Contacts(system, {contact.item: contact.mass for contact in prepared.contacts})
         system.guard_names = system.guards.names

@@ -1,0 +1,287 @@
+"""What a map of extremes varies: an argument of a statement of the scene, an argument of scene(), or an option of the run.
+
+A scene is data (`mbdae.scene.record`): a varied one is its statements with another number, replayed.
+"""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import MbdaeError, OptionError
+from mbdae.scene import timed
+from mbdae.scene.record import replay
+from mbdae.scene.scene import SceneData
+
+OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
+RUNGS = 7  #: values of a ladder between two bounds at most
+SHORTHANDS = "mass, stiffness, speed, clearance"
+Statements = list[Any]
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A parameter with its values. scene(value): the scene at that value; t_end: the end of its run, s."""
+
+    name: str
+    values: tuple[float, ...]
+    scene: Callable[[float], SceneData]
+    t_end: Callable[[float], float]
+
+
+def varied(scene: Any, t_end: float, vary: Mapping[str, Any]) -> list[Varied]:
+    """The parameters of `vary`, each checked at all its values."""
+    if not isinstance(vary, Mapping) or not vary:
+        raise OptionError(f"vary = {vary!r}: give {{parameter: (low, high) or [values]}}, such as "
+                          f"{{'coupler.mass': (1e-3, 1e3)}}")
+    found = []
+    for name, asked in vary.items():
+        values = _values(name, asked)
+        found.append(_one(scene, t_end, str(name), values))
+    return found
+
+
+def stated(scene: Any) -> SceneData:
+    """The scene as it is without variation; `scene` is one, or a function that makes it."""
+    made = scene() if callable(scene) and not isinstance(scene, SceneData) else scene
+    if not isinstance(made, SceneData):
+        raise OptionError(f"scene = {made!r}: give a mb.Scene, or a function scene(**parameters) that returns one")
+    return made
+
+
+def ladder(low: float, high: float) -> tuple[float, ...]:
+    """Both bounds and the decades between them, evenly thinned to at most `RUNGS` values."""
+    decades = abs(math.log10(high / low))
+    steps = max(1, math.ceil(decades - 1e-9)) if decades <= RUNGS - 1 else 0
+    if not steps:  # the largest number of whole-decade strides that fits, else as many strides as allowed
+        whole = [n for n in range(RUNGS - 1, 0, -1) if abs(decades / n - round(decades / n)) < 1e-9]
+        steps = whole[0] if whole else RUNGS - 1
+    return tuple(float(f"{low * (high / low) ** (i / steps):.6g}") for i in range(steps + 1))
+
+
+def _values(name: Any, asked: Any) -> tuple[float, ...]:
+    try:
+        given = tuple(float(v) for v in asked)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"vary: {name!r} = {asked!r}: give (low, high) for a ladder of decades, or a list of values") from error
+    if not given or not all(math.isfinite(v) for v in given):
+        raise OptionError(f"vary: {name!r} = {asked!r}: give at least one value, all of them finite")
+    if isinstance(asked, tuple) and len(given) == 2:
+        if given[0] * given[1] <= 0:
+            raise OptionError(f"vary: {name!r} = {asked!r}: a ladder of decades needs two bounds of one sign, different from 0; "
+                              f"give a list of values")  # fmt: skip
+        return ladder(*given)
+    return given
+
+
+def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
+    if name in OPTIONS:
+        base = stated(scene)
+        return Varied(name, values, lambda value: base, lambda value: value if name == "t_end" else t_end)
+    if "." not in name:
+        _refuse_unknown_argument(scene, name)
+        return Varied(name, values, lambda value: stated(scene(**{name: value})), lambda value: t_end)
+    base = stated(scene)
+    for value in values:
+        changed(base, name, value)  # refuses what cannot be varied before anything runs
+    return Varied(name, values, lambda value: changed(base, name, value)[0], lambda value: t_end * changed(base, name, value)[1])
+
+
+def _refuse_unknown_argument(scene: Any, name: str) -> None:
+    own = list(inspect.signature(scene).parameters) if callable(scene) and not isinstance(scene, SceneData) else []
+    if name not in own:
+        told = f"arguments of scene(): {', '.join(own)}; " if own else "scene() has no arguments; "
+        raise OptionError(f"vary: there is nothing named '{name}'; {told}options of the run: {', '.join(OPTIONS)}; "
+                          f"or 'item.argument' of an item of the scene: {_items(stated(scene))}")  # fmt: skip
+
+
+# -- arguments of statements
+
+
+def changed(scene: SceneData, name: str, value: float) -> tuple[SceneData, float]:
+    """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
+    the factor on the length of its run: faster drives run for as many turns, not for as many seconds."""
+    item, *keys = name.split(".")
+    statements = copy.deepcopy(scene.statements)
+    index = _statement(scene, statements, item)
+    method, args, kwargs = statements[index]
+    call = inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
+    factor = _set(call.arguments, method, keys, value, name)
+    statements[index] = [method, list(call.args[1:]), dict(call.kwargs)]
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
+    try:
+        return replay(data, type(scene)), factor
+    except MbdaeError as error:
+        raise OptionError(f"vary: {name} = {value:g}: {error}") from error
+
+
+def _statement(scene: SceneData, statements: Statements, item: str) -> int:
+    names = [_name_of(s) for s in statements]
+    if item not in names:
+        raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {_items(scene)}")
+    return names.index(item)
+
+
+def _name_of(statement: Any) -> Any:
+    _, args, kwargs = statement
+    first = args[0] if args else kwargs.get("name")
+    return first["name"] if isinstance(first, dict) and "law" in first else first
+
+
+def _items(scene: SceneData) -> str:
+    return ", ".join(repr(n) for n in (_name_of(s) for s in scene.statements) if isinstance(n, str))
+
+
+def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
+    """Set one argument of a call; returns the factor on the length of the run."""
+    if keys == ["speed"]:
+        return _set_speed(call, method, value, name)
+    if keys == ["mass"] and method in ("rigid_body", "link"):
+        _set_mass(call, method, value)
+    elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
+        _set_stiffness(call, value, name)
+    elif keys == ["clearance"]:
+        fields = _fields(call, "model", ("outer", "inner"), name)
+        fields["outer"] = fields["inner"] + value
+    else:
+        _descend(call, keys, value, name)
+    return 1.0
+
+
+def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
+    """Mass with the inertia in proportion: the same body of another density."""
+    if method == "rigid_body" and call["mass"]:
+        call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
+    call.pop("mass_per_length", None)
+    call["mass"] = value
+
+
+def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
+    """Of a joint: its spring, or the contact of its clearance; of a beam: all stiffnesses in proportion, EA the value."""
+    if call.get("spring") is not None:
+        call["spring"] = value
+    elif "section" in call:
+        fields = _fields(call, "section", ("EA",), name)
+        factor = value / fields["EA"]
+        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3"):
+            fields[key] *= factor
+    else:
+        normal = _fields(call, "model", ("normal",), name)["normal"]
+        _fields({"normal": normal}, "normal", ("stiffness",), name)["stiffness"] = value
+
+
+def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str) -> dict[str, Any]:
+    """The fields of an object that is an argument."""
+    fields = (call.get(key) or {}).get("fields", {}) if isinstance(call.get(key), dict | None) else {}
+    if not all(isinstance(fields.get(w), float | int | dict) for w in wanted):
+        raise OptionError(f"vary: '{name}' needs a {key} with {' and '.join(wanted)}, which this item does not have; "
+                          f"it has {_listed(call)}")  # fmt: skip
+    return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
+
+
+def _set_speed(call: dict[str, Any], method: str, value: float, name: str) -> float:
+    """Speed of a drive, of a held start rate, or of a body's start; the run is as many times shorter."""
+    motion = {"revolute": "angle", "prismatic": "position"}.get(method, "")
+    drive = call.get(motion)
+    if isinstance(drive, dict) and "expression" in drive:
+        e = timed.expression(se.sympify(drive["expression"]))
+        before = abs(float(timed.values(timed.derivatives(e)[1], np.zeros(1))[0]))
+        factor = _ratio(value, before, name)
+        call[motion] = {"expression": str(e.subs({timed.TIME: factor * timed.TIME}))}
+        return 1 / abs(factor)
+    if motion and call.get("rate0"):
+        before, call["rate0"] = abs(call["rate0"]), value
+        return 1 / abs(_ratio(value, before, name))
+    for key in ("angular_velocity", "velocity"):
+        if call.get(key) is not None and np.linalg.norm(call[key]) > 0:
+            factor = _ratio(value, float(np.linalg.norm(call[key])), name)
+            call[key] = (np.asarray(call[key], dtype=float) * factor).tolist()
+            return 1 / abs(factor)
+    raise OptionError(f"vary: '{name}': the item has no speed at the start: give it a prescribed angle or position, a rate0, "
+                      f"a velocity or an angular_velocity; it has {_listed(call)}")  # fmt: skip
+
+
+def _ratio(value: float, before: float, name: str) -> float:
+    if not before or not value:
+        raise OptionError(f"vary: '{name}' = {value:g}: speeds are multiples of the one stated, {before:g}; neither may be 0")
+    return value / before
+
+
+def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
+    """Set the number that the keys lead to; a list of numbers keeps its ratios, its largest entry becomes the value."""
+    key: Any = keys[0]
+    if isinstance(holder, dict) and ("fields" in holder or "values" in holder):
+        holder = holder.get("fields", holder.get("values"))
+    if isinstance(holder, list) and key.isdigit() and int(key) < len(holder):
+        key = int(key)
+    elif not (isinstance(holder, dict) and key in holder):
+        law = next((v for v in holder.values() if isinstance(v, dict) and "law" in v), None) if isinstance(holder, dict) else None
+        if law is not None:
+            return _descend(law, keys, value, name)
+        raise OptionError(f"vary: '{name}': there is no number '{key}' stated; there is {_listed(holder)}")
+    if len(keys) > 1:
+        return _descend(holder[key], keys[1:], value, name)
+    old = holder[key]
+    if isinstance(old, list):
+        size = np.max(np.abs(np.asarray(old, dtype=float)))
+        holder[key] = (np.asarray(old, dtype=float) * _ratio(value, float(size), name)).tolist()
+    elif isinstance(old, bool | str | dict):
+        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', an object by "
+                          f"'item.argument.field'")
+    else:
+        holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
+    return None
+
+
+def _listed(holder: Any) -> str:
+    if isinstance(holder, list):
+        return f"a list of {len(holder)}"
+    names = [str(k) for k in holder if k not in ("self", "name")] if isinstance(holder, dict) else []
+    return (", ".join(names) or "nothing more") + f"; shorthands: {SHORTHANDS}"
+
+
+# -- what a scene offers by itself
+
+
+def default_vary(scene: SceneData) -> dict[str, Any]:
+    """Accuracies and constant steps; masses, stiffnesses and speeds of what the scene states, by factors."""
+    found: dict[str, Any] = {"accuracy": [1e-3, 1e-5, 1e-7], "step": [1e-2, 1e-4, 1e-6, 1e-8]}
+    for kind, factors in (("mass", (1e-6, 1e-3, 1.0, 1e3, 1e6)), ("stiffness", (1.0, 1e3, 1e6)), ("speed", (1.0, 10.0, 100.0))):
+        items = [name for name in (_name_of(s) for s in scene.statements) if isinstance(name, str)]
+        of_kind = [(name, now) for name in items if (now := current(scene, name, kind))]
+        for name, now in of_kind[:FEW]:
+            found[f"{name}.{kind}"] = [now * f for f in factors]
+    return found
+
+
+FEW = 4  #: items of a kind that are varied where the user names none
+
+
+def current(scene: SceneData, item: str, kind: str) -> float | None:
+    """The mass, stiffness or speed an item states; None where it states none."""
+    method, args, kwargs = scene.statements[_statement(scene, scene.statements, item)]
+    call = inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments
+    if kind == "mass":
+        body = next((b for b in scene.bodies if b.name == item), None)
+        return body.mass if body is not None and method != "beam" else None
+    if kind == "speed":
+        try:
+            return _set_speed(copy.deepcopy(call), method, 1.0, item)
+        except OptionError:
+            return None
+    model = call.get("model")
+    normal = model.get("fields", {}).get("normal") if isinstance(model, dict) else None
+    section = call.get("section")
+    own = call.get("law", {}).get("values", {})
+    for holder, key in ((call, "stiffness"), (own, "stiffness"), (call, "spring"), (section, "EA"), (normal, "stiffness")):
+        fields = holder.get("fields", holder) if isinstance(holder, dict) else {}
+        if fields.get(key) is not None:
+            return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
+    return None

@@ -1,0 +1,49 @@
+"""Energy that a run makes or loses without a cause.
+
+BDF of order above 2 feeds undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol = 1e-6, and
+a damped oscillator can be made to grow. No constraint and no local error shows it; the balance of energy does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.results.control import Controlled
+from mbdae.results.energy import has_power
+from mbdae.results.result import Result
+
+ALLOWED = 10.0  #: energy error over the energy exchanged, in units of the accuracy asked (or rtol)
+SHARE = 1e-3  #: of the energy exchanged: less is never told
+POINTS = 1000  #: of a run at which energies are compared
+
+
+def drift_of_energy(result: Result, run: Controlled, asked: float | None) -> list[str]:
+    """The drift of the energy balance, where a run's own estimate does not speak for it or energy is conserved.
+
+    Constant steps claim no accuracy: `reliability` tells where they lose a tenth of what moves.
+    Contacts and friction are judged by what they dissipate (`reliability`); beams lose the vibrations that long steps leave
+    out (`waves`), so that there BDF alone is judged."""
+    prepared, order = result.prepared, _order(run)
+    supplied = has_power(prepared.mechanics)
+    met = asked is not None and run.estimate <= asked
+    elsewhere = prepared.contacts or prepared.mechanics.reactive or (prepared.model.lines and order <= 2)
+    if run.solver.fixed or elsewhere or (met and supplied):
+        return []
+    t = result.solution.t
+    if len(t) < 3:
+        return []
+    e = result(t[:: len(t) // POINTS + 1]).energy
+    exchanged = max(float(x) for x in (np.max(e.kinetic), np.ptp(e.potential), np.ptp(e.dissipated), np.ptp(e.work)))
+    off = float(e.balance[np.argmax(np.abs(e.balance))])
+    if not abs(off) > max(SHARE, ALLOWED * (asked if asked is not None else run.solver.rtol or 0.0)) * exchanged:
+        return []
+    cause = "BDF of order above 2 feeds undamped motion: use mb.RadauIIA(3), or" if order > 2 else "use"
+    return [f"the energy balance drifts: {abs(off):.2g} J {'gained' if off > 0 else 'lost'} without a cause, where "
+            f"{exchanged:.2g} J are exchanged; {cause} a smaller rtol or step"]  # fmt: skip
+
+
+def _order(run: Controlled) -> int:
+    """Highest order of the BDF method of a run; 0 for other methods."""
+    if run.solver.label == "IDA" or "BDF" in run.solver.label:
+        return int(getattr(run.solver, "max_order", None) or 5)
+    return 0

@@ -1,0 +1,111 @@
+"""What a map varies: arguments of statements, of scene(), of the run; what cannot be varied is refused by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.compare.extremes_vary import changed, default_vary, ladder, varied
+from mbdae.forces import PointSpring
+
+
+def machine(length=1.0):
+    """One of each thing that has a number to vary."""
+    s = mb.Scene("machine", gravity=(0, -9.81, 0))
+    crank = s.link("crank", (0, 0), (0.3, 0), mass_per_length=2.0)
+    disc = s.rigid_body("disc", 2.0, (0.1, 0.2, 0.25), at=(1, 0), angular_velocity=(0, 0, 4.0))
+    blade = s.beam("blade", (2, 0), (2 + length, 0), section=mb.Section(1e4, 2e3, 3e3, 10.0, 20.0, 30.0, 1.0, 1e-2), elements=2)
+    s.revolute("A", s.ground, crank, at=(0, 0), angle=5 * mb.t + 0.5)
+    s.revolute("B", s.ground, blade, at=(2, 0), rate0=2.0, spring=7.0)
+    s.revolute("C", s.ground, disc, at=(1, 0), model=mb.Clearance(0.021, 0.02, mb.Hertz(1e9, 0.3), mb.Coulomb(0.1, 1e-2)))
+    s.bushing("mount", s.ground, disc, at=(1, 0), stiffness=(10.0, 20.0, 30.0))
+    s.add(PointSpring("rope", crank, disc, at=(0.3, 0), at_l=(1, 0), stiffness=5.0, length=0.7))
+    return s
+
+
+def test_ladders():
+    assert ladder(1e-3, 1e1) == (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+    assert ladder(1e-9, 1e9) == tuple(float(f"1e{n}") for n in range(-9, 10, 3))
+    assert ladder(1e4, 1e0) == (1e4, 1e3, 1e2, 1e1, 1e0)
+    assert ladder(2.0, 5.0) == (2.0, 5.0)
+
+
+def test_mass_is_density():
+    """The inertia goes along, and a link keeps its shape."""
+    s, factor = changed(machine(), "disc.mass", 8.0)
+    assert factor == 1.0
+    np.testing.assert_allclose(s["disc"].inertia, 4 * machine()["disc"].inertia)
+    s, _ = changed(machine(), "crank.mass", 6.0)
+    np.testing.assert_allclose(s["crank"].inertia, 10 * machine()["crank"].inertia)
+    assert s["crank"].mass == 6.0
+
+
+@pytest.mark.parametrize(("name", "value", "read"), [
+    ("B.spring", 9.0, lambda s: s["B"].laws[-1].stiffness), ("B.stiffness", 9.0, lambda s: s["B"].laws[-1].stiffness),
+    ("C.stiffness", 1e14, lambda s: s["C"].model.normal.stiffness),
+    ("C.model.friction.mu", 0.3, lambda s: s["C"].model.friction.mu),
+    ("C.clearance", 1e-8, lambda s: s["C"].model.outer - s["C"].model.inner),
+    ("C.model.outer", 0.03, lambda s: s["C"].model.outer), ("B.rate0", 3.0, lambda s: s["B"].hold_rate),
+    ("rope.stiffness", 6.0, lambda s: s["rope"].joint.stiffness),
+    ("blade.section.EI3", 3.0, lambda s: s["blade"].section.EI3), ("blade.elements", 3.0, lambda s: s["blade"].elements),
+])  # fmt: skip
+def test_numbers_of_items(name, value, read):
+    s, factor = changed(machine(), name, value)
+    assert read(s) == pytest.approx(value, abs=1e-15)
+    assert factor == 1.0
+    assert read(machine()) != pytest.approx(value)
+
+
+def test_lists_and_sections_keep_their_ratios():
+    s, _ = changed(machine(), "mount.stiffness", 300.0)
+    assert [getattr(s["mount"].laws[0], key) for key in ("kx", "ky", "kz")] == pytest.approx([100, 200, 300])
+    s, _ = changed(machine(), "blade.stiffness", 1e6)
+    section = s["blade"].section
+    assert (section.EA, section.GA2, section.EI3, section.mass_per_length) == pytest.approx((1e6, 2e5, 3e3, 1.0))
+
+
+def test_a_faster_drive_turns_as_often():
+    s, factor = changed(machine(), "A.speed", 50.0)
+    assert factor == pytest.approx(0.1)
+    assert float(s["A"].prescribed.subs({"t": 0.2 * factor})) == pytest.approx(5 * 0.2 + 0.5)
+    s, factor = changed(machine(), "B.speed", 8.0)
+    assert (s["B"].hold_rate, factor) == (8.0, 0.25)
+    s, factor = changed(machine(), "disc.speed", 1.0)
+    assert (s["disc"].angular_velocity[2], factor) == (1.0, 4.0)
+
+
+def test_arguments_of_the_scene_and_options_of_the_run():
+    length, t_end, accuracy = varied(machine, 2.0, {"length": [0.5, 2.0], "t_end": [1.0], "accuracy": (1e-3, 1e-5)})
+    assert length.scene(0.5)["blade"].outline[-1, 0] == 2.5
+    assert t_end.t_end(1.0) == 1.0
+    assert accuracy.values == (1e-3, 1e-4, 1e-5)
+    assert length.t_end(0.5) == accuracy.t_end(1e-3) == 2.0
+
+
+@pytest.mark.parametrize(("vary", "words"), [
+    ({}, "give {parameter"),
+    ({"width": [1.0]}, "nothing named 'width'; arguments of scene.*length.*accuracy, step, t_end.*'crank'"),
+    ({"hub.mass": [1.0]}, "no item 'hub' in scene 'machine'; it has 'crank', 'disc'"),
+    ({"disc.colour": [1.0]}, "'disc.colour': there is no number 'colour' stated; there is mass, inertia"),
+    ({"A.angle": [1.0]}, "'A.angle' is not a number; a motion is varied by its 'speed'"),
+    ({"A.clearance": [1.0]}, "needs a model with outer and inner"),
+    ({"mount.speed": [1.0]}, "'mount.speed': the item has no speed at the start"),
+    ({"A.speed": [0.0]}, "multiples of the one stated, 5; neither may be 0"),
+    ({"disc.mass": (0.0, 1.0)}, "two bounds of one sign"),
+    ({"disc.mass": []}, "at least one value"),
+    ({"disc.mass": ["heavy"]}, "give \\(low, high\\)"),
+    ({"disc.mass": [float("nan")]}, "all of them finite"),
+])  # fmt: skip
+def test_what_cannot_be_varied_is_refused_by_name(vary, words):
+    with pytest.raises(mb.OptionError, match=words):
+        varied(machine, 1.0, vary)
+
+
+def test_a_scene_offers_what_it_states():
+    offered = default_vary(machine())
+    assert set(offered) == {"accuracy", "step", "crank.mass", "disc.mass", "blade.stiffness", "B.stiffness", "C.stiffness",
+                            "mount.stiffness", "A.speed", "B.speed", "disc.speed"}  # fmt: skip
+    assert len(offered) == 2 + 2 + 4 + 3  # four of a kind at most: the rope is left out
+    assert offered["C.stiffness"] == [1e9, 1e12, 1e15]
+    assert offered["A.speed"] == pytest.approx([5.0, 50.0, 500.0])

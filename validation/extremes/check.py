@@ -1,0 +1,60 @@
+"""Five scenes at the extremes of their parameters: no run is silently wrong."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import mbdae as mb
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("extremes", "at extreme masses, stiffnesses, speeds, clearances, steps and near singular positions no run is "
+              "silently wrong", 0.0, "silent misses",
+              "two methods, each controlled far below the accuracy asked, that agree; else a run is not judged")  # fmt: skip
+SCENES = Path(__file__).parent / "scenes"
+#: scene -> what a quick map varies; `vary` of the file is the whole one
+QUICK: dict[str, dict[str, Any]] = {
+    "rigid": {"coupler.mass": [1e-9, 1e9], "A.speed": [1e4], "step": [1e-1, 1e-9]},
+    "recursive": {"leaf.mass": [0.0, 1e-9], "hip.speed": [1e4]},
+    "stiff_beam": {"rod.stiffness": [1e10]},
+    "contact": {"B.clearance": [1e-8]},
+    "near_singular": {"delta": [1e-8], "tilt": [1e-7]},
+}
+RUNS = (mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3)), mb.Run(mb.RadauIIA(3), model=mb.Recursive()))
+
+
+def scene_file(name: str) -> ModuleType:
+    """A file of scenes/."""
+    spec = importlib.util.spec_from_file_location(f"extremes_{name}", SCENES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def silent(name: str, vary: dict[str, Any] | None = None, runs: Sequence[mb.Run] | None = None, max_wall: float = 10.0) -> Found:
+    """Number of silent misses of a map."""
+    file = scene_file(name)
+    m = mb.extremes(file.scene, file.t_end, vary or file.vary, runs, accuracy=file.accuracy, max_wall=max_wall)
+    worst = "; ".join(f"{cell.label} at {cell.value:g}: {cell.error}" for cell in m.silent)
+    return Found(len(m.silent), note=m.verdict + (f" Silent: {worst}" if worst else ""))
+
+
+def cases() -> list[Case]:
+    quick = [Case(f"{name}, some values", "IDA, RadauIIA(3)", lambda name=name: silent(name, QUICK[name], _runs(name)))  # type: ignore[misc]
+             for name in QUICK]  # fmt: skip
+    whole = [Case(f"{name}, whole map", "all", lambda name=name: silent(name), slow=True) for name in QUICK]  # type: ignore[misc]
+    return [*quick, *whole]
+
+
+def _runs(name: str) -> Sequence[mb.Run]:
+    """Joints with clearance keep their model; BDF takes long for what it follows in beams."""
+    return {"contact": RUNS[:2], "stiff_beam": RUNS[1:2]}.get(name, RUNS)
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())
