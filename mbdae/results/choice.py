@@ -23,11 +23,14 @@ from mbdae.system.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
 LARGEST_TREE = 300  #: steps of a tree's program above which compiling it takes longer than a run with kinematic joints
-TIGHT = 3e-7  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
+TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
+#: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
+TIGHT_ELIMINATED = 3e-6
 STIFF = 100.0  #: fastest decay or oscillation times the characteristic time above which Adams methods waste steps
 #: the same, of oscillations, for an ODE with eliminated multipliers, whose evaluations cost more
 SMOOTH = 0.3
-SMALL = 30  #: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating the multipliers
+#: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating them, where every motion is prescribed
+SMALL = 30
 EIGENVALUES = 300  #: unknowns up to which eigenvalues are sought
 
 
@@ -111,13 +114,13 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
         if accuracy < TIGHT:
             return CVODE(), form, "an ordinary differential equation that is not stiff, to a tight accuracy"
         return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy"
-    if isinstance(given, Index1) or (given is None and unknowns(prepared, GGL(), 2) > SMALL):
+    if given is None or isinstance(given, Index1):
         eliminated = given or Index1()
-        if not prepared.rank.degrees_of_freedom:
+        if not prepared.rank.degrees_of_freedom and (given or unknowns(prepared, GGL(), 2) > SMALL):
             return CVODE(), eliminated, "every motion is prescribed, so nothing can vibrate"
-        if accuracy < TIGHT and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
+        if accuracy < TIGHT_ELIMINATED and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
             return CVODE(), eliminated, "rigid bodies that neither vibrate nor decay fast, to a tight accuracy"
-    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT else f"{rates}"
+    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT_ELIMINATED else f"{rates}"
 
 
 def _hard(prepared: Prepared) -> str:

@@ -38,7 +38,7 @@ def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any
     assert predicted.why in str(example.scene().check(accuracy))
 
 
-@pytest.mark.parametrize(("accuracy", "solver"), [(1e-5, mb.RadauIIA), (1e-8, mb.CVODE)])
+@pytest.mark.parametrize(("accuracy", "solver"), [(1e-3, mb.RadauIIA), (1e-8, mb.CVODE)])
 def test_open_joints_of_a_tree_become_recursive(accuracy: float, solver: type[mb.Solver]) -> None:
     choice = chain(2).check(accuracy).choice
     assert choice.recursive == ("J0", "J1")
@@ -54,7 +54,7 @@ def test_open_joints_of_a_tree_become_recursive(accuracy: float, solver: type[mb
 @pytest.mark.parametrize("model", [mb.Kinematic(), mb.Classical()])
 def test_a_model_that_is_named_is_kept(model: mb.JointModel) -> None:
     assert chain(2, model=model).check().choice.recursive == ()
-    assert chain(2, model=model).simulate(0.1).info.form == "GGL"
+    assert chain(2, model=model).simulate(0.1).info.form == "Index1"
 
 
 def test_large_trees_and_loops_and_chosen_forms_stay_as_stated() -> None:
