@@ -26,9 +26,8 @@ import json
 import math
 import subprocess
 import tempfile
-import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,12 +36,11 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.compare.equations import Equations
-from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.system.prepare import Prepared, prepare
 
 HERE = Path(__file__).parent
-from peer_scenes import PROBLEMS, Ladder, Problem, tolerances
-from recursive_joints import table
+from peer_scenes import PROBLEMS, Ladder, Problem
+from recursive_joints import cost, read, table, tolerances
 
 LEVELS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 LONGEST = 2.0  #: CPU s of one run after which a ladder ends
@@ -60,27 +58,14 @@ def ladders(problem: Problem) -> Iterator[Ladder]:
         yield Ladder("IDA" + name, lambda v: mb.IDA(rtol=v), tolerances(3, 12), model=model)
         yield Ladder("RadauIIA(3)" + name, lambda v: mb.RadauIIA(3, rtol=v), tolerances(2, 10), model=model)
         yield Ladder("CVODE (Adams)" + name, lambda v: mb.CVODE(rtol=v), tolerances(4, 12), model=model)
-        if hasattr(mb, "Index1") and not isinstance(model, mb.Recursive):
+        if not isinstance(model, mb.Recursive):
             yield Ladder("CVODE (Adams), index 1" + name, lambda v: mb.CVODE(rtol=v), tolerances(4, 12), mb.Index1(), model)
     yield from problem.more
 
 
-def cpu(solve: Callable[[], Any]) -> tuple[Any, float]:
-    """A solution and its CPU s, the smallest of several runs."""
-    seconds: list[float] = []
-    while len(seconds) < (2 if not seconds or min(seconds) > 0.1 else 5):
-        begin = time.process_time()
-        solution = solve()
-        seconds.append(time.process_time() - begin)
-        if seconds[-1] > 0.3:
-            break
-    return solution, min(seconds)
-
-
-def read(prepared: Prepared, solution: Any, problem: Problem, times: Any) -> np.ndarray:
-    """(places, nt, 3) positions at some times, m."""
-    result = Result(prepared, solution, RunInfo(solution.solver, "", Accuracy(None, None), solution.stats), np.asarray(times))
-    return np.array(problem.places(result))
+def positions(prepared: Prepared, solution: Any, problem: Problem, times: Any) -> np.ndarray:
+    """(places, nt, 3) m at some times."""
+    return np.array(problem.places(read(prepared, solution, np.asarray(times))))
 
 
 class Reference:
@@ -95,13 +80,13 @@ class Reference:
         other: Any = second if problem.stiff else mb.IDA(rtol=1e-12)
         again = other.solve(self.equations.for_solver(form, other), problem.t_end)
         times = np.linspace(0, problem.t_end, 101)
-        self.doubt = self.error(read(self.equations.prepared, again, problem, times), times)
+        self.doubt = self.error(positions(self.equations.prepared, again, problem, times), times)
 
-    def error(self, positions: np.ndarray, times: Any) -> float:
+    def error(self, found: np.ndarray, times: Any) -> float:
         """Largest distance of any place, over the scene's length."""
         times = np.clip(times, 0, self.problem.t_end)
-        mine = read(self.equations.prepared, self.solution, self.problem, times)
-        return float(np.max(np.linalg.norm(positions - mine, axis=2)) / self.problem.length)
+        mine = positions(self.equations.prepared, self.solution, self.problem, times)
+        return float(np.max(np.linalg.norm(found - mine, axis=2)) / self.problem.length)
 
 
 Row = dict[str, Any]
@@ -118,14 +103,14 @@ def own(problem: Problem, reference: Reference) -> Iterator[Row]:
             try:
                 system = equations.for_solver(ladder.form, solver)
                 solver.check(system)
-                solution, seconds = cpu(partial(solver.solve, system, problem.t_end, max_residuals=300000))
+                solution, seconds = cost(partial(solver.solve, system, problem.t_end, max_residuals=300000))
             except mb.OptionError:
                 break
             except mb.MbdaeError as error:
                 yield {"program": "mbdae", "method": ladder.label, "value": value, "error": math.nan, "failed": str(error)[:60]}
                 continue
             stats = solution.stats
-            error = reference.error(read(equations.prepared, solution, problem, times), times)
+            error = reference.error(positions(equations.prepared, solution, problem, times), times)
             yield {"program": "mbdae", "method": ladder.label, "value": value, "error": error, "cpu_s": seconds,
                    "steps": stats.steps, "residuals": stats.residuals}  # fmt: skip
             if seconds > LONGEST or error < ENOUGH:

@@ -18,6 +18,7 @@ from mbdae.results.result import Result
 
 sys.path[:0] = [str(Path(__file__).parent.parent / folder) for folder in ("validation", "examples")]
 import andrews_squeezer
+from recursive_joints import tolerances
 from scenes import ground_resonance, heavy_top
 
 AXES = [(0, 1, 0), (0, 1, 1)]  #: of the hinges of spatial chains, in turn
@@ -177,11 +178,6 @@ def beam_problem() -> Problem:
              for s in (2, 3)]  # fmt: skip
     return Problem(flying_beam, 5.0, BEAM, {"scene": "flying beam", "options": options}, alpha(5e-2, 7), places,
                    models=(None,), stiff=True, more=waves)  # fmt: skip
-
-
-def tolerances(first: int, last: int) -> list[float]:
-    """10^-first ... 10^-last in steps of 10^(1/2)."""
-    return [10.0 ** (-k / 2) for k in range(2 * first, 2 * last + 1)]
 
 
 PROBLEMS: dict[str, Callable[[], Problem]] = {

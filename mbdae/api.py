@@ -201,7 +201,8 @@ class _Job:
         best: tuple[Controlled, Form, str] | None = None
         failure: MbdaeError | None = None
         why = ""
-        for solver, self.form in alternatives(choice, form):
+        for solver, own in alternatives(choice, form):
+            self.form = own
             told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
             try:
                 run = self.run(solver, strict=True)

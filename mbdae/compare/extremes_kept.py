@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mbdae.compare.checkpoint import checkpoint, first_difference
 from mbdae.compare.extremes_cell import Cell
 from mbdae.compare.job import Job
+from mbdae.compare.kept import read_kept, replace_file, resume_path
 from mbdae.compare.run import Run
 from mbdae.compare.statement import statement
-from mbdae.errors import OptionError
 
 FORMAT = "mbdae extremes in progress 1"
 
@@ -35,29 +33,17 @@ class Kept:
             return
         rows = [{"parameter": p, "value": v, "reference": r, "cells": [asdict(c) for c in row]}
                 for (p, v), (r, row) in self.rows.items()]  # fmt: skip
-        part = self.path.with_name(self.path.name + ".part")
-        try:
-            part.write_text(json.dumps({"format": FORMAT, "statement": self.statement, "rows": rows}, indent=1) + "\n")
-            os.replace(part, self.path)
-        finally:
-            part.unlink(missing_ok=True)
+        data = {"format": FORMAT, "statement": self.statement, "rows": rows}
+        replace_file(self.path, json.dumps(data, indent=1) + "\n")
 
 
 def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run] | None, accuracy: float) -> Kept:
     """What the file holds of this map; nothing where there is none. Another map is refused, the difference named."""
     said = statement(job, runs or [], [accuracy], None) | {"vary": {str(k): [float(v) for v in vs] for k, vs in vary.items()}}
-    plain = json.loads(json.dumps(said))
-    path = checkpoint(resume, {}).path
+    path = resume_path(resume)
     if path is None or not path.exists():
-        return Kept(path, plain)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise OptionError(f"resume = '{path}' cannot be read: {error}") from error
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        raise OptionError(f"resume = '{path}' is not a map of extremes kept by resume; name another file")
-    if difference := first_difference(data["statement"], plain):
-        raise OptionError(f"resume = '{path}' holds another map: {difference}; ask for the same one, or name another file")
+        return Kept(path, said)
+    data = read_kept(path, FORMAT, "map", said)
     rows = {(r["parameter"], r["value"]): (r["reference"], [Cell(**(c | {"warnings": tuple(c["warnings"])})) for c in r["cells"]])
             for r in data["rows"]}  # fmt: skip
-    return Kept(path, plain, rows, sum(c.cpu_s or 0.0 for _, row in rows.values() for c in row))
+    return Kept(path, said, rows, sum(c.cpu_s or 0.0 for _, row in rows.values() for c in row))

@@ -17,10 +17,11 @@ from mbdae.compare.run import Run
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 from mbdae.formulations import Form, default_form
 from mbdae.integrators.base import Solver
+from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
-from mbdae.results.control import motion_distance, scaled_distance
+from mbdae.results.control import motion_distance
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED

@@ -6,7 +6,6 @@ import functools
 import itertools
 import json
 import math
-import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,7 +16,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mbdae.compare.checkpoint import first_difference
+from mbdae.compare.kept import check_same, replace_file, resume_path
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
@@ -220,12 +219,11 @@ class _Kept:
         self.statement, self.points, self.again = statement, points, again
         self.rows: dict[int, SweepRow] = {}
         self.file: TextIO | None = None
-        if path is not None:
-            self._open(Path(path))
+        where = resume_path(path)
+        if where is not None:
+            self._open(where)
 
     def _open(self, path: Path) -> None:
-        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-            raise OptionError(f"resume = '{path}': give a file in a folder that exists and can be written to")
         try:
             head = _json(self.statement)
         except TypeError as error:
@@ -233,10 +231,8 @@ class _Kept:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
         if lines:
             self._read(path, lines, json.loads(head))
-        part = path.with_name(path.name + ".part")  # without a line that was cut off, and without rows to be done again
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        part.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-        os.replace(part, path)
+        replace_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
@@ -246,9 +242,7 @@ class _Kept:
                 raise ValueError(said["format"])
         except (ValueError, KeyError, TypeError) as error:
             raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
-        difference = first_difference(said, meant)
-        if difference:
-            raise OptionError(f"resume = '{path}' holds another sweep: {difference}; ask for the same one, or name another file")
+        check_same(path, "sweep", said, meant)
         for line in lines[1:]:
             try:
                 data = json.loads(line)

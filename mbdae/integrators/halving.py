@@ -6,15 +6,15 @@ An estimate made inside a single step was measured not to follow the tolerance; 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError
+from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.solution import Solution
-from mbdae.system.base import Array, System
+from mbdae.system.base import System
 
 ORDER = 2
 SAFETY = 0.5  #: part of the accuracy aimed at
@@ -22,10 +22,7 @@ MOST_STEPS = 300_000
 RUNS = 7
 LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
 NEARBY = 0.24  #: steps of two runs farther apart than this are not compared for an estimate
-BETWEEN = 3  #: points compared inside every coarse step
-GRID = 2000  #: coarse steps looked into at most
-
-Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
+ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
 
 @dataclass(frozen=True)
@@ -40,10 +37,8 @@ class Halved:
 
 
 def scaled_difference(system: System) -> Measure:
-    """Largest difference of any unknown but multipliers over its scale."""
-    keep = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
-    scale = np.asarray(system.scale, dtype=float)
-    return lambda t, a, b: np.asarray(np.max((np.abs(a - b) / np.maximum(scale, np.max(np.abs(b), axis=0)))[:, keep], axis=1))
+    """Largest difference of positions, velocities and states over their scale."""
+    return lambda t, a, b: scaled_distance(system, a, b, ALGEBRAIC)
 
 
 def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: Measure, **options: Any) -> Halved:
@@ -91,7 +86,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
 
 
 def _first_step(system: System, t_end: float) -> float:
-    slow = np.array([kind not in ("lambda", "mu", "z") for kind in system.kinds])
+    slow = np.array([kind not in ALGEBRAIC for kind in system.kinds])
     rate = float(np.max((np.abs(system.yp0) / (np.asarray(system.scale) + np.abs(system.y0)))[slow], initial=0.0))
     span = t_end - float(system.t0)
     return min(LONGEST * span, FIRST / rate if rate > 0 else span)
@@ -100,15 +95,8 @@ def _first_step(system: System, t_end: float) -> float:
 def _estimate(coarse: tuple[Solution, float], fine: tuple[Solution, float], measure: Measure) -> float:
     """Error of the finer of two runs, each with its step."""
     share = (fine[1] / coarse[1]) ** ORDER
-    return float(np.max(_gap(coarse[0], fine[0], measure))) * share / (1 - share)
-
-
-def _gap(coarse: Solution, fine: Solution, measure: Measure) -> Array:
-    """Distance of two runs at the coarse steps and between them."""
-    t = coarse.t[:: len(coarse.t) // GRID + 1]
-    inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
-    times = np.unique(np.concatenate([t, inner]))
-    return measure(times, coarse(times), fine(times))
+    times = check_times(coarse[0])
+    return float(np.max(measure(times, coarse[0](times), fine[0](times)))) * share / (1 - share)
 
 
 def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverError:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
 from mbdae.integrators.base import Solver
+from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
 from mbdae.results.resolution import largest_tolerance, resolving
@@ -36,7 +36,6 @@ CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: t
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
 FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
-BETWEEN = 3  #: points compared inside every step of the coarser run
 
 
 @dataclass(frozen=True)
@@ -97,31 +96,11 @@ def _angle_between(P: Array, Q: Array) -> Array:
     return np.asarray(4 * np.arcsin(np.clip(gap / 2, 0, 1)))
 
 
-def scaled_distance(system: System, a: Array, b: Array) -> Array:
-    """(nt,) largest difference of any unknown but multipliers over its scale, for equations without a scene."""
-    keep = np.array([kind not in ("lambda", "mu") for kind in system.kinds])
-    unit = np.maximum(system.scale, np.max(np.abs(b), axis=0))
-    return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
-
-
-Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
-
-
 def measure_of(system: System, prepared: Prepared | None) -> Measure:
     """The distance between trajectories of a system."""
     if prepared is not None and isinstance(system, SceneSystem):
         return lambda t, a, b: distance(prepared, t, a, b)
     return lambda t, a, b: scaled_distance(system, a, b)
-
-
-def check_times(coarse: Solution, outputs: Array) -> Array:
-    """Outputs, steps and points between steps at which runs are compared."""
-    t = coarse.t
-    if len(t) > 2000:
-        t = t[:: len(t) // 2000 + 1]
-    inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
-    last = coarse.t[-1]
-    return np.unique(np.concatenate([outputs[outputs <= last], t, inner]))
 
 
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,

@@ -1,0 +1,32 @@
+"""How far two runs are apart, and where they are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import Array, System
+
+BETWEEN = 3  #: points compared inside every step of the coarser run
+MOST = 2000  #: steps that are looked into
+
+Measure = Callable[[Array, Array, Array], Array]  #: times (nt,) and two trajectories (nt, n) -> their distance (nt,)
+
+
+def scaled_distance(system: System, a: Array, b: Array, without: tuple[str, ...] = ("lambda", "mu")) -> Array:
+    """(nt,) largest difference of any unknown but those of some kinds over its scale, for equations without a scene."""
+    keep = np.array([kind not in without for kind in system.kinds])
+    unit = np.maximum(system.scale, np.max(np.abs(b), axis=0))
+    return np.asarray(np.max((np.abs(a - b) / unit)[:, keep], axis=1))
+
+
+def check_times(coarse: Solution, outputs: Array | None = None) -> Array:
+    """Outputs, steps and points between steps at which runs are compared."""
+    t = coarse.t
+    if len(t) > MOST:
+        t = t[:: len(t) // MOST + 1]
+    inner = (t[:-1, None] + np.diff(t)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN).ravel()
+    asked = np.zeros(0) if outputs is None else outputs[outputs <= coarse.t[-1]]
+    return np.unique(np.concatenate([asked, t, inner]))
