@@ -32,8 +32,8 @@ from typing import Any
 import numpy as np
 
 import mbdae as mb
-from mbdae.results.control import motion_distance
 from mbdae.results.result import Result
+from mbdae.run.control import motion_distance
 from mbdae.system.prepare import Prepared, prepare
 
 ROOT = Path(__file__).parent.parent

@@ -155,7 +155,7 @@ def report(a: argparse.Namespace) -> int:
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
     from mbdae import validation
-    from mbdae.results.progress import bar
+    from mbdae.run.progress import bar
 
     folder, shown = validation.find(a.root), bar()
     checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]

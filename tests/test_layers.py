@@ -9,13 +9,13 @@ import mbdae
 
 ROOT = Path(mbdae.__file__).parent
 LAYERS = [
-    {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"results"},
-    {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
+    {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"run"},
+    {"results"}, {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
     {"joints", "elements", "forces", "contact", "friction"}, {"symbolic"}, {"notation", "errors", "threads"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
-KERNELS_CALLED_BY = {"system", "results", "contracts"}
+KERNELS_CALLED_BY = {"system", "results", "run", "contracts"}
 ALONE = {"sksundae": {"integrators/ida.py", "integrators/cvode.py"}, "matplotlib": {"results", "compare", "reports"}}
 
 

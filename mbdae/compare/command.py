@@ -8,7 +8,7 @@ from typing import Any
 from mbdae.compare.comparison import Comparison, compare
 from mbdae.compare.extremes import extremes
 from mbdae.compare.extremes_map import Extremes
-from mbdae.results.progress import bar
+from mbdae.run.progress import bar
 
 
 def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -> Comparison:

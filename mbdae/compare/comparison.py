@@ -21,7 +21,7 @@ from mbdae.compare.run import Run, checked_runs, default_runs
 from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
 from mbdae.errors import OptionError
-from mbdae.results.control import plausible
+from mbdae.run.control import plausible
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 MAX_WALL = 60.0  #: s of wall time per run

@@ -15,7 +15,7 @@ from mbdae.compare.extremes_ways import Way, stepped_ways, ways
 from mbdae.compare.job import Job, new_job
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError
-from mbdae.results.control import plausible
+from mbdae.run.control import plausible
 
 ACCURACY = 1e-5
 MAX_WALL = 20.0  #: s of wall time per run, and per run of a reference

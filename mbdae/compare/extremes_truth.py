@@ -11,7 +11,7 @@ from mbdae.errors import MbdaeError
 from mbdae.integrators.base import Solver
 from mbdae.integrators.ida import IDA
 from mbdae.integrators.radau import RadauIIA
-from mbdae.results.control import Controlled, run_controlled
+from mbdae.run.control import Controlled, run_controlled
 from mbdae.system.assembly import SceneSystem
 
 SURE = 1 / 3  #: of the accuracy: methods that differ by less are a reference for every run

@@ -21,7 +21,7 @@ from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
-from mbdae.results.control import motion_distance
+from mbdae.run.control import motion_distance
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED

@@ -14,9 +14,9 @@ from mbdae.formulations import system_for
 from mbdae.reports.document import Block, Document, Paragraph, Picture, Section, Table
 from mbdae.reports.statement import fingerprint
 from mbdae.reports.svg import pattern
-from mbdae.results.checks import Check
 from mbdae.results.drawing import draw
-from mbdae.results.reductions import absent
+from mbdae.run.checks import Check
+from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import prepare
 

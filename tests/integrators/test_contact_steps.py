@@ -22,7 +22,7 @@ import mbdae as mb
 from mbdae.integrators import contact_steps
 from mbdae.integrators.contact_steps import ContactSteps, Cubic
 from mbdae.integrators.solution import Stats
-from mbdae.results.control import run_controlled
+from mbdae.run.control import run_controlled
 
 SOLVERS = {
     "IDA": lambda rtol, atol=None: mb.IDA(rtol, atol),

@@ -16,7 +16,7 @@ from mbdae.cli import main
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.document import Section, Table
 from mbdae.reports.scene_sheet import KINDS, Sheet
-from mbdae.results.reductions import size_of
+from mbdae.run.reductions import size_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

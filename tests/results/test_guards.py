@@ -11,7 +11,7 @@ import pytest
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.ida import IDA
-from mbdae.results.norms import unequal_norms
+from mbdae.run.norms import unequal_norms
 from mbdae.system.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "validation"))

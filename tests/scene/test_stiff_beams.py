@@ -10,7 +10,7 @@ from beam_scenes import slider_crank, steel_pendulum
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.results.control import motion_distance
+from mbdae.run.control import motion_distance
 from mbdae.system.prepare import prepare
 from mbdae.system.vibrations import fastest_vibration
 

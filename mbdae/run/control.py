@@ -20,7 +20,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
-from mbdae.results.resolution import largest_tolerance, resolving
+from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.contacts import gaps_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.results.control import Controlled
+from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
 
 SAMPLES = 200  #: steps looked at

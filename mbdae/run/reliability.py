@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.results.clearance import ClearanceSensor
-from mbdae.results.control import Controlled
-from mbdae.results.resolution import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.results.result import Result
+from mbdae.run.control import Controlled
+from mbdae.run.resolution import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.system.prepare import Prepared
 
 COARSE = 0.1  #: tolerance of positions over the penetration where a result is doubtful

@@ -7,8 +7,8 @@ from functools import cached_property
 
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.results.choice import Choice, choose, prepared_by_default
-from mbdae.results.reductions import Reduction, reductions
+from mbdae.run.choice import Choice, choose, prepared_by_default
+from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import Prepared, prepare
 
@@ -32,7 +32,7 @@ class Check:
 
     @cached_property
     def reductions(self) -> list[Reduction]:
-        """What is saved against the naive formulation, step by step; see `mbdae.results.reductions`."""
+        """What is saved against the naive formulation, step by step; see `mbdae.run.reductions`."""
         return reductions(self.prepared.model.scene, self.prepared, self.choice)
 
     @property

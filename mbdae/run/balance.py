@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.results.control import Controlled
 from mbdae.results.energy import has_power
 from mbdae.results.result import Result
+from mbdae.run.control import Controlled
 
 ALLOWED = 10.0  #: energy error over the energy exchanged, in units of the accuracy asked (or rtol)
 SHARE = 1e-3  #: of the energy exchanged: less is never told

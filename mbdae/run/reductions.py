@@ -13,7 +13,7 @@ from mbdae.errors import MbdaeError
 from mbdae.formulations import GGL, system_for
 from mbdae.kernels.plan import linearised_plan
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.results.choice import Choice
+from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED, replaced

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbdae.errors import SolverError
-from mbdae.results.control import Controlled, distance
+from mbdae.run.control import Controlled, distance
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.prepare import Prepared
 

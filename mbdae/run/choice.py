@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import MbdaeError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
-from mbdae.results.resolution import slowest_velocities
+from mbdae.run.resolution import slowest_velocities
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembly import SPARSE_FROM

@@ -43,3 +43,10 @@ class Bar:
 def bar() -> Bar:
     """A new progress bar."""
     return Bar()
+
+
+def progress_of(progress: Any) -> Any:
+    """The callback of a progress option: a bar for True."""
+    if progress is True:
+        return bar()
+    return progress or None

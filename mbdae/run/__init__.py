@@ -1,0 +1,1 @@
+"""From a scene and an accuracy to a judged run; `job` begins."""

@@ -1,0 +1,58 @@
+"""What is to be said of the run that is kept, and whether it is a result at all."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mbdae.results.result import Accuracy, Result
+from mbdae.run.balance import drift_of_energy
+from mbdae.run.checks import doubts
+from mbdae.run.control import Controlled
+from mbdae.run.drift import drifted
+from mbdae.run.norms import unequal_norms
+from mbdae.run.passages import passages
+from mbdae.run.reliability import Judgement, doubts_of_steps, judged
+from mbdae.system.prepare import Prepared
+
+JUDGED = 1000  #: outputs at which a run with contact is judged
+
+
+def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
+    """Every warning of a run; drifts: joints are held on the level of accelerations alone."""
+    times, known = found.t, found.info.accuracy
+    judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
+    notes = [*_warnings(found.prepared, run, known, drifts), *doubts_of_steps(run), *judgement.notes,
+             *passages(found, known.asked), *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
+    return Judgement(tuple(notes), judgement.reliable)
+
+
+def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
+    notes = []
+    if known.met is False:
+        worst = known.verified if known.verified is not None else known.estimated
+        found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
+        notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
+                     f"or a shorter run if the motion is chaotic")  # fmt: skip
+    if known.met is False or run.solver.fixed or known.asked is None:
+        notes += run.notes
+    notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
+    if not run.solution.complete:
+        notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
+    return notes + doubts(prepared)
+
+
+def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
+    """Constraint rows, the redundant ones included, that the run does not keep."""
+    m, t = prepared.everything, run.solution.t
+    if not m.m:
+        return []
+    t = t[:: len(t) // 200 + 1]
+    off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
+    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # told by `doubts`
+    worst = int(np.argmax(off))
+    if off[worst] <= 10 * (asked if asked is not None else 1e-6):
+        return []
+    return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "
+            f"prescribed motions may contradict each other later on"]  # fmt: skip
