@@ -67,7 +67,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name == "t":
-        from mbdae.scene.timed import time_symbol
+        from mbdae.inputs.timed import time_symbol
 
         return time_symbol()
     if name in _HOME:

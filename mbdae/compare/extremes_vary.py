@@ -16,7 +16,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.scene.record import replay
 from mbdae.scene.scene import SceneData
 

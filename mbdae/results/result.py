@@ -223,7 +223,7 @@ class Result:
 
     def _start_value(self, item: Connection) -> float:
         if item.prescribed is not None:
-            from mbdae.scene.timed import expression
+            from mbdae.inputs.timed import expression
 
             return float(expression(item.prescribed).subs({"t": self.solution.t[0]}))
         return item.hold or 0.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Connection
 from mbdae.symbolic.law import Joint, Law

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.scene.components import Array, Place
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import SceneError
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mbdae.kernels import Kernel
 from mbdae.kernels.plan import Inputs
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array

@@ -13,7 +13,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import StartError
-from mbdae.scene import timed
+from mbdae.inputs import timed
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived

@@ -1,0 +1,1 @@
+"""Functions of time: their language, where they jump, how fast they vary."""
