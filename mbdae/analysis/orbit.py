@@ -47,7 +47,7 @@ def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
     table, widths = dense.table, np.diff(solution.t)
-    Z = np.concatenate([dense.inner, np.diff(solution.y, axis=0)[:, None]], axis=1)
+    Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
     return Orbit(h, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
 

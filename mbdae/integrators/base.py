@@ -15,6 +15,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from math import inf
 from typing import Any, ClassVar, Self
 
@@ -117,25 +118,50 @@ class Solver(ABC):
         h0: float | None = None,
         max_residuals: float = inf,
         begin: float | None = None,
+        share: float = 1.0,
     ) -> Solution:
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
         progress(t, t_end, stats): called at most 10 times per second; h0: first step in s;
         max_residuals: evaluations before a SolverError; begin: time.perf_counter() from which max_wall counts, the start
-        of this run by default.
+        of this run by default; share: part of the longest step that inputs of time allow, where no error test shortens it.
+        At a break of an input of time the run ends a step and begins anew.
         Ctrl-C stops between two steps and returns the solution so far with complete=False.
         """
         if self.rtol is None and not self.fixed:
             chosen = self.at_accuracy(DEFAULT_ACCURACY, system.label)
             return chosen.solve(
-                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals, begin=begin
+                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals, begin=begin,
+                share=share,
             )
         times = check_run(system, t_end, outputs, max_wall, h0)
         self.check(system)
         with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals, begin) as loop:
-            self.integrate(system, loop, h0)
+            self._between_breaks(system, loop, h0, share)
         return loop.solution()
+
+    def _between_breaks(self, system: System, loop: StepLoop, h0: float | None, share: float) -> None:
+        """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
+        line = system.timeline(loop.run_end) if system.timeline is not None else None
+        if line is None:
+            self.integrate(system, loop, h0)
+            return
+        start, longest = (system.t0, system.y0, system.yp0), line.longest_step
+        if longest is not None:
+            system.longest_step = lambda t: share * longest(t)
+        try:
+            for a, b in pairwise(line.edges.tolist()):
+                loop.t_end = b
+                system.t0, system.y0, system.yp0 = a, *system.enter(a, loop.state[0], (a + b) / 2)
+                loop.restart(system.y0, system.yp0)
+                self.integrate(system, loop, h0 if a == start[0] else None)
+                if loop.t < b or loop.interrupted:
+                    return
+        finally:
+            system.t0, system.y0, system.yp0 = start
+            system.longest_step = None
+            system.leave()
 
 
 def check_run(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import ceil
+from collections.abc import Callable, Iterator
+from math import ceil, inf
 from typing import Any, Protocol
 
 from mbdae.integrators.contact_steps import contact_steps
@@ -24,27 +24,38 @@ class Stepping(Protocol):
 def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any],
                    advance: Callable[[float, float], tuple[Any, ...]],
                    inside: Callable[[float], list[tuple[float, Array]]] = lambda _: []) -> None:  # fmt: skip
-    """Steps of h to the end; a last one that differs from h by round-off counts as equal.
+    """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
+    allow are divided.
 
     solve(h): solve a step; advance(h, t1): take it, what `loop.accept` wants; inside(h): times and states within it, where
     hidden contacts are looked for.
     """
-    t0 = float(system.t0)
-    count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
+    count = max(1, ceil((loop.t_end - float(system.t0)) / h - 1e-6))
     contacts = contact_steps(system, loop.stats)
-    for k in range(1, count + 1):
-        last = k == count
-        rest = loop.t_end - step.t
-        width = rest if last and abs(rest - h) > 1e-6 * h else h
+    for t1, width, whole in _steps(system, loop, h, count, step):
         try:
             solve(width)
         except StepFailedError as error:
             text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
             raise loop.failure(text, error.culprit) from error
-        t1 = loop.t_end if last else t0 + k * h
+        loop.stats.shortened += not whole
         if contacts is not None:
             contacts.look(t1, step.reached())
             contacts.count_hidden(inside(width))
             contacts.keep()
         if not loop.accept(*advance(width, t1)):
             return
+
+
+def _steps(system: System, loop: StepLoop, h: float, count: int, step: Stepping) -> Iterator[tuple[float, float, bool]]:
+    """(end, width, whether it is a step of h) of every step; those longer than an input of time allows are divided."""
+    t0 = float(system.t0)
+    for k in range(1, count + 1):
+        last = k == count
+        goal = loop.t_end if last else t0 + k * h
+        while (bound := inf if system.longest_step is None else system.longest_step(step.t)) < (goal - step.t) * (1 - 1e-6):
+            width = (goal - step.t) / ceil((goal - step.t) / bound)
+            yield step.t + width, width, False
+        rest = goal - step.t
+        whole = abs(rest - h) <= 1e-6 * h
+        yield goal, h if whole else rest, whole

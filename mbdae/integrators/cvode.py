@@ -15,7 +15,7 @@ from mbdae.integrators.dense import Collocation, Hermite, cubic
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, stop_time, watched
 from mbdae.system.base import Array, System
 
 #: order a method may reach
@@ -94,13 +94,14 @@ class CVODE(Solver):
         method = _create(self, callbacks, atol, h0)
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
-            going, contacts = True, SundialsContacts.of(loop)
+            going, contacts, before = True, SundialsContacts.of(loop), loop.stats.jacobians
             smooth = self.method == "Adams" and contacts is None  # with BDF slopes magnify the tolerance of stiff unknowns
             while going:
-                result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
+                result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, contacts))
                 if not result.success or not result.t > loop.t:
                     raise _failure(loop, callbacks, result, self, atol, "" if contacts is None else contacts.nearest())
-                loop.stats.jacobians = loop.stats.factorisations = int(result.njev) + (contacts.jacobians if contacts else 0)
+                restarts = 0 if contacts is None else contacts.jacobians
+                loop.stats.jacobians = loop.stats.factorisations = before + int(result.njev) + restarts
                 loop.stats.newton_iterations = loop.stats.residuals
                 if contacts is not None and contacts.refuses(result):
                     method.init_step(loop.t, loop.state[0])

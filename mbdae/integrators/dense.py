@@ -18,10 +18,13 @@ def interval(t: Array, times: Array) -> NDArray[np.intp]:
 
 
 class Collocation:
-    """Piecewise collocation polynomial: inner increments (m, s-1, n) beside the values (m+1, n) at the steps."""
+    """Piecewise collocation polynomial: inner increments (m, s-1, n) beside the values (m+1, n) at the steps.
 
-    def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array) -> None:
+    ends (m, n): values at the end of every step, where they are not those the next step begins with."""
+
+    def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
         self.table, self.t, self.y, self.inner = table, t, y, inner
+        self.ends = y[1:] if ends is None else ends
 
     @classmethod
     def of(cls, stages: int, t: Array, y: Array, pieces: list[Any]) -> Self:
@@ -50,7 +53,7 @@ class Collocation:
         """Sum of the increments (k, n) with weights (k, s)."""
         if len(self.t) == 1:
             return np.zeros((len(i), self.y.shape[1]))
-        total = weights[:, -1:] * (self.y[i + 1] - self.y[i])
+        total = weights[:, -1:] * (self.ends[i] - self.y[i])
         for j in range(self.inner.shape[1]):
             total += weights[:, j : j + 1] * self.inner[i, j]
         return total
@@ -112,3 +115,36 @@ class Hermite:
         d = x - nodes[j]
         on_value = 2 * L * slope * (1 - 2 * d * own) - 2 * own * L * L
         return on_value / width, L * L + 2 * d * L * slope
+
+
+class Joined:
+    """Interpolants of consecutive parts of a run, one behind the other; at the time where two meet the later one holds."""
+
+    def __init__(self, parts: list[Hermite]) -> None:
+        self.parts = parts
+        self._starts = np.array([part.t[0] for part in parts])
+
+    def value(self, times: Array) -> Array:
+        """y (k, n) at times (k,)."""
+        return self._each(times, Hermite.value)
+
+    def derivative(self, times: Array) -> Array:
+        """dy/dt (k, n) at times (k,)."""
+        return self._each(times, Hermite.derivative)
+
+    def _each(self, times: Array, function: Callable[[Hermite, Array], Array]) -> Array:
+        of = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self.parts) - 1)
+        out = np.empty((len(times), self.parts[0].y.shape[1]))
+        for i in np.unique(of):
+            out[of == i] = function(self.parts[i], times[of == i])
+        return out
+
+
+def joined(parts: list[Any]) -> Collocation | Joined:
+    """One interpolant of the parts of a run between its breaks, each with the values before the break at its end."""
+    if not all(isinstance(part, Collocation) for part in parts):
+        return Joined(parts)
+    t = np.concatenate([*(part.t[:-1] for part in parts), parts[-1].t[-1:]])
+    y = np.concatenate([*(part.y[:-1] for part in parts), parts[-1].y[-1:]])
+    inner, ends = (np.concatenate([getattr(part, name) for part in parts]) for name in ("inner", "ends"))
+    return Collocation(parts[0].table, t, y, inner, ends)

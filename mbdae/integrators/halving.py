@@ -21,6 +21,7 @@ SAFETY = 0.5  #: part of the accuracy aimed at
 MOST_STEPS = 300_000
 RUNS = 7
 LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
+SHARE = 0.5  #: part of the width of an input of time that the longest of these steps covers; shorter ones less
 NEARBY = 0.24  #: steps of two runs farther apart than this are not compared for an estimate
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
@@ -47,12 +48,13 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
     Raises SolverError, with the last run attached, where more than MOST_STEPS steps would be needed."""
     options.setdefault("begin", time.perf_counter())
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
+    first = h
     best: Halved | None = None
     while runs < RUNS:
         now = replace(solver, step=h, accuracy=None)
         runs += 1
         try:
-            fine = now.solve(system, t_end, **options)
+            fine = now.solve(system, t_end, share=SHARE * h / first, **options)
         except WallClockError:
             raise
         except SolverError as error:
@@ -70,7 +72,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             continue
         estimate = _estimate(coarse, (fine, h), measure)
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
-            near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, **options)
+            near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
             runs, spent = runs + 1, spent + near.stats.cpu_s
             estimate = _estimate((near, 2 * h), (fine, h), measure) if near.complete else float("inf")
         best = Halved(fine, now, estimate, runs, spent)

@@ -13,7 +13,7 @@ from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, stop_time, watched
 from mbdae.system.base import Array, System
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
@@ -76,13 +76,14 @@ class IDA(Solver):
             self._run(method, loop, callbacks, atol)
 
     def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
-        going, contacts = True, SundialsContacts.of(loop)
+        going, contacts, before = True, SundialsContacts.of(loop), loop.stats.jacobians
         while going:
-            result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if contacts is None else contacts.stop())
+            result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, contacts))
             if not result.success or not result.t > loop.t:
                 where = "" if contacts is None else contacts.nearest()
                 raise _failure(loop, callbacks, result, self.tolerance, atol, where)
-            loop.stats.jacobians = loop.stats.factorisations = int(result.njev) + (contacts.jacobians if contacts else 0)
+            restarts = 0 if contacts is None else contacts.jacobians
+            loop.stats.jacobians = loop.stats.factorisations = before + int(result.njev) + restarts
             loop.stats.newton_iterations = loop.stats.residuals
             if contacts is not None and contacts.refuses(result):
                 method.init_step(loop.t, *loop.state)

@@ -13,7 +13,8 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError
-from mbdae.integrators.solution import Method, Outputs, Solution, Stats
+from mbdae.integrators.dense import joined
+from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
@@ -21,7 +22,10 @@ PROGRESS_PERIOD = 0.1
 
 
 class StepLoop:
-    """Collects the accepted steps of one run and watches over it."""
+    """Collects the accepted steps of one run and watches over it.
+
+    t_end: where the method stops now, a break of the inputs or the end of the run; run_end: the end of the run, s.
+    """
 
     def __init__(
         self,
@@ -34,7 +38,7 @@ class StepLoop:
         max_residuals: float = inf,
         begin: float | None = None,
     ) -> None:
-        self.system, self.solver, self.t_end = system, solver, t_end
+        self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
         self.interrupted = False
         self._output_times = output_times
@@ -47,6 +51,7 @@ class StepLoop:
         self._y = [np.array(system.y0, dtype=float)]
         self._yp = [np.array(system.yp0, dtype=float)]
         self._pieces: list[Any] = []
+        self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
         self._handler: Any = None
 
     @property
@@ -109,6 +114,12 @@ class StepLoop:
         self.system.accept(t, y)
         return self.guard() and t < self.t_end
 
+    def restart(self, y: Array, yp: Array) -> None:
+        """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
+        if len(self._t) > 1:
+            self._breaks[len(self._t) - 1] = self.state
+        self._y[-1], self._yp[-1] = y, yp
+
     def _waited(self) -> float:
         """Wall time that counts against max_wall, s."""
         return time.perf_counter() - (self._wall if self._begin is None else self._begin)
@@ -124,7 +135,7 @@ class StepLoop:
         if self._progress is not None and wall >= self._next_progress:
             self._next_progress = wall + PROGRESS_PERIOD
             self._clock()
-            self._progress(self.t, self.t_end, self.stats)
+            self._progress(self.t, self.run_end, self.stats)
         return not self.interrupted
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
@@ -132,17 +143,31 @@ class StepLoop:
         t = self.t
         self._clock()
         resists = f" (resisting most: {culprit})" if culprit else ""
-        text = f"{self.solver.label} stopped at t = {t:.9g} of {self.t_end:.9g}: {message}{resists}"
+        text = f"{self.solver.label} stopped at t = {t:.9g} of {self.run_end:.9g}: {message}{resists}"
         return kind(text, t, culprit, self.solution())
 
     def solution(self) -> Solution:
         """The steps accepted so far."""
         t, y, yp = np.array(self._t), np.array(self._y), np.array(self._yp)
-        interpolant = self.solver.dense(t, y, yp, self._pieces)
+        interpolant = self._interpolant(t, y, yp)
         outputs = None
         if self._output_times is not None:
             times = self._output_times[self._output_times <= t[-1]]
             outputs = Outputs(times, interpolant.value(times), interpolant.derivative(times))
-        complete = bool(t[-1] >= self.t_end)
+        complete = bool(t[-1] >= self.run_end)
         names = tuple(self.system.names)
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant)
+
+    def _interpolant(self, t: Array, y: Array, yp: Array) -> Interpolant:
+        """The polynomials of all steps; those before a break end with the values from before it."""
+        ends = [*self._breaks, len(t) - 1]
+        parts, first = [], 0
+        for last in ends:
+            piece = slice(first, last + 1)
+            own_y, own_yp = y[piece], yp[piece]
+            if last in self._breaks:
+                own_y, own_yp = own_y.copy(), own_yp.copy()
+                own_y[-1], own_yp[-1] = self._breaks[last]
+            parts.append(self.solver.dense(t[piece], own_y, own_yp, self._pieces[first:last]))
+            first = last
+        return parts[0] if len(parts) == 1 else joined(parts)

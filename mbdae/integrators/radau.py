@@ -146,7 +146,8 @@ class _Adaptive:
         self.smallest = 1e-12 * h
         rejected = True  # the first step is treated with the care of one after a rejection
         while not self.loop.interrupted:
-            width = self._fit(h if self.contacts is None else self._beside_contacts(h))
+            bounded = h if self.system.longest_step is None else min(h, self.system.longest_step(self.step.t))
+            width = self._fit(bounded if self.contacts is None else self._beside_contacts(bounded))
             if not self.step.t + width > self.step.t:
                 raise self.loop.failure(
                     f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()

@@ -20,6 +20,7 @@ class Stats:
     a kept Jacobian anew when its step changes and does not report that: its `factorisations` count new Jacobians only.
     Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
+    shortened: steps of a constant-step run that are shorter, because an input of time breaks or varies faster there.
     Where a system has contacts: contacts made, as seen at accepted steps; dips: steps taken back because they may hide a
     contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
     ended inside one complete contact (0: there was none).
@@ -40,6 +41,7 @@ class Stats:
     dips: int = 0
     missed_dips: int = 0
     shortest_contact: int = 0
+    shortened: int = 0
 
 
 class Interpolant(Protocol):

@@ -95,6 +95,13 @@ class SundialsContacts(ContactSteps):
         return True
 
 
+def stop_time(loop: StepLoop, contacts: SundialsContacts | None) -> float:
+    """Time (s) the next step must not pass."""
+    stop = loop.t_end if contacts is None else contacts.stop()
+    longest = loop.system.longest_step
+    return stop if longest is None else min(stop, loop.t + max(longest(loop.t), ROUND * abs(loop.t)))
+
+
 @contextmanager
 def watched(callbacks: Callbacks) -> Iterator[None]:
     """Drop what scikit-sundae prints; an exception raised in a callback comes through as it is."""

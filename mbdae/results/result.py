@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError
+from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.kernels.plan import Outputs
 from mbdae.results.energy import Energy, energy
@@ -223,9 +224,7 @@ class Result:
 
     def _start_value(self, item: Connection) -> float:
         if item.prescribed is not None:
-            from mbdae.inputs.timed import expression
-
-            return float(expression(item.prescribed).subs({"t": self.solution.t[0]}))
+            return timed.value_at(item.prescribed, float(self.solution.t[0]))
         return item.hold or 0.0
 
     def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:

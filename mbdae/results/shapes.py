@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.inputs import timed
 from mbdae.results import symbols
 from mbdae.results.beams import polylines
 from mbdae.results.geometry import INK, Geometry, Label, Pose, Shape, moved
 from mbdae.results.plots import COLOURS
 from mbdae.results.result import Result
-from mbdae.inputs import timed
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.system.lines import Line

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.integrators.dense import Collocation, Hermite
+from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results.result import Accuracy, Result, RunInfo
@@ -44,8 +44,7 @@ def save(result: Result, path: Any) -> None:
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
-    if isinstance(solution.interpolant, Collocation):
-        arrays["inner"] = solution.interpolant.inner
+    arrays |= _arrays(solution.interpolant)
     with Path(path).open("wb") as file:
         np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
 
@@ -127,13 +126,30 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "collocation", "stages": len(interpolant.table.c)}
     if isinstance(interpolant, Hermite):
         return {"kind": "hermite", "points": interpolant.points}
+    if isinstance(interpolant, Joined):
+        return {"kind": "joined", "points": [part.points for part in interpolant.parts],
+                "steps": [len(part.t) for part in interpolant.parts]}  # fmt: skip
     kind = type(interpolant).__name__
     raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA or mb.CVODE to save")
 
 
+def _arrays(interpolant: Interpolant) -> dict[str, Array]:
+    """What an interpolant needs beside the steps: values inside them, and those before a break of an input of time."""
+    if isinstance(interpolant, Collocation):
+        return {"inner": interpolant.inner, "ends": interpolant.ends}
+    if isinstance(interpolant, Joined):
+        return {f"part_{name}": np.concatenate([getattr(part, name) for part in interpolant.parts]) for name in ("t", "y", "yp")}
+    return {}
+
+
 def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolant:
     if stored["kind"] == "collocation":
-        return Collocation(radau_table(stored["stages"]), arrays["steps"], arrays["y"], arrays["inner"])
+        inner, ends = arrays["inner"], arrays.get("ends")
+        return Collocation(radau_table(stored["stages"]), arrays["steps"], arrays["y"], inner, ends)
+    if stored["kind"] == "joined":
+        cuts = np.cumsum(stored["steps"])[:-1]
+        t, y, yp = (np.split(arrays[f"part_{name}"], cuts) for name in ("t", "y", "yp"))
+        return Joined([Hermite(t[i], y[i], yp[i], points) for i, points in enumerate(stored["points"])])
     return Hermite(arrays["steps"], arrays["y"], arrays["yp"], stored["points"])
 
 

@@ -10,7 +10,8 @@ from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice, choose, prepared_by_default
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
-from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.inputs import expressions_of, timeline
+from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,7 @@ class Check:
         lines += self._of_recursive_joints()
         lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
+        lines += self._of_inputs()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
         lines += _by_joint("  pruned, zero in every position", self.pruned)
@@ -157,6 +159,14 @@ class Check:
     def _of_friction(self) -> list[str]:
         told = "; ".join(f"{joint} ({text})" for joint, text in self.friction.items())
         return [f"  friction: {told}"] if told else []
+
+    def _of_inputs(self) -> list[str]:
+        """Breaks and resolution of the inputs of time over the first seconds; a run looks as far as it goes."""
+        t0 = self.prepared.start.t
+        if not expressions_of(self.prepared.model):
+            return []
+        found = timeline(self.prepared.model, t0, t0 + FORESIGHT)
+        return [f"  inputs of time, first {FORESIGHT:g} s: {found.told() if found else 'smooth, no breaks'}"]
 
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""

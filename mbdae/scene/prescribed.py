@@ -1,48 +1,94 @@
-"""Prescribed values over a run: finite, and for joints without jumps of value or rate."""
+"""Inputs of a scene over a run: finite, and for joints without jumps of value or rate."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
+from mbdae.inputs.breaks import TooManyError, breaks, jump
+from mbdae.inputs.resolution import Stretches, stretches
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Connection
-from mbdae.symbolic.law import Joint, Law
+from mbdae.symbolic.law import Joint
+from mbdae.symbolic.vectors import Expr
 
 _SAID = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
+JUMP = 1e-7  #: of the largest value: less is the rounding of the numbers in an expression
+MOST = 20_000  #: times at which values are looked at
 
 
-def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float) -> list[str]:
-    """What is wrong with prescribed values in [t0, t_end], one sentence each."""
-    found = []
+class Input(NamedTuple):
+    """One expression of time in a scene: what it is in words, its unit, and whether a joint prescribes it."""
+
+    what: str
+    expression: Expr
+    unit: str
+    moves: bool
+
+
+def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Input]:
+    """Every expression of time of a scene."""
     stated: list[tuple[str, str, Any]] = [(item.kind, item.name, law) for item in connections for law in item.laws]
     for kind, name, law in stated + [("load", load.name, load.law) for load in loads]:
         for key, parameter in law.params.items():
             value = getattr(law, key)
             if value is not None and getattr(se.sympify(value), "free_symbols", None):
                 what = f"{kind} '{name}': {_SAID.get((kind, key), key)} = {value}"
-                found += _of_one(what, se.sympify(value), parameter.unit, law, t0, t_end)
-    return found
+                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
 
 
-def _of_one(what: str, e: Any, unit: str, law: Law, t0: float, t_end: float) -> list[str]:
-    parts = list(timed.derivatives(e)) if isinstance(law, Joint) else [e]
+def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float) -> list[str]:
+    """What is wrong with the inputs of a scene in [t0, t_end], one sentence each."""
+    return [text for one in inputs(connections, loads) for text in _of_one(one, t0, t_end)]
+
+
+def _of_one(one: Input, t0: float, t_end: float) -> list[str]:
+    parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
         if not np.isfinite(start):
-            return [f"{what}: its {name} is {start} at the start t = {t0:g} s"]
-    jump = timed.first_jump(e, t0, t_end)
-    if not isinstance(law, Joint):
-        pole = jump is not None and not np.isfinite(jump[1])
-        return [f"{what} is not finite near t = {jump[0]:.6g} s"] if jump is not None and pole else []
-    if jump is not None:
-        size = f"jumps by {jump[1]:.4g} {unit}" if np.isfinite(jump[1]) else "has no finite value"
-        return [f"{what} {size} at t = {jump[0]:.6g} s; the bodies cannot follow{_RAMP}"]
-    kink = timed.first_jump(parts[1], t0, t_end)
-    if kink is not None:
-        return [f"{what}: its rate jumps by {kink[1]:.4g} {unit}/s at t = {kink[0]:.6g} s; that takes an infinite force{_RAMP}"]
+            return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s"]
+    try:
+        edges = np.r_[t0, breaks([one.expression], t0, t_end), t_end]
+        found = stretches([one.expression], edges)
+    except TooManyError as error:
+        return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
+    times, sides = _looked_at(edges, found)
+    values = [timed.values(part, times, sides) for part in parts]
+    bad = [times[~np.isfinite(v)] for v in values[:1]]
+    poles = np.concatenate([*bad, found.poles])
+    if len(poles):
+        told = f"near t = {float(np.min(poles)):.6g} s"
+        return [f"{one.what} has no finite value {told}; the bodies cannot follow{_RAMP}" if one.moves else
+                f"{one.what} is not finite {told}"]  # fmt: skip
+    return _jumps(one, parts, values, edges) if one.moves else []
+
+
+def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
+    """Times at the ends and in the middle of stretches, with the sides of the breaks they lie on."""
+    step = len(found.edges) // MOST + 1
+    low, high = found.edges[:-1][::step], found.edges[1:][::step]
+    middle = (low + high) / 2
+    stretch = np.clip(np.searchsorted(edges, middle) - 1, 0, len(edges) - 2)
+    side = ((edges[1:] + edges[:-1]) / 2)[stretch]
+    return np.r_[low, middle, high], np.r_[side, side, side]
+
+
+def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any) -> list[str]:
+    """Breaks at which a prescribed motion, or its rate, jumps."""
+    middle = (edges[1:] + edges[:-1]) / 2
+    for order, consequence in ((0, "the bodies cannot follow"), (1, "that takes an infinite force")):
+        size = float(np.nanmax(np.abs(values[order][np.isfinite(values[order])]), initial=0.0))
+        steep = float(np.nanmax(np.abs(values[order + 1][np.isfinite(values[order + 1])]), initial=0.0))
+        for t, before, after in zip(edges[1:-1], middle[:-1], middle[1:], strict=True):
+            by = jump(parts[order], t, before, after)
+            if abs(by) > max(JUMP * size, 1e-300) + 8 * float(np.spacing(t)) * steep:
+                if order:
+                    return [f"{one.what}: its rate jumps by {by:.4g} {one.unit}/s at t = {t:.6g} s; {consequence}{_RAMP}"]
+                return [f"{one.what} jumps by {by:.4g} {one.unit} at t = {t:.6g} s; {consequence}{_RAMP}"]
     return []

@@ -7,7 +7,7 @@ evaluated in one kernel call.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -65,7 +65,9 @@ class FormSpec:
 
 
 class SceneSystem(System):
-    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian."""
+    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with."""
+
+    restarted: Callable[[float, Array], tuple[Array, Array]]
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  carried: Carried | None = None) -> None:  # fmt: skip
@@ -248,6 +250,15 @@ class SceneSystem(System):
         for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
         self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
+
+    # -- breaks of inputs of time
+
+    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
+        self.model.conditions.time = side
+        return self.restarted(t, y)
+
+    def leave(self) -> None:
+        self.model.conditions.time = None
 
     # -- evaluation
 

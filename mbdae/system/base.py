@@ -60,6 +60,19 @@ class System:
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
+    #: end of a run (s) -> where its inputs of time break, and how long steps may be (`system.inputs.Timeline`); None: they are
+    #: smooth and slow
+    timeline: Callable[[float], Any] | None = None
+    #: time -> longest step (s) that may be taken from there; None: no bound. Set while a run goes on
+    longest_step: Callable[[float], float] | None = None
+
+    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
+        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs are read at the time `side` from now on."""
+        raise NotImplementedError
+
+    def leave(self) -> None:
+        """Conditions of inputs are read where they are evaluated again."""
+
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""
         raise NotImplementedError

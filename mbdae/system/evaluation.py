@@ -107,7 +107,8 @@ class Batch:
         pieces = [(shift + p[None]).ravel() for p in terms.places]
         at = [(shift[:, :, 0] + r[None]).ravel() for r in (rows, steady)]
         self.place = np.concatenate([*pieces, *at])
-        self._has_clock, self._times = numbering.clock.expressions != [], b""
+        self._has_clock = numbering.clock.expressions != []
+        self._asked: tuple[bytes, float | None] = b"", None
         self.staged = bool(stages[0])
         if self.staged:
             widths = self.W.shape[1], self.rows
@@ -117,9 +118,9 @@ class Batch:
         """Unknowns, prescribed values and the motion of loaded nodes into the workspace."""
         self.W[:, : self.n] = y
         self.W[:, self.n : 2 * self.n] = yp
-        if self._has_clock and (times := t.tobytes()) != self._times:  # a Newton iteration asks again for the same times
+        if self._has_clock and (asked := (t.tobytes(), self.numbering.side)) != self._asked:  # a Newton iteration asks again
             self.numbering.fill_clock(self.W, t)
-            self._times = times
+            self._asked = asked
         if self.staged:
             self.forward.write(self.W)
 

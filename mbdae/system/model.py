@@ -49,6 +49,13 @@ class Group:
         return derive(*self.key)
 
 
+@dataclass
+class ConditionTime:
+    """Between two breaks of its inputs a run reads their conditions at `time`, in the middle; None: at every time itself."""
+
+    time: float | None = None
+
+
 @dataclass(frozen=True)
 class Model:
     """Nodes and groups of a scene in the plane or in space."""
@@ -63,6 +70,7 @@ class Model:
     kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
+    conditions: ConditionTime = field(default_factory=ConditionTime)
 
     @property
     def nq(self) -> int:

@@ -11,9 +11,9 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.inputs import timed
 from mbdae.kernels import Kernel
 from mbdae.kernels.plan import Inputs
-from mbdae.inputs import timed
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array
@@ -136,7 +136,7 @@ class Numbering:
         for name, rotation in self._upright.items():
             self._turned[name] = self.carried + len(self._clock_values) + len(self._constants)
             self._constants += list(rotation)
-        self.clock = Kernel([timed.TIME], self._clock_values)
+        self.clock = Kernel([timed.TIME, timed.SIDE], self._clock_values)
         self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
 
     def _collect(self) -> None:
@@ -150,7 +150,7 @@ class Numbering:
         for k, line in enumerate(self.model.lines):
             for name, value in line.timed.items():
                 self._slots[-1, k, name] = self.carried + len(self._clock_values)
-                self._clock_values.append(se.sympify(value))
+                self._clock_values.append(timed.sided(se.sympify(value)))
         for g, group in enumerate(self.model.groups):
             for i, instance in enumerate(group.instances):
                 for name, number in instance.numbers.items():
@@ -167,15 +167,20 @@ class Numbering:
         W[:, first : first + len(self._constants)] = self._constants
         return W
 
+    @property
+    def side(self) -> float | None:
+        """Time at which conditions of inputs are read while a run is between two breaks; None: where they are evaluated."""
+        return self.model.conditions.time
+
     def fill_clock(self, W: Array, t: Array) -> None:
         """Prescribed values at times t (count,)."""
         if not self._clock_values:
             return
         if len(t) not in self._clock_calls:  # kept: a residual is asked for at the same few numbers of points
-            x, out = np.empty((len(t), 1)), np.empty((len(t), len(self._clock_values)))
+            x, out = np.empty((len(t), 2)), np.empty((len(t), len(self._clock_values)))
             self._clock_calls[len(t)] = x, out, self.clock.bound(x, out)
         x, out, call = self._clock_calls[len(t)]
-        x[:, 0] = t
+        x[:, 0], x[:, 1] = t, t if self.side is None else self.side
         call()
         W[:, self.carried : self.carried + len(self._clock_values)] = out
 

@@ -20,6 +20,7 @@ from mbdae.system.eliminated import Eliminated
 from mbdae.system.expansion import Expansion, TreeMechanics
 from mbdae.system.explicit import partition_of, rhs_of, state_rates
 from mbdae.system.ideal import ideal_start
+from mbdae.system.inputs import timeline
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
@@ -193,30 +194,13 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
     kind = Eliminated if spec.eliminated and prepared.rows else SceneSystem
     system = kind(prepared.model, mechanics.rows, spec, sparse, prepared.expansion.carried)
-    spec = system.spec
     nb = system.numbering
-    q, u, kept = nb.of_positions, nb.of_velocities, nb.rows_among(mechanics.rows)
     system.partition = None if mechanics.reactive else partition_of(mechanics, prepared.expansion)
     system.displaced = Displacements(nb)
     system.rhs = system.rhs or (None if nb.m else rhs_of(system))
-    state_rate = state_rates(mechanics, start.t, start.q, start.u, start.s)
-    force, reach = (scale[kept] for scale in multiplier_scales(mechanics, start, T))
-    scaling = nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
     z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in prepared.model.lines if nb.stresses)])
-    blocks = {
-        "q": (start.q[q], mechanics.rates(start.q, start.u)[q], position_scale(mechanics)[q]),
-        "v": (start.u[u], start.acceleration[u], mechanics.velocity_units[u] / T),
-        "s": (start.s, state_rate, state_scale(mechanics)),
-        "z": (z, np.zeros_like(z), np.full(len(z), stress_scale(mechanics, T))),
-    }
-    if "lambda" in spec.blocks:
-        zero = np.zeros(nb.m)
-        dotted = spec.derivatives
-        multipliers, force = start.multipliers[kept] / scaling, force / scaling
-        blocks["lambda"] = (zero, multipliers, force * T) if dotted else (multipliers, zero, force)
-        blocks["mu"] = (zero, zero, reach if dotted else reach / T)
-    parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
-    system.y0, system.yp0, system.scale = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    system.y0, system.yp0 = _values(prepared, system, start, z)
+    system.scale = _scales(prepared, system)
     system.t0 = start.t
     if not prepared.model.lines:  # of beams the step over a second was measured
         system.time = T
@@ -225,8 +209,55 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
         system.guard_names = system.guards.names
     if prepared.model.lines:
         system.vibration = lambda: _vibration(prepared)
+    system.timeline = lambda t_end: timeline(prepared.model, system.t0, t_end)
+    system.restarted = lambda t, y: _restarted(prepared, system, t, y)
     assert len(system.y0) == nb.n
     return system
+
+
+def _values(prepared: Prepared, system: SceneSystem, state: Start, z: Array) -> tuple[Array, Array]:
+    """y and y' (n,) of a form at a consistent state, with stresses z of beams; multipliers that are derivatives start at 0."""
+    mechanics, nb, spec = prepared.mechanics, system.numbering, system.spec
+    q, u = nb.of_positions, nb.of_velocities
+    rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
+    blocks = {
+        "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
+        "s": (state.s, rate), "z": (z, np.zeros_like(z)),
+    }  # fmt: skip
+    if "lambda" in spec.blocks:
+        zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()
+        blocks["lambda"] = (zero, multipliers) if spec.derivatives else (multipliers, zero)
+        blocks["mu"] = (zero, zero)
+    parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _scales(prepared: Prepared, system: SceneSystem) -> Array:
+    """(n,) typical magnitude of every unknown."""
+    mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
+    q, u = nb.of_positions, nb.of_velocities
+    blocks = {
+        "q": position_scale(mechanics)[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
+        "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
+    }  # fmt: skip
+    if "lambda" in spec.blocks:
+        kept = nb.rows_among(mechanics.rows)
+        force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
+        force = force / nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
+        blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
+    return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
+
+
+def _restarted(prepared: Prepared, system: SceneSystem, t: float, y: Array) -> tuple[Array, Array]:
+    """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers that are derivatives go on."""
+    nb, times = system.numbering, np.array([t])
+    (q,), (u,), (s,) = prepared.states(times, y[None])
+    z = y[nb.start["z"] : nb.start["z"] + len(nb.stresses)]
+    of_beams = z[None] if len(z) else None
+    a, multipliers = prepared.mechanics.accelerations(times, q[None], u[None], s[None], of_beams)
+    fresh, rates = _values(prepared, system, Start(t, q, u, s, a[0], multipliers[0]), z)
+    kept = system.n if system.spec.derivatives else nb.start["lambda"]
+    return np.concatenate([y[:kept], fresh[kept:]]), rates
 
 
 def _vibration(prepared: Prepared) -> tuple[str, float]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import symengine as se
 
 from mbdae.errors import StartError
 from mbdae.inputs import timed
@@ -123,7 +122,7 @@ class Starter:
     def held_value(self, joint: Connection) -> float | None:
         """Start value of a joint's coordinate, if the user fixed it."""
         if joint.prescribed is not None:
-            return float(se.sympify(joint.prescribed).subs({timed.TIME: self.t[0]}))
+            return timed.value_at(joint.prescribed, self.t[0])
         if joint.hold is not None:
             return float(joint.hold)
         return None
@@ -131,7 +130,7 @@ class Starter:
     def held_rate(self, joint: Connection) -> float | None:
         """Start rate of a joint's coordinate, if the user fixed it."""
         if joint.prescribed is not None:
-            return float(se.diff(se.sympify(joint.prescribed), timed.TIME).subs({timed.TIME: self.t[0]}))
+            return timed.rate_at(joint.prescribed, self.t[0])
         return None if joint.hold_rate is None else float(joint.hold_rate)
 
     def close(self, q: Array) -> Array:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.inputs.timed import time_symbol
 from mbdae.joints.clearance import ClearanceRevolute
 from mbdae.reports.audit.reading import Claimed
 from mbdae.scene.components import Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.section import Section
-from mbdae.inputs.timed import time_symbol
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.system.prepare import Prepared, prepare

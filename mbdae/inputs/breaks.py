@@ -1,0 +1,129 @@
+"""Instants at which an expression of time or one of its derivatives jumps: where a condition changes or a floor rises.
+
+They are isolated, not sampled: an interval is left out only where interval arithmetic shows that nothing changes in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.errors import MbdaeError
+from mbdae.inputs.enclosure import Enclosure
+from mbdae.inputs.timed import TIME, is_condition, nodes, sided
+from mbdae.symbolic.vectors import Expr
+
+Array = NDArray[np.float64]
+
+MOST = 200_000  #: instants, and intervals at a time: an input that switches more often cannot be followed
+SAME = 4 * float(np.finfo(float).eps)  #: instants nearer to each other, relative to the times of the run, are one
+LEVELS = 60
+
+
+class TooManyError(MbdaeError):
+    """An input that changes too often to be followed."""
+
+
+def breaks(expressions: Iterable[Expr], t0: float, t1: float) -> Array:
+    """Times inside (t0, t1), rising, at which conditions of the expressions change; raises TooManyError."""
+    edges, near = np.array([t0, t1]), SAME * max(abs(t0), abs(t1))
+    for e in expressions:
+        if not getattr(e, "free_symbols", None):
+            continue
+        for kind, u in switches(e):
+            found = _zeros(u, edges) if kind == "zero" else _integers(u, edges)
+            edges = _merged(edges, found, near)
+    return edges[1:-1]
+
+
+def switches(e: Expr) -> list[tuple[str, Expr]]:
+    """("zero", u) for every comparison of u with 0, ("integer", u) for every floor of u; inner ones first."""
+    found: dict[tuple[str, Expr], None] = {}
+    for node in nodes(e):
+        if type(node).__name__ == "floor":
+            found["integer", node.args[0]] = None
+        elif is_condition(node) and len(node.args) == 2 and not any(is_condition(part) for part in node.args):
+            found["zero", node.args[0] - node.args[1]] = None
+    return [(kind, u) for kind, u in found if TIME in u.free_symbols]
+
+
+def _merged(edges: Array, found: Array, near: float) -> Array:
+    """Edges with further ones; those that are the same but for round-off once, the ends unchanged."""
+    inside = np.sort(found[(found > edges[0] + near) & (found < edges[-1] - near)])
+    both = np.sort(np.concatenate([edges, inside]))
+    keep = np.concatenate([[True], np.diff(both) > near])
+    keep[-1] = True
+    if len(both) > MOST:
+        raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    return both[keep]
+
+
+def _zeros(u: Expr, edges: Array) -> Array:
+    """Times at which u, smooth between the edges, may change its sign."""
+    a = se.diff(u, TIME)
+    if a.is_number and not switches(u):
+        return np.array([float(-u.subs({TIME: 0}) / a)]) if float(a) else np.zeros(0)
+    return _isolated(u, edges)
+
+
+def _integers(u: Expr, edges: Array) -> Array:
+    """Times at which u, smooth between the edges, passes an integer."""
+    (low, high), = Enclosure(sided(u))(edges[:-1], edges[1:], (edges[1:] + edges[:-1]) / 2)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()) or np.max(high) - np.min(low) > MOST:
+        raise TooManyError(f"floor({u}) rises more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+    levels = np.arange(np.ceil(np.min(low)), np.floor(np.max(high)) + 1)
+    slope = se.diff(u, TIME)
+    if slope.is_number and not switches(u):
+        a, b = float(slope), float(u.subs({TIME: 0}))
+        return (levels - b) / a if a else np.zeros(0)
+    return np.concatenate([np.zeros(0), *(_isolated(u - se.Integer(int(n)), edges) for n in levels)])
+
+
+def _isolated(u: Expr, edges: Array) -> Array:
+    """Zeros of u between the edges: intervals are halved until u has no zero in them or rises or falls all along."""
+    inside = sided(u)
+    both = Enclosure(inside, se.diff(inside, TIME))
+    low, high = edges[:-1], edges[1:]
+    side = (low + high) / 2
+    found, brackets = [], []
+    smallest = SAME * max(abs(edges[0]), abs(edges[-1]))
+    for _ in range(LEVELS):
+        (below, above), (slow, fast) = both(low, high, side)
+        near = (below <= 0) & (above >= 0) & ~((below == 0) & (above == 0))
+        low, high, side, slow, fast = (x[near] for x in (low, high, side, slow, fast))
+        one_way = (slow > 0) | (fast < 0)
+        brackets.append((low[one_way], high[one_way], side[one_way]))
+        low, high, side = low[~one_way], high[~one_way], side[~one_way]
+        thin = high - low <= smallest
+        found.append(low[thin])
+        low, high, side = low[~thin], high[~thin], side[~thin]
+        if not len(low):
+            break
+        if len(low) > MOST:
+            raise TooManyError(f"a condition on {u} changes more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
+        middle = (low + high) / 2
+        low, high, side = np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
+    a, b, side = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
+    return np.concatenate([*found, _bisected(Enclosure(inside), a, b, side)])
+
+
+def _bisected(u: Enclosure, a: Array, b: Array, side: Array) -> Array:
+    """The zeros in intervals in which u rises or falls; intervals without one are left out."""
+    (first,), (last,) = u.at(a, side), u.at(b, side)
+    crossing = (first <= 0) != (last <= 0)
+    a, b, side, rising = a[crossing], b[crossing], side[crossing], (last > 0)[crossing]
+    for _ in range(LEVELS):
+        middle = (a + b) / 2
+        above = (u.at(middle, side)[0] > 0) == rising
+        a, b = np.where(above, a, middle), np.where(above, middle, b)
+    return b
+
+
+def jump(e: Expr, t: float, before: float, after: float) -> float:
+    """How much an expression with sides jumps at t, an instant between two stretches that contain `before` and `after`."""
+    (left,) = Enclosure(e).at(np.array([t]), np.array([before]))
+    (right,) = Enclosure(e).at(np.array([t]), np.array([after]))
+    return float(right[0] - left[0])

@@ -1,0 +1,203 @@
+"""Interval arithmetic: what an expression of time can be within intervals, so that nothing between two samples is missed.
+
+An `Enclosure` takes many intervals at once. Conditions and floors are read at a time inside each interval's own stretch between
+two switching instants (`timed.sided`), where they do not change. Values outside a function's domain are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+
+from mbdae.inputs.timed import SIDE, TIME, nodes, sided
+from mbdae.symbolic.vectors import Expr
+
+Bounds = tuple[Any, Any]  #: lower and upper ends, (k,) each
+
+_RISING: dict[str, tuple[Callable[..., Any], float, float]] = {
+    "atan": (np.arctan, -np.inf, np.inf), "sinh": (np.sinh, -np.inf, np.inf), "tanh": (np.tanh, -np.inf, np.inf),
+    "asinh": (np.arcsinh, -np.inf, np.inf), "exp": (np.exp, -np.inf, np.inf), "log": (np.log, 0.0, np.inf),
+    "asin": (np.arcsin, -1.0, 1.0), "acosh": (np.arccosh, 1.0, np.inf), "atanh": (np.arctanh, -1.0, 1.0),
+    "floor": (np.floor, -np.inf, np.inf),
+}  # fmt: skip
+_COMPARE: dict[str, Callable[..., Any]] = {
+    "StrictLessThan": np.less, "LessThan": np.less_equal, "Equality": np.equal, "Unequality": np.not_equal,
+}  # fmt: skip
+
+
+class Node(NamedTuple):
+    """One step of an evaluation: what it is, and the numbers of the steps it takes."""
+
+    expression: Expr
+    name: str
+    args: tuple[int, ...]
+
+
+class Enclosure:
+    """Bounds of an expression of `TIME` (an interval) and `SIDE` (a number); `nodes` are its subexpressions in order."""
+
+    def __init__(self, *expressions: Expr) -> None:
+        at: dict[Expr, int] = {}
+        self.nodes: list[Node] = []
+        for e in expressions:
+            for node in nodes(e):
+                if node not in at:
+                    at[node] = len(self.nodes)
+                    self.nodes.append(Node(node, type(node).__name__, tuple(at[part] for part in node.args)))
+        self.roots = [at[e] for e in expressions]
+
+    def all(self, low: Any, high: Any, side: Any) -> list[Any]:
+        """Bounds of every node over the intervals [low, high] (k,) at sides (k,); truth (k,) of conditions."""
+        found: list[Any] = []
+        with np.errstate(all="ignore"):
+            for node in self.nodes:
+                args = [found[i] for i in node.args]
+                found.append(self._one(node, args, low, high, side))
+        return found
+
+    def __call__(self, low: Any, high: Any, side: Any) -> list[Bounds]:
+        """Bounds of the expressions themselves."""
+        found = self.all(low, high, side)
+        return [found[i] for i in self.roots]
+
+    def at(self, t: Any, side: Any) -> list[Any]:
+        """Values (k,) of the expressions at times (k,)."""
+        return [low for low, _ in self(t, t, side)]
+
+    @staticmethod
+    def _one(node: Node, args: list[Any], low: Any, high: Any, side: Any) -> Any:
+        if not args:
+            if node.expression in (TIME, SIDE):
+                return (low, high) if node.expression == TIME else (side, side)
+            if node.name in ("BooleanTrue", "BooleanFalse"):
+                return np.full(len(low), node.name == "BooleanTrue")
+            number = np.full(len(low), float(node.expression))
+            return number, number
+        rule = _RULES.get(node.name)
+        if rule is None:
+            return np.full(len(low), -np.inf), np.full(len(low), np.inf)
+        found = rule(node, args)
+        if not isinstance(found, tuple):
+            return found
+        return np.where(np.isnan(found[0]), -np.inf, found[0]), np.where(np.isnan(found[1]), np.inf, found[1])
+
+
+# ---- rules: one for every function ---------------------------------------------------------------------------------------
+
+
+def _add(_: Node, args: list[Bounds]) -> Bounds:
+    return sum(a[0] for a in args), sum(a[1] for a in args)
+
+
+def _product(a: Bounds, b: Bounds) -> Bounds:
+    ends = [np.where((x == 0) | (y == 0), 0.0, x * y) for x in a for y in b]
+    return np.minimum.reduce(ends), np.maximum.reduce(ends)
+
+
+def _multiply(_: Node, args: list[Bounds]) -> Bounds:
+    product = args[0]
+    for other in args[1:]:
+        product = _product(product, other)
+    return product
+
+
+def _power(node: Node, args: list[Bounds]) -> Bounds:
+    base, (a, b) = node.expression.args[0], args[1]
+    if base == se.E:
+        return np.exp(a), np.exp(b)
+    exponent = node.expression.args[1]
+    if not exponent.is_number:
+        low, high = args[0]
+        return _exponential(_product((np.log(np.maximum(low, 0.0)), np.log(np.maximum(high, 0.0))), (a, b)))
+    n, (low, high) = float(exponent), args[0]
+    if n < 0:
+        return _inverse(_positive_power(low, high, -n))
+    return _positive_power(low, high, n)
+
+
+def _exponential(u: Bounds) -> Bounds:
+    return np.exp(u[0]), np.exp(u[1])
+
+
+def _positive_power(low: Any, high: Any, n: float) -> Bounds:
+    if n != round(n):
+        return np.maximum(low, 0.0) ** n, np.maximum(high, 0.0) ** n
+    ends = low**n, high**n
+    if round(n) % 2:
+        return ends
+    inside = (low <= 0) & (high >= 0)
+    return np.where(inside, 0.0, np.minimum(*ends)), np.maximum(*ends)
+
+
+def _inverse(u: Bounds) -> Bounds:
+    low, high = u
+    across = (low <= 0) & (high >= 0)
+    one_sided_low = np.where(low == 0, np.where(high == 0, -np.inf, 1 / high), -np.inf)  # from 0 upwards: above 1/high
+    one_sided_high = np.where(high == 0, np.where(low == 0, np.inf, 1 / low), np.inf)
+    return np.where(across, one_sided_low, 1 / high), np.where(across, one_sided_high, 1 / low)
+
+
+def _rising(node: Node, args: list[Bounds]) -> Bounds:
+    function, least, most = _RISING[node.name]
+    low, high = args[0]
+    return function(np.clip(low, least, most)), function(np.clip(high, least, most))
+
+
+def _cosine(low: Any, high: Any) -> Bounds:
+    """Bounds of the cosine: 1 where a multiple of 2 pi is inside, -1 where one of 2 pi apart from pi is."""
+    ends = np.cos(low), np.cos(high)
+
+    def inside(peak: float) -> Any:
+        return np.floor((high - peak) / (2 * np.pi)) >= np.ceil((low - peak) / (2 * np.pi))
+
+    wide = ~(high - low < 2 * np.pi)
+    return np.where(wide | inside(np.pi), -1.0, np.minimum(*ends)), np.where(wide | inside(0.0), 1.0, np.maximum(*ends))
+
+
+def _tangent(_: Node, args: list[Bounds]) -> Bounds:
+    low, high = args[0]
+    pole = ~(high - low < np.pi) | (np.floor((high - np.pi / 2) / np.pi) >= np.ceil((low - np.pi / 2) / np.pi))
+    return np.where(pole, -np.inf, np.tan(low)), np.where(pole, np.inf, np.tan(high))
+
+
+def _cosh(_: Node, args: list[Bounds]) -> Bounds:
+    low, high = args[0]
+    ends = np.cosh(low), np.cosh(high)
+    return np.where((low <= 0) & (high >= 0), 1.0, np.minimum(*ends)), np.maximum(*ends)
+
+
+def _acos(_: Node, args: list[Bounds]) -> Bounds:
+    low, high = (np.clip(x, -1.0, 1.0) for x in args[0])
+    return np.arccos(high), np.arccos(low)
+
+
+def _piecewise(_: Node, args: list[Any]) -> Bounds:
+    low, high = (np.full(np.shape(args[1]), end) for end in (np.nan, np.nan))
+    open_ = np.ones(np.shape(args[1]), dtype=bool)
+    for value, condition in zip(args[::2], args[1::2], strict=True):
+        here = open_ & condition
+        low, high, open_ = np.where(here, value[0], low), np.where(here, value[1], high), open_ & ~condition
+    return low, high
+
+
+def _compare(node: Node, args: list[Bounds]) -> Any:
+    return _COMPARE[node.name](args[0][0], args[1][0])  # both sides are numbers: they are read at `SIDE`
+
+
+_RULES: dict[str, Callable[[Node, list[Any]], Any]] = {
+    "Add": _add, "Mul": _multiply, "Pow": _power, "tan": _tangent, "cosh": _cosh, "acos": _acos, "Piecewise": _piecewise,
+    "cos": lambda _, args: _cosine(*args[0]), "sin": lambda _, args: _cosine(args[0][0] - np.pi / 2, args[0][1] - np.pi / 2),
+    "And": lambda _, args: np.logical_and.reduce(args), "Or": lambda _, args: np.logical_or.reduce(args),
+    "Not": lambda _, args: ~args[0], "Xor": lambda _, args: np.logical_xor.reduce(args),
+    **dict.fromkeys(_RISING, _rising), **dict.fromkeys(_COMPARE, _compare),
+}  # fmt: skip
+
+
+@lru_cache(maxsize=256)
+def enclosure(e: Expr) -> Enclosure:
+    """Of an expression of time."""
+    return Enclosure(sided(e))

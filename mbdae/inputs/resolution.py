@@ -1,0 +1,212 @@
+"""How fast expressions of time vary: stretches over which every function in them changes by about its own width at most.
+
+Nothing is sampled: a stretch is accepted where interval arithmetic bounds the change of every function in it, so a pulse of any
+width is found. A function counts only where the input it is part of changes with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.inputs.breaks import TooManyError
+from mbdae.inputs.enclosure import Bounds, Enclosure, Node
+from mbdae.inputs.timed import TIME, is_condition, nodes, sided
+from mbdae.symbolic.vectors import Expr
+
+Array = NDArray[np.float64]
+
+WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
+FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
+MOST = 4_000_000  #: stretches of one run
+LEVELS = 52  #: halvings after which an input counts as not finite
+ROOT = 1e-6  #: part of its largest value below which a root counts as zero
+FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher ones rise like an exponential near its end
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Consecutive stretches of time: `edges` (n+1,); poles: times near which an input is not finite."""
+
+    edges: Array
+    poles: tuple[float, ...] = ()
+
+    @property
+    def finest(self) -> tuple[float, float]:
+        """Length (s) and start (s) of the shortest stretch."""
+        widths = np.diff(self.edges)
+        i = int(np.argmin(widths))
+        return float(widths[i]), float(self.edges[i])
+
+    def longest_step(self, t: float) -> float:
+        """Longest step (s) that may be taken from t: one stretch, or parts of two that make one."""
+        i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
+        if i + 2 >= len(self.edges):
+            return float(self.edges[-1] - t)
+        a, b, c = self.edges[i : i + 3]
+        return float(b + (t - a) / (b - a) * (c - b) - t)
+
+
+def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
+    """Of expressions over the intervals between `edges` (from break to break); raises TooManyError."""
+    trees = [tree for tree in map(_Tree, {sided(e) for e in expressions if getattr(e, "free_symbols", None)}) if tree.functions]
+    low, high = edges[:-1], edges[1:]
+    side = (low + high) / 2
+    for tree in trees:
+        tree.measure(low, high, side)
+    done, poles = [low[:0]], []
+    for level in range(LEVELS + 1):
+        coarse = np.zeros(len(low), dtype=bool)
+        for tree in trees:
+            coarse |= tree.coarse(low, high, side)
+        if level == LEVELS:
+            poles = [float(t) for t in low[coarse]]
+            coarse[:] = False
+        done.append(low[~coarse])
+        low, high, side = low[coarse], high[coarse], side[coarse]
+        if not len(low):
+            break
+        if len(low) > MOST:
+            raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
+        middle = (low + high) / 2
+        low, high, side = np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
+    return Stretches(np.unique(np.append(np.concatenate(done), edges[-1])), tuple(poles))
+
+
+class _Tree:
+    """One expression: its functions, what they are part of, and the size of everything over the run."""
+
+    def __init__(self, e: Expr) -> None:
+        self.enclosure = Enclosure(e)
+        self.nodes = self.enclosure.nodes
+        self.functions = [i for i, node in enumerate(self.nodes) if _varies(node)]
+        self.parents: list[list[int]] = [[] for _ in self.nodes]
+        for i, node in enumerate(self.nodes):
+            for child in node.args:
+                if not is_condition(node.expression) and not is_condition(self.nodes[child].expression):
+                    self.parents[child].append(i)
+        self.arguments = {i: _Argument(self.nodes[i].expression) for i in self.functions}
+        self.size: list[Any] = []
+
+    def measure(self, low: Array, high: Array, side: Array) -> None:
+        """The largest magnitude of every node over the run; 0 where it is not bounded."""
+        for node, bounds in zip(self.nodes, self.enclosure.all(low, high, side), strict=True):
+            size = 0.0 if is_condition(node.expression) else float(np.max(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))))
+            self.size.append(size if np.isfinite(size) else 0.0)
+
+    def coarse(self, low: Array, high: Array, side: Array) -> NDArray[np.bool_]:
+        """(k,) whether an interval is too long for some function in it."""
+        bounds = self.enclosure.all(low, high, side)
+        for i, argument in self.arguments.items():
+            inner = self.nodes[i].args[argument.place]
+            bounds[inner] = argument.bounds(bounds[inner], low, high, side)
+        live: list[Any] = [np.zeros(len(low), dtype=bool) for _ in self.nodes]
+        coarse = np.zeros(len(low), dtype=bool)
+        for i in reversed(range(len(self.nodes))):
+            if is_condition(self.nodes[i].expression):
+                continue
+            a, b = bounds[i]
+            with np.errstate(invalid="ignore"):
+                changes = ~(b - a <= FLAT * self.size[i])
+            live[i] = changes & (np.logical_or.reduce([live[p] for p in self.parents[i]]) if self.parents[i] else True)
+            if i in self.arguments:
+                coarse |= live[i] & ~(self.arguments[i].widths(bounds[self.nodes[i].args[self.arguments[i].place]]) <= WIDTHS)
+        return coarse
+
+
+class _Argument:
+    """The argument u of a function: tight bounds of it, and by how many widths of the function it changes."""
+
+    def __init__(self, function: Expr) -> None:
+        self.place = 1 if _is_exponential(function) else 0
+        u = function.args[self.place]
+        slope = se.diff(u, TIME)
+        self.affine = bool(slope.is_number) or bool(_functions_inside(u))
+        self._slope = None if self.affine else Enclosure(slope, u)
+        self._stretched = _stretch(function)
+
+    def bounds(self, natural: Bounds, low: Array, high: Array, side: Array) -> Bounds:
+        """The bounds of u, with those by its slope about the middle, which are tight where terms cancel."""
+        if self._slope is None:
+            return natural
+        middle = (low + high) / 2
+        slope, _ = self._slope(low, high, side)
+        centre = self._slope(middle, middle, side)[1][0]
+        reach = np.maximum(np.abs(slope[0]), np.abs(slope[1])) * (high - low) / 2
+        below, above = centre - reach, centre + reach
+        return np.fmax(natural[0], below), np.fmin(natural[1], above)
+
+    def widths(self, u: Bounds) -> Array:
+        """(k,) change of the function in its own widths while its argument goes through u."""
+        with np.errstate(all="ignore"):
+            return np.asarray(self._stretched(*u))
+
+
+def _varies(node: Node) -> bool:
+    """Whether a node is a function with a width of its own."""
+    e = node.expression
+    if TIME not in e.free_symbols:
+        return False
+    if node.name == "Pow":
+        if _is_exponential(e):
+            return True
+        exponent = e.args[1]
+        return not exponent.is_number or not (float(exponent) == round(float(exponent)) and 0 < float(exponent) <= FAST_POWER)
+    return node.name in _STRETCHES
+
+
+def _is_exponential(e: Expr) -> bool:
+    return isinstance(e, se.Pow) and not e.args[1].is_number
+
+
+def _functions_inside(u: Expr) -> bool:
+    return any(len(node.args) == 1 or isinstance(node, se.Piecewise) or _is_exponential(node) for node in nodes(u))
+
+
+def _difference(scale: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    return lambda a, b: np.abs(scale(b) - scale(a))
+
+
+def _logarithmic(a: Any, b: Any) -> Any:
+    """ln|u| over an interval, infinite where it holds 0."""
+    small, large = np.minimum(np.abs(a), np.abs(b)), np.maximum(np.abs(a), np.abs(b))
+    return np.where((a <= 0) & (b >= 0) & (a < b), np.inf, np.log(large) - np.log(small))
+
+
+#: function -> change of its argument in widths of the function, from a lower to an upper end
+_STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
+    "sin": _difference(lambda u: u), "cos": _difference(lambda u: u), "sinh": _difference(lambda u: u),
+    "cosh": _difference(lambda u: u), "tanh": _difference(lambda u: np.clip(u, -18, 18)), "atan": _difference(np.arcsinh),
+    "asinh": _difference(np.arcsinh), "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
+    "asin": _difference(lambda u: np.arcsin(np.clip(u, -1, 1))), "acos": _difference(lambda u: np.arccos(np.clip(u, -1, 1))),
+    "acosh": _difference(lambda u: np.arccosh(np.maximum(u, 1))), "atanh": _difference(lambda u: np.arctanh(np.clip(u, -1, 1))),
+}  # fmt: skip
+
+
+def _tangents(a: Any, b: Any) -> Any:
+    """Change of asinh(tan u), infinite across a pole."""
+    low, high = np.tan(a), np.tan(b)
+    return np.where(high < low, np.inf, np.arcsinh(high) - np.arcsinh(low))
+
+
+def _stretch(function: Expr) -> Callable[[Any, Any], Any]:
+    """The widths of a function over an interval of its argument."""
+    name = type(function).__name__
+    if name != "Pow":
+        return _STRETCHES[name]
+    if _is_exponential(function):
+        return _difference(lambda u: u)
+    n = float(function.args[1])
+    return (lambda a, b: abs(n) * _logarithmic(a, b)) if not 0 < n < 1 else (lambda a, b: _root(n, a, b))
+
+
+def _root(n: float, a: Any, b: Any) -> Any:
+    """Change of |u|^n, 0 < n < 1, in widths: none near 0, where its slope is infinite but its value is small."""
+    size = np.max(np.maximum(np.abs(a), np.abs(b)), initial=0.0) ** n
+    small = np.maximum(np.abs(a), np.abs(b)) ** n <= ROOT * size
+    return np.where(small, 0.0, n * _logarithmic(a, b))
