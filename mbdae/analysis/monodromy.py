@@ -80,15 +80,16 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
 def carried(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
     solve = _sparse_step if system.sparsity is not None else _dense_step
-    for i in range(len(orbit.t)):
-        dy = dy + solve(system, orbit, i, dy)
+    for i, stages in enumerate(orbit.t):
+        with system.within(float(np.mean(stages))):
+            dy = dy + solve(system, orbit, i, dy)
     return dy
 
 
 def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
     """Change of dy over step i; dense."""
     s, n = orbit.t.shape[1], system.n
-    K, right, A = np.zeros((s, n, s, n)), np.empty((s, n, dy.shape[1])), orbit.table.A_inv / orbit.h
+    K, right, A = np.zeros((s, n, s, n)), np.empty((s, n, dy.shape[1])), orbit.table.A_inv / orbit.h[i]
     for j in range(s):
         fy, fyp = system.jacobian_parts(orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j])
         K[j] = A[j, None, :, None] * fyp[:, None, :]
@@ -105,7 +106,7 @@ def _dense_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
 
 def _sparse_step(system: SceneSystem, orbit: Orbit, i: int, dy: Array) -> Array:
     """The same with sparse matrices."""
-    s, A = orbit.t.shape[1], orbit.table.A_inv / orbit.h
+    s, A = orbit.t.shape[1], orbit.table.A_inv / orbit.h[i]
     parts = [derivatives(system, orbit.t[i, j], orbit.y[i, j], orbit.yp[i, j]) for j in range(s)]
     K = sp.bmat([[A[j, l] * parts[j][1] + (parts[j][0] if j == l else 0 * parts[j][0]) for l in range(s)] for j in range(s)])
     columns = 1 / abs(K).max(axis=0).toarray().ravel()

@@ -31,9 +31,9 @@ SAMPLES = 24  #: times at which the equations are compared with those of a perio
 
 @dataclass(frozen=True)
 class Orbit:
-    """One period in steps of h s: t, y, y' at the start (n,), and at all stages, (steps, s) and (steps, s, n)."""
+    """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages."""
 
-    h: float
+    h: Array
     table: RadauTable
     t: Array
     y: Array
@@ -49,7 +49,7 @@ def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     table, widths = dense.table, np.diff(solution.t)
     Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
-    return Orbit(h, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
+    return Orbit(widths, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,13 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     rates, F = scale * (2 * np.pi / period), np.empty(system.n)
     for i in _some(len(run.t)):
         there = run.t[i] + period, sign * run.y[i] + turns, sign * run.yp[i]
-        before, after = ([abs(part) for part in derivatives(system, *at)] for at in ((run.t[i], run.y[i], run.yp[i]), there))
-        system.residual(*there, F)
+        step = min(i, len(run.t) - 2)
+        inside = float(run.t[step] + run.t[step + 1]) / 2  # an input may jump at the ends of the step
+        with system.within(inside):
+            before = [abs(part) for part in derivatives(system, run.t[i], run.y[i], run.yp[i])]
+        with system.within(inside + period):
+            after = [abs(part) for part in derivatives(system, *there)]
+            system.residual(*there, F)
         size, off = np.zeros(system.n), np.abs(F)
         for a, b, weights in zip(before, after, (scale, rates), strict=True):
             size = np.maximum(size, a.multiply(weights).max(axis=1).toarray().ravel())

@@ -58,7 +58,8 @@ def _merged(edges: Array, found: Array, near: float) -> Array:
     keep[-1] = True
     if len(both) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
-    return both[keep]
+    merged: Array = both[keep]
+    return merged
 
 
 def _zeros(u: Expr, edges: Array) -> Array:

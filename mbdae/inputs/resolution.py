@@ -44,10 +44,10 @@ class Stretches:
         return float(widths[i]), float(self.edges[i])
 
     def longest_step(self, t: float) -> float:
-        """Longest step (s) that may be taken from t: one stretch, or parts of two that make one."""
+        """Longest step (s) that may be taken from t: one stretch, or parts of two that make one; it may end behind the run."""
         i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
         if i + 2 >= len(self.edges):
-            return float(self.edges[-1] - t)
+            return float(self.edges[-1] - self.edges[-2])
         a, b, c = self.edges[i : i + 3]
         return float(b + (t - a) / (b - a) * (c - b) - t)
 

@@ -7,7 +7,8 @@ evaluated in one kernel call.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -259,6 +260,15 @@ class SceneSystem(System):
 
     def leave(self) -> None:
         self.model.conditions.time = None
+
+    @contextmanager
+    def within(self, time: float) -> Iterator[None]:
+        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
+        self.model.conditions.time = time
+        try:
+            yield
+        finally:
+            self.leave()
 
     # -- evaluation
 
