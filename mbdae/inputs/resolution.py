@@ -25,6 +25,7 @@ WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
 FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
+POWERS = 2.0  #: widths of u^n in a change of ln|u|^n by 1
 ROOT = 1e-6  #: part of its largest value below which a root counts as zero
 FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher ones rise like an exponential near its end
 
@@ -202,11 +203,11 @@ def _stretch(function: Expr) -> Callable[[Any, Any], Any]:
     if _is_exponential(function):
         return _difference(lambda u: u)
     n = float(function.args[1])
-    return (lambda a, b: abs(n) * _logarithmic(a, b)) if not 0 < n < 1 else (lambda a, b: _root(n, a, b))
+    return (lambda a, b: POWERS * abs(n) * _logarithmic(a, b)) if not 0 < n < 1 else (lambda a, b: _root(n, a, b))
 
 
 def _root(n: float, a: Any, b: Any) -> Any:
     """Change of |u|^n, 0 < n < 1, in widths: none near 0, where its slope is infinite but its value is small."""
     size = np.max(np.maximum(np.abs(a), np.abs(b)), initial=0.0) ** n
     small = np.maximum(np.abs(a), np.abs(b)) ** n <= ROOT * size
-    return np.where(small, 0.0, n * _logarithmic(a, b))
+    return np.where(small, 0.0, POWERS * n * _logarithmic(a, b))

@@ -63,9 +63,9 @@ def _of_one(one: Input, t0: float, t_end: float) -> list[str]:
     bad = [times[~np.isfinite(v)] for v in values[:1]]
     poles = np.concatenate([*bad, found.poles])
     if len(poles):
-        told = f"near t = {float(np.min(poles)):.6g} s"
-        return [f"{one.what} has no finite value {told}; the bodies cannot follow{_RAMP}" if one.moves else
-                f"{one.what} is not finite {told}"]  # fmt: skip
+        first = f"t = {float(np.min(poles)):.6g} s"
+        return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else
+                f"{one.what} is not finite near {first}"]  # fmt: skip
     return _jumps(one, parts, values, edges) if one.moves else []
 
 
