@@ -46,7 +46,8 @@ def test_instants_of_switching(value: object, instants: list[float]) -> None:
     e = timed.sided(timed.expression(value))
     middle = np.r_[0.0, edges, 10.0]
     middle = (middle[1:] + middle[:-1]) / 2
-    jumps = [abs(jump(part, at, a, b)) for at, a, b in zip(edges, middle, middle[1:], strict=False) for part in timed.derivatives(e)]
+    sides, parts = zip(edges, middle, middle[1:], strict=False), timed.derivatives(e)
+    jumps = [abs(jump(part, at, a, b)) for at, a, b in sides for part in parts]
     others = [at for at in edges if np.min(np.abs(np.array(instants) - at), initial=np.inf) > 1e-12]
     for at in others:
         i = int(np.flatnonzero(edges == at)[0])
@@ -57,7 +58,7 @@ def test_random_trigonometric_conditions_against_samples() -> None:
     """Zeros of sums of sines isolated by interval arithmetic: as many changes of sign as a fine grid shows, and none missed."""
     random = np.random.default_rng(5)
     for _ in range(10):
-        a, b, c = random.uniform(1, 9, 2).tolist() + [float(random.uniform(-0.5, 0.5))]
+        a, b, c = [*random.uniform(1, 9, 2).tolist(), float(random.uniform(-0.5, 0.5))]
         u = sp.sin(a * t) + sp.cos(b * t) + c
         edges = found(sp.Piecewise((1, u > 0), (0, True)))
         grid = np.linspace(0, 10, 200_001)

@@ -17,7 +17,7 @@ class Spring(mb.Force):
 
     params = mb.params(stiffness=("N/m", "stiffness"))
 
-    def energy(self, k, l):  # noqa: ANN001, ANN201
+    def energy(self, k, l):
         return self.stiffness * ((l.r - k.r) @ k.x) ** 2 / 2
 
 
