@@ -72,7 +72,7 @@ def test_first_screen_is_short_and_marked():
     lines = README.splitlines()
     assert "![" not in README, "no badges"
     assert [language for language, _, line in BLOCKS if line <= 45][:3] == ["bash", "bash", "python"]
-    for mark, command in (("<!-- ci: main -->", "python3 -m venv .venv && "), ("<!-- ci: test -->", ".venv/bin/python -m pytest")):
+    for mark, command in (("<!-- ci: main -->", "python3 -m venv "), ("<!-- ci: test -->", ".venv/bin/python -m pytest")):
         at = [i for i, text in enumerate(lines) if text == mark]
         assert len(at) == 1
         assert lines[at[0] + 1] == "```bash"
