@@ -24,7 +24,8 @@ def blocks(document: str) -> list[tuple[str, str, int]]:
 
 BLOCKS = blocks(README)
 PYTHON = [(text, line) for language, text, line in BLOCKS if language == "python"]
-COMMANDS = [command for language, text, _ in BLOCKS if language == "bash" for command in text.splitlines()]
+LINES = [line for language, text, _ in BLOCKS if language == "bash" for line in text.splitlines()]
+COMMANDS = [command.removeprefix(".venv/bin/") for line in LINES for command in line.split(" && ")]
 
 
 @pytest.mark.parametrize(("text", "line"), PYTHON, ids=[f"line {line}" for _, line in PYTHON])
@@ -70,8 +71,8 @@ def test_commands_are_understood(command, monkeypatch, tmp_path):
 def test_first_screen_is_short_and_marked():
     lines = README.splitlines()
     assert "![" not in README, "no badges"
-    assert [language for language, _, line in BLOCKS if line <= 45][:2] == ["bash", "python"]
-    for mark, command in (("<!-- ci: test -->", "python -m pytest"), ("<!-- ci: main -->", "mbdae compare ")):
+    assert [language for language, _, line in BLOCKS if line <= 45][:3] == ["bash", "bash", "python"]
+    for mark, command in (("<!-- ci: main -->", "python3 -m venv "), ("<!-- ci: test -->", ".venv/bin/python -m pytest")):
         at = [i for i, text in enumerate(lines) if text == mark]
         assert len(at) == 1
         assert lines[at[0] + 1] == "```bash"

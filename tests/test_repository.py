@@ -89,3 +89,10 @@ def test_continuous_integration_runs_what_the_readme_says() -> None:
     assert (ROOT / ".ci" / "run").stat().st_mode & 0o111
     for mark in ("main", "test"):
         assert f"readme_command {mark}" in script
+
+
+def test_source_archives_hold_everything() -> None:
+    """Setuptools takes the package and the files below by itself; MANIFEST.in names the others."""
+    named = set((ROOT / "MANIFEST.in").read_text(encoding="utf-8").split())
+    top = {path.relative_to(ROOT).parts[0] for path in kept_files()}
+    assert top - named <= {"mbdae", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"}

@@ -153,8 +153,12 @@ def skew(a: Array) -> Array:
 
 
 def motion_in_words(model: Model, motion: Array, units: Array) -> str:
-    """The body that moves most in a motion (nu,), components in the frame's axes, and how."""
-    worst = int(np.argmax(np.abs(motion) / units))
+    """The body that moves most in a motion (nu,), components in the frame's axes, and how.
+
+    Of bodies that move alike (a disc and its housing tilting together) it is the first of the scene, whatever the rounding.
+    """
+    size = np.abs(motion) / units
+    worst = int(np.argmax(size >= (1 - 1e-6) * size.max()))
     node = next(n for n in model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
     part = motion[node.u : node.u + node.kind.sizes[1]]
     if node.kind is NodeKind.COORDINATE:

@@ -55,10 +55,9 @@ class Kernel:
             return partial(self, x, out)
         if x.shape[1] != len(self.symbols) or out.shape != (len(x), self.width):
             raise ValueError(f"inputs {x.shape} and outputs {out.shape} of {len(self.symbols)} symbols, {self.width} expressions")
-        flat = x.view(), out.view()
-        for array in flat:
-            array.shape = (array.size,)  # unlike `reshape` refuses to copy
-        return partial(self.compiled.unsafe_eval, *flat, len(x))
+        if not (x.flags.c_contiguous and out.flags.c_contiguous):
+            raise ValueError("inputs and outputs of a bound kernel are read and written in place: both must be C-contiguous")
+        return partial(self.compiled.unsafe_eval, x.reshape(-1), out.reshape(-1), len(x))
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (..., outputs) for inputs (..., inputs)."""
@@ -84,14 +83,20 @@ class Kernel:
         """The same kernel by sympy.lambdify into numpy, complex-safe (complex step): slow, for tests."""
         import sympy
 
+        def plain(e: Expr) -> Any:
+            """In sympy and without the marks around shared nodes: its printers leave out the parentheses these stand for."""
+            return sympy.sympify(e).replace(sympy.UnevaluatedExpr, lambda inside: inside)
+
         shared, reduced = se.cse(self.expressions)
-        steps = [(sympy.Symbol(str(name)), sympy.sympify(value)) for name, value in shared]
-        expressions = [sympy.sympify(e) for e in reduced]
+        steps = [(sympy.Symbol(str(name)), plain(value)) for name, value in shared]
+        expressions = [plain(e) for e in reduced]
         names = [sympy.Symbol(str(s)) for s in self.symbols]
         modules: list[Any] = [{"atan2": complex_atan2, "floor": lambda a: np.floor(np.real(a))}, "numpy"]
         function = sympy.lambdify(names, expressions, modules=modules, cse=lambda _: (steps, expressions))
 
         def evaluate(x: NDArray[Any]) -> NDArray[Any]:
+            if not expressions:
+                return np.empty((*x.shape[:-1], 0))
             columns = function(*np.moveaxis(x, -1, 0))
             return np.stack([np.broadcast_to(c, x.shape[:-1]) for c in columns], axis=-1)
 

@@ -105,8 +105,10 @@ class ClearanceSensor(ConnectionSensor):
     @cached_property
     def wear(self) -> float:
         """Normal force times sliding distance over the whole run, J (trapezoidal over its steps)."""
+        from scipy.integrate import trapezoid
+
         seen = self.on_steps
-        return float(np.trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), self._result.solution.t))
+        return float(trapezoid(np.sum(seen["normal_force"] * np.abs(seen["slip"]), axis=1), self._result.solution.t))
 
     def summary(self) -> dict[str, float]:
         """The contact in numbers: see `Result.contacts`."""

@@ -10,6 +10,8 @@ import pytest
 from scenes import ground_resonance
 
 import mbdae as mb
+from mbdae.analysis.frame import motion_in_words
+from mbdae.system.prepare import prepare
 
 G = 9.81
 LOOSE = {"rel": 1e-9, "abs": 1e-9}
@@ -174,6 +176,21 @@ def test_equations_that_depend_on_time_are_refused(scene: Callable[[], mb.Scene]
         scene().linearize(frame=frame)
     assert "frame=" in str(caught.value)
     assert len(caught.value.frozen) > 0
+
+
+def test_bodies_that_move_alike_are_named_in_the_order_of_the_scene() -> None:
+    """Disc and housing tilt together, equal up to rounding: the message names the housing, whichever rounds to the larger."""
+    m = prepare(rotor()).mechanics
+    nodes = {n.name: n for n in m.model.nodes}
+    motion = np.zeros(m.nu)
+    for name in ("housing", "disc"):
+        motion[nodes[name].u + 3 : nodes[name].u + 6] = (0.6, -0.8, 0)
+    for rounding in (1 - 1e-9, 1.0, 1 + 1e-9):
+        tilting = motion.copy()
+        tilting[nodes["disc"].u : nodes["disc"].u + 6] *= rounding
+        assert motion_in_words(m.model, tilting, m.velocity_units) == "'housing' turning about (-0.6, 0.8, 0)"
+    motion[nodes["disc"].u :][:6] *= 1.01
+    assert motion_in_words(m.model, motion, m.velocity_units).startswith("'disc' turning")
 
 
 def hub_and_bob(w: float, arm: float) -> mb.Scene:

@@ -1,0 +1,268 @@
+"""Forces and moments of every force law in random states of two bodies in space, against the same physics written with NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae import contact, forces, joints
+from mbdae.contracts.case import columns
+from mbdae.contracts.states import States, positions, rotation, velocities
+from mbdae.kernels import plan
+from mbdae.symbolic.derive import Derived, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.outputs import loads
+from mbdae.system.base import Array
+
+SPATIAL = (NodeKind.SPATIAL, Axes.GENERAL)
+GROUND = (NodeKind.GROUND, Axes.GENERAL)
+COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)  #: the unknown of a classical joint
+Values = dict[str, float]
+Wrench = tuple[Array, Array]  #: force and torque on l at its point, inertial
+MU, V_C = 0.3, 0.4
+
+
+@dataclass
+class Side:
+    """One side of a law in numbers: centre, point and its velocity, axes (columns of A), angular velocity; inertial."""
+
+    c: Array
+    r: Array
+    v: Array
+    A: Array
+    w: Array
+    R: Array
+
+
+def side(d: Derived, i: int, values: dict[str, Array], point: int) -> Side:
+    f = d.frames[i]
+    R, q, u = rotation(f, values)[point], positions(f, values)[point], velocities(f, values)[point]
+    p = np.array([values[f"{f.side}_p{j}"][point] for j in (1, 2, 3)])
+    Q = np.array([[values[f"{f.side}_Q{a}{j}"][point] for a in "xyz"] for j in (1, 2, 3)])
+    if not f.kind.moves:
+        return Side(np.zeros(3), p, np.zeros(3), Q, np.zeros(3), np.eye(3))
+    w = R @ u[3:]
+    return Side(q[:3], q[:3] + R @ p, u[:3] + np.cross(w, R @ p), R @ Q, w, R)
+
+
+def compare(d: Derived, values: dict[str, Array], wrench: Callable[[Side, Side, Values], Wrench]) -> None:
+    """Rows of both bodies (- force, - moment about the centre in body axes) against a wrench at the point of l, reversed on k."""
+    p = plan(d, loads)
+    found = dict(zip(p.targets, p.kernel.values(columns(p.all_inputs.symbols, values)).T, strict=True))
+    count = len(next(iter(values.values())))
+    largest = 0.0
+    for point in range(count):
+        k, l = (side(d, i, values, point) for i in (0, 1))
+        force, torque = wrench(k, l, {name: float(v[point]) for name, v in values.items()})
+        for name, body, sense in (("l", l, 1), ("k", k, -1)):
+            if name == "k" and not d.frames[0].kind.moves:
+                continue
+            rows = -sense * np.r_[force, body.R.T @ (torque + np.cross(l.r - body.c, force))]
+            stated = [float(found[("u", name, i)][point]) if ("u", name, i) in found else 0.0 for i in range(6)]
+            assert stated == pytest.approx(rows, rel=1e-9, abs=1e-9 * (1 + np.abs(rows).max())), (name, point)
+            largest = max(largest, float(np.abs(rows).max()))
+    assert largest > 0.1  # the states do load the bodies
+
+
+def derived(law: Any, sides: Any = (SPATIAL, SPATIAL), **values: Any) -> Derived:
+    stated = law("F", None, None, **values)
+    return derive(law, stated.structure(), (*sides, *[COORDINATE] * len(stated.own_coordinates)))
+
+
+# -- between points
+
+
+def spring(k: Side, l: Side, p: Values) -> Wrench:
+    """-(stiffness extension + damping its rate) along the line from k's point to l's; central, so no moment."""
+    d = l.r - k.r
+    length = np.linalg.norm(d)
+    n = d / length
+    return -(p["stiffness"] * (length - p["length"]) + p["damping"] * (n @ (l.v - k.v))) * n, np.zeros(3)
+
+
+def test_spring_and_damper_between_points() -> None:
+    d = derived(forces.PointSpring, stiffness=3.0, damping=2.0, length=0.5)
+    compare(d, States(d, {"stiffness": 3.0, "damping": 2.0, "length": 0.5}, np.random.default_rng(1), 8).values, spring)
+
+
+def test_spring_of_no_length() -> None:
+    d = derived(forces.PointSpring, stiffness=3.0)
+    values = States(d, {}, np.random.default_rng(2), 8).values
+    compare(d, values, lambda k, l, p: (-p["stiffness"] * (l.r - k.r), np.zeros(3)))
+
+
+def test_bushing() -> None:
+    """Force along the axes of k on the displacement and on the velocity seen from k."""
+
+    def bushing(k: Side, l: Side, p: Values) -> Wrench:
+        d = k.A.T @ (l.r - k.r)
+        v = k.A.T @ (l.v - k.v - np.cross(k.w, l.r - k.r))
+        c, damping = (np.array([p[f"{letter}{a}"] for a in "xyz"]) for letter in "kc")
+        return -k.A @ (c * d + damping * v), np.zeros(3)
+
+    d = derived(forces.Bushing, kx=1.0, ky=2.0, kz=3.0, cx=0.1, cy=0.2, cz=0.3)
+    compare(d, States(d, {}, np.random.default_rng(3), 8).values, bushing)
+
+
+def test_rotational_bushing() -> None:
+    """V = sum c_i rho_i^2 / 2 of the Rodrigues vector rho = 2 g; d(rho) = (1 - g x + g g^T) d(psi) in the axes of k."""
+
+    def bushing(k: Side, l: Side, p: Values) -> Wrench:
+        S = k.A.T @ l.A
+        g = np.array([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]]) / (1 + np.trace(S))
+        c, damping = (np.array([p[f"{letter}{a}"] for a in "xyz"]) for letter in "rs")
+        m = c * 2 * g
+        torque = m + np.cross(g, m) + g * (g @ m) + damping * (k.A.T @ (l.w - k.w))
+        return np.zeros(3), -k.A @ torque
+
+    d = derived(forces.RotationalBushing, rx=1.0, ry=2.0, rz=3.0, sx=0.1, sy=0.2, sz=0.3)
+    compare(d, States(d, {}, np.random.default_rng(4), 8).values, bushing)
+
+
+# -- applied
+
+
+@pytest.mark.parametrize("following", [False, True])
+@pytest.mark.parametrize(("law", "letters", "part"), [(forces.AppliedForce, "f", 0), (forces.AppliedTorque, "m", 1)])
+def test_applied(law: Any, letters: str, part: int, following: bool) -> None:
+    def applied(k: Side, l: Side, p: Values) -> Wrench:
+        value = np.array([p[letters + a] for a in "xyz"])
+        wrench = [np.zeros(3), np.zeros(3)]
+        wrench[part] = l.A @ value if following else value
+        return wrench[0], wrench[1]
+
+    d = derived(law, (GROUND, SPATIAL), following=following, **{letters + a: 1.0 for a in "xyz"})
+    compare(d, States(d, {}, np.random.default_rng(5), 8).values, applied)
+
+
+def test_gravity() -> None:
+    """The weight acts at the centre of mass, wherever the point of the law is."""
+
+    def weight(k: Side, l: Side, p: Values) -> Wrench:
+        force = p["mass"] * np.array([p["gx"], p["gy"], p["gz"]])
+        return force, np.cross(l.c - l.r, force)
+
+    d = derived(forces.Gravity, (GROUND, SPATIAL), mass=2.0, gx=1.0, gy=2.0, gz=3.0)
+    compare(d, States(d, {}, np.random.default_rng(6), 4).values, weight)
+
+
+# -- on the axis of a joint: l turned by an angle about k.z, its point on that of k
+
+
+ANGLE = 0.7
+
+
+def on_axis(d: Derived, seed: int, given: dict[str, float]) -> dict[str, Array]:
+    states = States(d, given, np.random.default_rng(seed), 1)
+    points = [states.special(ANGLE, True) for _ in range(6)]
+    return {name: np.concatenate([p[name] for p in points]) for name in points[0]}
+
+
+def test_joint_spring_and_damper() -> None:
+    given = {"stiffness": 3.0, "rest": 0.2, "damping": 2.0, "turns": 0.0}
+    spring = derived(forces.JointSpring, stiffness=3.0, rest=0.2, turns=0.0, joint=joints.Revolute)
+    values = on_axis(spring, 7, given)
+    values["state_followed"][:] = ANGLE + 2 * np.pi  # a turn further than the attitude shows
+    compare(spring, values, lambda k, l, p: (np.zeros(3), -k.A[:, 2] * 3.0 * (ANGLE + 2 * np.pi - 0.2)))
+    damper = derived(forces.JointDamper, damping=2.0, joint=joints.Revolute)
+    compare(damper, on_axis(damper, 8, given), lambda k, l, p: (np.zeros(3), -k.A[:, 2] * 2.0 * (k.A[:, 2] @ (l.w - k.w))))
+
+
+def test_joint_drives() -> None:
+    torque = derived(forces.JointTorque, torque=1.0)
+    compare(torque, on_axis(torque, 9, {}), lambda k, l, p: (np.zeros(3), p["torque"] * k.A[:, 2]))
+    force = derived(forces.JointForce, force=1.0)
+    compare(force, States(force, {}, np.random.default_rng(10), 6).values, lambda k, l, p: (p["force"] * k.A[:, 2], np.zeros(3)))
+
+
+def rate_along(k: Side, l: Side) -> float:
+    """Velocity of l's point along k.z as k sees it, m/s."""
+    return float(k.A[:, 2] @ (l.v - k.v - np.cross(k.w, l.r - k.r)))
+
+
+def test_slide_under_a_given_normal_force() -> None:
+    d = derived(forces.SlideFriction, normal_force=5.0, friction=mb.Coulomb(MU, V_C))
+    values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(11), 6).values
+
+    def friction(k: Side, l: Side, p: Values) -> Wrench:
+        return -k.A[:, 2] * MU * np.tanh(rate_along(k, l) / V_C) * p["normal_force"], np.zeros(3)
+
+    compare(d, values, friction)
+
+
+@pytest.mark.parametrize("law", [joints.RubbingRevolute, joints.RubbingClassicalRevolute])
+def test_bearing_pressed_by_its_reaction(law: Any) -> None:
+    """-mu N radius about k.z, N the reaction normal to k.z."""
+    d = derived(law, radius=0.8, friction=mb.Coulomb(MU, V_C))
+    values = on_axis(d, 12, {"radius": 0.8, "friction_mu": MU, "friction_v_c": V_C})
+    rows = [str(s) for s, name in zip(d.multipliers, d.rows, strict=True) if name in ("x", "y", "z")]
+
+    def friction(k: Side, l: Side, p: Values) -> Wrench:
+        z, reaction = k.A[:, 2], np.array([p[name] for name in rows])
+        N = np.linalg.norm(reaction - z * (z @ reaction))
+        return np.zeros(3), -z * 0.8 * MU * N * np.tanh(0.8 * (z @ (l.w - k.w)) / V_C)
+
+    compare(d, values, friction)
+
+
+@pytest.mark.parametrize("law", [joints.RubbingPrismatic, joints.RubbingClassicalPrismatic])
+def test_guide_pressed_by_its_reaction(law: Any) -> None:
+    d = derived(law, friction=mb.Coulomb(MU, V_C))
+    values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(13), 6).values
+    rows = [str(s) for s, name in zip(d.multipliers, d.rows, strict=True) if name in ("offset_x", "offset_y")]
+
+    def friction(k: Side, l: Side, p: Values) -> Wrench:
+        N = np.hypot(*(p[name] for name in rows))
+        return -k.A[:, 2] * MU * N * np.tanh(rate_along(k, l) / V_C), np.zeros(3)
+
+    compare(d, values, friction)
+
+
+# -- a pin in its race
+
+
+HERTZ = {"normal_stiffness": 200.0, "normal_damping": 0.3, "friction_mu": MU, "friction_v_c": V_C, "inner": 0.5}
+INNER = 0.5
+
+
+def pressed(k: Side, l: Side, shift: Array, outer: float) -> Wrench:
+    """Contact in the plane through l.r + shift: wrench on l at its point; outer from k's axis."""
+    z, u = k.A[:, 2], l.r + shift - k.r
+    radial = u - z * (z @ u)
+    distance = np.linalg.norm(radial)
+    n = radial / distance
+    depth = distance - (outer - INNER)
+    if depth <= 0:
+        return np.zeros(3), np.zeros(3)
+    contact = k.r + z * (z @ u) + outer * n
+    v = l.v + np.cross(l.w, contact - l.r) - k.v - np.cross(k.w, contact - k.r)
+    normal = max(0.0, 200.0 * depth**1.5 * (1 + 0.3 * (v @ n)))
+    if np.any(shift):  # a pin that may tilt rubs along its whole sliding velocity
+        sliding = v - n * (v @ n)
+        along = sliding / np.linalg.norm(sliding)
+        friction = -MU * np.tanh(np.linalg.norm(sliding) / V_C) * normal * along
+    else:
+        t = np.cross(z, n)
+        friction = -MU * np.tanh((v @ t) / V_C) * normal * t
+    force = friction - n * normal
+    return force, np.cross(contact - l.r, force)
+
+
+@pytest.mark.parametrize("length", [None, 0.4], ids=["one plane", "two ends"])
+def test_pin_in_its_race(length: float | None) -> None:
+    """Radii that differ much (0.6 and 0.5 m): where the force acts shows in the moments."""
+    law, outer = contact.JournalContact, 0.6
+    d = derived(law, outer=outer, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3), friction=mb.Coulomb(MU, V_C))
+    values = States(d, HERTZ | {"outer": outer, "length": 0.4}, np.random.default_rng(14), 12).values
+
+    def both(k: Side, l: Side, p: Values) -> Wrench:
+        shifts = [np.zeros(3)] if length is None else [sign * length / 2 * l.A[:, 2] for sign in (-1, 1)]
+        parts = [pressed(k, l, shift, outer) for shift in shifts]
+        return sum(f for f, _ in parts), sum(t for _, t in parts)
+
+    compare(d, values, both)

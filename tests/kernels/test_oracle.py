@@ -1,0 +1,87 @@
+"""The compiled kernels against their oracle (sympy into numpy): laws, trees of recursive joints, laws on lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import symengine as se
+from recursive_scenes import planar_tree, prescribed
+
+import mbdae as mb
+from mbdae import elements, forces, joints
+from mbdae.contracts.case import Case, columns
+from mbdae.contracts.variants import variants
+from mbdae.elements.beam import Beam
+from mbdae.forces.line_load import LineLoad
+from mbdae.kernels import Kernel
+from mbdae.kernels.tree_plan import tree_plan
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.line import derive_line
+from mbdae.system.base import Array
+from mbdae.system.prepare import prepare
+
+LAWS = [joints.Revolute, joints.ClassicalRevolute, forces.Bushing, forces.PointSpring, elements.RigidBody]
+
+
+def compare(kernel: Kernel, x: Array) -> None:
+    """Two orders of summing the same terms: they differ by the rounding of the largest outputs."""
+    compiled, oracle = kernel.values(x), kernel.oracle(x)
+    assert compiled.shape == oracle.shape == (*x.shape[:-1], kernel.width)
+    assert np.isfinite(oracle).all()
+    off = np.abs(compiled - oracle).max(axis=0, initial=0.0) / (1 + np.abs(compiled).max(initial=0.0))
+    assert off.max(initial=0.0) < 1e-11, f"{np.sum(off >= 1e-11)} of {kernel.width} outputs"
+
+
+def random_inputs(kernel: Kernel) -> Array:
+    return np.random.default_rng(3).uniform(0.2, 1.0, (4, len(kernel.symbols)))
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_laws(law: Any) -> None:
+    """Jacobian and nonlinear rows; the outputs of all laws in all variants are held by the contract "compiled kernel"."""
+    _, structure, sides = next(iter(variants(law, {}, {})))
+    case = Case(law, structure, sides, {})
+    for kernel in (case.linearised.jacobian, case.linearised.residual):
+        compare(kernel, columns(kernel.symbols, case.values))
+
+
+@pytest.mark.parametrize("scene", [prescribed, planar_tree])
+def test_trees(scene: Callable[[], mb.Scene]) -> None:
+    for tree in prepare(scene()).expansion.carried.trees:
+        plan = tree_plan(tree.structure)
+        for piece in (plan.residual, plan.motion_of_all, *plan.jacobian):
+            compare(piece.kernel, random_inputs(piece.kernel))
+
+
+@pytest.mark.parametrize("kind", [NodeKind.PLANAR, NodeKind.SPATIAL])
+@pytest.mark.parametrize(("law", "mixed"), [(Beam, True), (Beam, False), (LineLoad, False)])
+def test_laws_on_lines(law: Any, mixed: bool, kind: NodeKind) -> None:
+    d = derive_line(law, Structure() if law is Beam else LineLoad("wind", f2=1.0).structure(frozenset()), kind, mixed)
+    symbols = [*d.variables, *map(se.Symbol, d.parameters)]
+    for expressions in (d.outputs, [*d.derivatives().values()]):
+        kernel = Kernel(symbols, expressions)
+        compare(kernel, random_inputs(kernel))
+
+
+def test_no_outputs_and_no_inputs() -> None:
+    assert Kernel([se.Symbol("x")], []).oracle(np.zeros((3, 1))).shape == (3, 0)
+    constant = Kernel([], [se.Integer(2), se.Rational(1, 4)])
+    assert constant.oracle(np.zeros((3, 0))).tolist() == [[2.0, 0.25]] * 3
+
+
+def test_bound_calls_keep_their_arrays() -> None:
+    """The call reads and writes the arrays it was bound to; arrays it could only copy are refused."""
+    x, y = map(se.Symbol, "xy")
+    kernel, a, out = Kernel([x, y], [x * y, x + y]), np.zeros((3, 2)), np.zeros((3, 2))
+    call = kernel.bound(a, out)
+    a[:] = [[1, 2], [3, 4], [5, 6]]
+    call()
+    assert out.tolist() == [[2, 3], [12, 7], [30, 11]]
+    with pytest.raises(ValueError, match="C-contiguous"):
+        kernel.bound(np.zeros((2, 3)).T, out)
+    with pytest.raises(ValueError, match="C-contiguous"):
+        kernel.bound(a, np.zeros((6, 2))[::2])
