@@ -307,7 +307,8 @@ class Result:
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
-                f"{self.info.form}, {s.steps} steps{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, estimated error {known}"
+                f"{self.info.form}, {s.steps} steps{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
+                f"estimated error {known}"
                 f"{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")  # fmt: skip
 
 
