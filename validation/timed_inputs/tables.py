@@ -1,0 +1,47 @@
+"""Verdicts counted: in all, and by scene, kind of input or law, decade of width, and way of solving."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from math import floor, log10
+
+from timed_inputs.judge import VERDICTS, Run
+
+from mbdae.validation import Found
+
+NEEDLESS, TOLD = 0.05, 0.15  #: shares of runs that may warn though right, and that may say that they are wrong
+WRONG = ("silent", "refused needlessly", "crashed")
+
+
+def found(runs: Sequence[Run]) -> list[Found]:
+    """What a claim says of its runs; silent, refused and crashed ones are named by their seeds."""
+    counts = Counter(run.verdict for run in runs)
+    rows = [Found(counts[v], 0, "runs", v, note=_named(runs, v)) for v in WRONG]
+    share = {v: counts[v] / len(runs) for v in VERDICTS}
+    said = ", ".join(f"{counts[v]} {v}" for v in VERDICTS)
+    return [*rows, Found(share["told needlessly"], NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")),
+            Found(share["told"], TOLD, "share", "told, not delivered", note=f"{len(runs)} runs: {said}")]  # fmt: skip
+
+
+def _named(runs: Sequence[Run], verdict: str) -> str:
+    seeds = [str(run.seed) for run in runs if run.verdict == verdict]
+    return f"seeds {', '.join(seeds)}" if seeds else ""
+
+
+def text(runs: Sequence[Run]) -> str:
+    """All tables, then every run that is wrong."""
+    columns: dict[str, Callable[[Run], str]] = {
+        "scene": lambda run: run.scene, "kind": lambda run: run.kind if "," not in run.kind else "several",
+        "width over the whole": lambda run: f"1e{floor(log10(min(run.width, 0.999)))}", "way": lambda run: run.way}  # fmt: skip
+    parts = [_table("all", runs, lambda run: "runs")]
+    parts += [_table(name, runs, of) for name, of in columns.items()]
+    return "\n".join([*parts, *(str(run) for run in runs if run.verdict in WRONG), f"{sum(run.wall for run in runs):.0f} s"])
+
+
+def _table(name: str, runs: Sequence[Run], of: Callable[[Run], str]) -> str:
+    lines = [f"{name:<24}{'runs':>6}" + "".join(f"{v:>20}" for v in VERDICTS)]
+    for value in sorted({of(run) for run in runs}):
+        counts = Counter(run.verdict for run in runs if of(run) == value)
+        lines.append(f"{value:<24}{sum(counts.values()):>6}" + "".join(f"{counts[v] or '':>20}" for v in VERDICTS))
+    return "\n".join(lines) + "\n"
