@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
-from timed_inputs import oracle, scenes
+from timed_inputs import scenes
 from timed_inputs.judge import Run, Way, measure
 from timed_inputs.oracle import Problem
 
 import mbdae as mb
 
+MOST_STEPS = 5000  #: of the run that resolves something narrow in space
 MOST_PIECES = 40  #: of a run with constant steps, each a run of its own where it is split by hand
 Drawn = tuple[Problem, Way, float]
 
@@ -27,7 +30,8 @@ def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
     step = problem.t_end / float(rng.integers(200, 1500))
     for solver, name in ((mb.GeneralizedAlpha(), "GeneralizedAlpha()"), (mb.HHT(), "HHT()")):
         found.append(Way(name, solver, None, (1e-4, 1e-3)))
-    if sum(len(i.pieces) + 12 * len(i.fine) for i in problem.inputs) <= MOST_PIECES:
+    pieces = sum(len(i.pieces) + 12 * len(i.fine) for i in problem.inputs)
+    if pieces <= MOST_PIECES and (problem.inputs or problem.t_end / problem.largest_step < MOST_STEPS):
         found += [Way("RadauIIA(3, step=)", mb.RadauIIA(3, step=step)), Way("HHT(step=)", mb.HHT(step=step))]
     if held:
         found += [Way("RadauIIA(3), Index3", mb.RadauIIA(3), mb.Index3(), (1e-6, 1e-3)),
@@ -36,20 +40,16 @@ def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
     return found
 
 
-def draw(seed: int) -> Drawn:
+def draw(seed: int, of: Sequence[Callable[[np.random.Generator], Problem]] = scenes.SCENES) -> Drawn:
     """The scene of a seed, how it is solved and how accurately."""
     rng = np.random.default_rng(seed)
-    problem = scenes.SCENES[int(rng.integers(len(scenes.SCENES)))](rng)
+    problem = of[int(rng.integers(len(of)))](rng)
     possible = ways(problem, rng)
     way = possible[int(rng.integers(len(possible)))]
     low = max(way.accuracies[0], problem.tightest)
     return problem, way, float(f"{10 ** rng.uniform(np.log10(low), np.log10(way.accuracies[1])):.1e}")
 
 
-def run(seed: int) -> Run:
+def run(seed: int, of: Sequence[Callable[[np.random.Generator], Problem]] = scenes.SCENES) -> Run:
     """The run of a seed with its verdict."""
-    problem, way, accuracy = draw(seed)
-    return measure(problem, way, accuracy, seed, ", ".join(i.kind for i in problem.inputs))
-
-
-__all__ = ["draw", "oracle", "run", "ways"]
+    return measure(*draw(seed, of), seed)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import Any
 
 import numpy as np
 from timed_inputs import oracle
+from timed_inputs.inputs import PER_WIDTH
 from timed_inputs.oracle import Array, Problem
 
 import mbdae as mb
@@ -124,26 +125,36 @@ def failed(error: Exception) -> tuple[str, str]:
     return ("told", text) if isinstance(error, mb.MbdaeError) else ("crashed", text)
 
 
-def measure(problem: Problem, way: Way, accuracy: float, seed: int = 0, kind: str = "") -> Run:
+def measure(problem: Problem, way: Way, accuracy: float, seed: int = 0) -> Run:
     """One run and its verdict."""
     begin = time.perf_counter()
     times = oracle.instants(problem)
-    truth = oracle.solve(problem, times)
+    try:
+        truth = oracle.solve(problem, times)
+    except ArithmeticError as failure:
+        truth = {}
+        ratio, verdict, note = nan, "not judged", str(failure)
     known = time.perf_counter()
-    ratio, note = nan, ""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            result = simulate(problem.build([i.said for i in problem.inputs]), problem.t_end, accuracy, way)
-            error, note = error_of(result, times, truth, problem.positions_only), told(result)
-            bound = FACTOR * accuracy
-            if result.accuracy.asked is None and error > bound and not note:
-                bound = FACTOR * (accuracy + by_hand(problem, way, accuracy, times, truth))
-            ratio, verdict = error / accuracy, judged(error, bound, note) if isfinite(bound) else "not judged"
-        except Exception as failure:  # what is raised is a verdict too
-            verdict, note = failed(failure)
+    if truth:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            ratio, verdict, note = _verdict(problem, way, accuracy, times, truth)
     note += f" (reference {known - begin:.1f} s, run {time.perf_counter() - known:.1f} s)"
+    kind = problem.kind or ", ".join(i.kind for i in problem.inputs)
     return Run(seed, problem.name, kind, problem.width, way.name, accuracy, ratio, verdict, note, time.perf_counter() - begin)
+
+
+def _verdict(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> tuple[float, str, str]:
+    """Error over the accuracy asked, verdict, and what was said."""
+    try:
+        result = simulate(problem.build([i.said for i in problem.inputs]), problem.t_end, accuracy, way)
+        error, said = error_of(result, times, truth, problem.positions_only), told(result)
+        bound = FACTOR * accuracy
+        if result.accuracy.asked is None and error > bound and not said:  # it claims nothing: see the README
+            bound = FACTOR * (accuracy + by_hand(problem, way, accuracy, times, truth))
+    except Exception as failure:  # what is raised is a verdict too
+        return nan, *failed(failure)
+    return error / accuracy, judged(error, bound, said) if isfinite(bound) else "not judged", said
 
 
 def simulate(scene: mb.Scene, t_end: float, accuracy: float, way: Way, start: mb.Result | None = None) -> mb.Result:
@@ -153,14 +164,12 @@ def simulate(scene: mb.Scene, t_end: float, accuracy: float, way: Way, start: mb
 
 def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> float:
     """Error of the same constant step where the user splits the run at every break and edge of a narrow feature, states the smooth
-    piece alone, and takes the steps a narrow feature needs: what the method itself leaves. Infinite where that run fails."""
-    from dataclasses import replace
-
+    piece alone, and takes at most a width of a narrow feature in a step: what the method leaves. Infinite where that run fails."""
     worst, start = 0.0, None
     try:
         for a, b, step in oracle.segments(problem):
             scene = problem.build([i.piece((a + b) / 2) for i in problem.inputs])
-            own = replace(way, solver=replace(way.solver, step=min(way.solver.step, step, b - a)))
+            own = replace(way, solver=replace(way.solver, step=min(way.solver.step, PER_WIDTH * step, b - a)))
             start = simulate(scene, b, accuracy, own, start)
             inside = (times >= a) & (times <= b)
             if inside.any():

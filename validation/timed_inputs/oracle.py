@@ -14,6 +14,7 @@ from timed_inputs.inputs import Input, numeric
 
 Array = NDArray[np.float64]
 RTOL, ATOL = 1e-12, 1e-14
+CHUNK = 40  #: steps made at once near something local in space
 
 
 class Truth:
@@ -39,7 +40,8 @@ class Problem:
     """A scene as mbdae gets it, and its equations by hand.
 
     build: expressions of the inputs -> scene. rhs(t, y, u): y' with the inputs u (Truth). read(t, y, u): sensors by name.
-    constrained: joints are equations beside those of motion.
+    constrained: joints are equations beside those of motion. clear(y): time (s) before which nothing local in space can be
+    reached, 0 inside; there the reference takes steps of at most `largest_step`.
     """
 
     name: str
@@ -50,15 +52,18 @@ class Problem:
     rhs: Callable[[float, Array, list[Truth]], Any]
     read: Callable[[float, Array, list[Truth]], dict[str, Any]]
     constrained: bool = False
+    clear: Callable[[Array], float] | None = None
     largest_step: float = np.inf  #: of the reference, s
     rtol: float = RTOL
     tightest: float = 1e-8  #: accuracy its reference can judge
+    narrow: float = 1.0  #: width of what is narrow in space over the way
+    kind: str = ""  #: of its inputs or of its law
     positions_only: bool = False  #: the accuracy says nothing of velocities: beams, contact
 
     @property
     def width(self) -> float:
-        """Width of the narrowest feature over the run."""
-        return min((i.width for i in self.inputs), default=self.t_end) / self.t_end
+        """Width of the narrowest feature over the run, or over the way."""
+        return min((i.width / self.t_end for i in self.inputs), default=self.narrow)
 
 
 def segments(problem: Problem) -> list[tuple[float, float, float]]:
@@ -102,9 +107,22 @@ def solve(problem: Problem, times: Array) -> dict[str, Array]:
 
 
 def _piece(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> tuple[list[Array], Array]:
-    """States at the wanted times of one smooth piece, and at its end."""
+    """States at the wanted times of one smooth piece, and at its end; it is divided where something local in space comes near."""
     if not len(y):
         return [y] * len(wanted), y
+    if problem.clear is None:
+        return _integrated(problem, a, b, step, u, y, wanted)
+    states: list[Array] = []
+    while a < b:
+        free = problem.clear(y)
+        end = min(b, a + max(free, CHUNK * step))
+        more, y = _integrated(problem, a, end, np.inf if free > CHUNK * step else step, u, y, wanted[(wanted >= a) & (wanted < end)])
+        states, a = states + more, end
+    return states, y
+
+
+def _integrated(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> tuple[list[Array], Array]:
+    """The same by one call of SciPy."""
     found = solve_ivp(lambda t, y: problem.rhs(t, y, u), (a, b), y, "DOP853", dense_output=True, rtol=problem.rtol, atol=ATOL,
                       max_step=step)  # fmt: skip
     if not found.success:

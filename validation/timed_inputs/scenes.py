@@ -304,8 +304,8 @@ def spinning_body(rng: Rng) -> Problem:
     def rhs(t: float, y: Array, u: Any) -> list[float]:
         P, w, R = y[:4], y[4:7], rotation(y[:4])  # w in body axes
         M = axis * u[0](t)
-        wt = ((M if own else R.T @ M) - np.cross(w, J * w)) / J
-        Pt = 0.5 * np.array([-P[1:] @ w, *(P[0] * w + np.cross(P[1:], w))])
+        wt = ((M if own else R.T @ M) - cross(w, J * w)) / J
+        Pt = 0.5 * np.array([-P[1:] @ w, *(P[0] * w + cross(P[1:], w))])
         return [*Pt, *wt, y[8], u[1](t) / m]
 
     def read(t: float, y: Array, u: Any) -> dict[str, Any]:
@@ -315,9 +315,14 @@ def spinning_body(rng: Rng) -> Problem:
     return Problem("spinning body", build, [turn, push], T, np.array([1, 0, 0, 0, *w0, 0, 0]), rhs, read)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """What np.cross does, ten times faster for one pair."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def rotation(P: Array) -> Array:
     """Matrix of a quaternion of any length."""
-    w, x, y, z = P / np.linalg.norm(P)
+    w, x, y, z = (P / np.sqrt(P @ P)).tolist()
     return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
                      [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
                      [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])  # fmt: skip
