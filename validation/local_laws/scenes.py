@@ -92,8 +92,9 @@ def slide(rng: Rng) -> Problem:
         return [y[1], (force - k * y[0]) / m]
 
     fastest = 1.2 * np.sqrt(v**2 + (0 if braking else 2 * field.deepest / m))
-    return local(Problem(f"slide, {stated}", build, [], T, np.array([0, v]), rhs,
-                         lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained), field, fastest, lambda y: y[0])  # fmt: skip
+    problem = Problem(f"slide, {stated}", build, [], T, np.array([0, v]), rhs,
+                      lambda t, y, u: {"p.displacement": y[0], "p.rate": y[1]}, constrained)  # fmt: skip
+    return local(problem, field, fastest, lambda y: y[0])
 
 
 def pendulum(rng: Rng) -> Problem:
@@ -119,8 +120,9 @@ def pendulum(rng: Rng) -> Problem:
         return [y[1], (-m * g * L / 2 * np.sin(y[0]) - slope(L * np.sin(y[0])) * L * np.cos(y[0])) / J]
 
     fastest = 1.2 * np.sqrt(w0**2 + 2 * field.deepest / J)
-    return local(Problem("pendulum, tip" if tip else "pendulum, angle", build, [], T, np.array([0, w0]), rhs,
-                         lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained), field, fastest, lambda y: np.sin(y[0]))  # fmt: skip
+    problem = Problem("pendulum, tip" if tip else "pendulum, angle", build, [], T, np.array([0, w0]), rhs,
+                      lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)  # fmt: skip
+    return local(problem, field, fastest, lambda y: np.sin(y[0]))
 
 
 def point(rng: Rng) -> Problem:

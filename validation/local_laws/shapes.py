@@ -1,4 +1,4 @@
-"""Seeded potentials of one coordinate with a narrow feature, written once for symengine (the user's law) and SymPy (the truth)."""
+"""Seeded potentials of one coordinate with a narrow feature, stated once for symengine (the law) and SymPy (the truth)."""
 
 from __future__ import annotations
 
@@ -110,8 +110,8 @@ def _number(s: Expr, e: Expr) -> Callable[[float], float]:
 
 
 def draw(rng: np.random.Generator, energy: float, nearest: float, farthest: float) -> Field:
-    """A field for a body with a kinetic energy (J) that comes from 0 towards `farthest`; no height at which a body nearly stops on
-    top, where the direction it leaves in is decided by the last digit."""
+    """A field for a body with a kinetic energy (J) that comes from 0 towards `farthest`; no height at which a body nearly stops
+    on top, where the direction it leaves in is decided by the last digit."""
     shape = SHAPES[int(rng.integers(len(SHAPES)))]
     w = float(10 ** rng.uniform(-4, 0)) * farthest
     c = float(rng.uniform(nearest, farthest))

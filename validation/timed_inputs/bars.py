@@ -1,4 +1,4 @@
-"""Finite elements of a cantilever, by hand: quadratic, strains at 2 Gauss points, mass at 3; axial, or bent with shear (Timoshenko)."""
+"""Quadratic finite elements of a cantilever, strains at 2 Gauss points, mass at 3: axial, or bent with shear (Timoshenko)."""
 
 from __future__ import annotations
 

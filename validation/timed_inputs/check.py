@@ -9,9 +9,9 @@ from timed_inputs.tables import found
 
 from mbdae.validation import Case, Claim, Found, Row, measure
 
-claim = Claim("timed_inputs", "loads and prescribed motions that act for a part of a run, at any width, are right within three times "
-              "the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",
-              "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 between breaks that the generator of the inputs knows")  # fmt: skip
+claim = Claim("timed_inputs", "loads and prescribed motions that act for a part of a run, at any width, are right within three "
+              "times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",
+              "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 between breaks that the maker of the inputs knows")
 QUICK, WHOLE = range(24), range(600)
 
 
@@ -21,7 +21,8 @@ def judge(seeds: Iterable[int]) -> list[Found]:
 
 
 def cases() -> list[Case]:
-    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)), Case(f"{len(WHOLE)} runs", "all", lambda: judge(WHOLE), slow=True)]
+    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
+            Case(f"{len(WHOLE)} runs", "all", lambda: judge(WHOLE), slow=True)]  # fmt: skip
 
 
 def run() -> list[Row]:

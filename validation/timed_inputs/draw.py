@@ -14,6 +14,7 @@ import mbdae as mb
 MOST_STEPS = 5000  #: of the run that resolves something narrow in space
 MOST_PIECES = 40  #: of a run with constant steps, each a run of its own where it is split by hand
 Drawn = tuple[Problem, Way, float]
+Makers = Sequence[Callable[[np.random.Generator], Problem]]
 
 
 def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
@@ -35,12 +36,13 @@ def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
         found += [Way("RadauIIA(3, step=)", mb.RadauIIA(3, step=step)), Way("HHT(step=)", mb.HHT(step=step))]
     if held:
         found += [Way("RadauIIA(3), Index3", mb.RadauIIA(3), mb.Index3(), (1e-6, 1e-3)),
-                  Way("RadauIIA(3), Index1", mb.RadauIIA(3), mb.Index1()), Way("IDA, Index1", mb.IDA(), mb.Index1(), (1e-7, 1e-3)),
+                  Way("RadauIIA(3), Index1", mb.RadauIIA(3), mb.Index1()),
+                  Way("IDA, Index1", mb.IDA(), mb.Index1(), (1e-7, 1e-3)),
                   Way("default, GGL", None, mb.GGL())]  # fmt: skip
     return found
 
 
-def draw(seed: int, of: Sequence[Callable[[np.random.Generator], Problem]] = scenes.SCENES) -> Drawn:
+def draw(seed: int, of: Makers = scenes.SCENES) -> Drawn:
     """The scene of a seed, how it is solved and how accurately."""
     rng = np.random.default_rng(seed)
     problem = of[int(rng.integers(len(of)))](rng)
@@ -50,6 +52,6 @@ def draw(seed: int, of: Sequence[Callable[[np.random.Generator], Problem]] = sce
     return problem, way, float(f"{10 ** rng.uniform(np.log10(low), np.log10(way.accuracies[1])):.1e}")
 
 
-def run(seed: int, of: Sequence[Callable[[np.random.Generator], Problem]] = scenes.SCENES) -> Run:
+def run(seed: int, of: Makers = scenes.SCENES) -> Run:
     """The run of a seed with its verdict."""
     return measure(*draw(seed, of), seed)

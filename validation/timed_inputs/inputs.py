@@ -1,8 +1,9 @@
 """Seeded inputs of time: what a scene is told, and beside it the truth, as smooth pieces between breaks that are known here
-because the input was made here. Nothing of mbdae is used but nothing is needed: `said` is an expression of SymPy's symbol t."""
+because the input was made here. Nothing of mbdae is used: `said` is an expression of SymPy's symbol t."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -53,6 +54,9 @@ class Input:
         """The smooth expression that holds at a time which is no break."""
         return [e for start, e in self.pieces if start < when][-1]
 
+    def _from(self, start: float) -> Expr:
+        return [e for a, e in self.pieces if a <= start][-1]
+
     def times(self, factor: float) -> Input:
         """The input times a number."""
         c = sp.Float(factor)
@@ -60,9 +64,7 @@ class Input:
 
     def __add__(self, other: Input) -> Input:
         starts = sorted({start for start, _ in (*self.pieces, *other.pieces)})
-        after = [(a + b) / 2 if b < inf else a + 1.0 for a, b in zip(starts, [*starts[1:], inf], strict=True)]
-        after = [starts[1] - 1.0 if when == -inf and len(starts) > 1 else max(when, -1e300) for when in after]
-        pieces = tuple((a, self.piece(when) + other.piece(when)) for a, when in zip(starts, after, strict=True))
+        pieces = tuple((a, self._from(a) + other._from(a)) for a in starts)
         return Input("sum", min(self.width, other.width), self.said + other.said, pieces, self.fine + other.fine,
                      max(self.lasts, other.lasts))  # fmt: skip
 
@@ -75,7 +77,7 @@ def _tails(a: float, w: float) -> tuple[tuple[float, float, float], ...]:
     """Narrow inside, wider outside, for what decays like a power."""
     rings = [(_near(a, w * 4**k)[0]) for k in range(RINGS)]
     parts = [rings[0]]
-    for inner, outer in zip(rings[:-1], rings[1:], strict=True):
+    for inner, outer in itertools.pairwise(rings):
         parts += [(outer[0], inner[0], outer[2]), (inner[1], outer[1], outer[2])]
     return tuple(parts)
 
@@ -157,7 +159,7 @@ def burst(rng: np.random.Generator, T: float, w: float) -> Input:
     """A few waves under a bell."""
     a = T * float(rng.uniform(0.1, 0.85))
     e = sp.exp(-(((t - a) / w) ** 2)) * sp.cos(5 * (t - a) / w + 1)
-    return Input("burst", w / 5, e, ((-inf, e),), _near(a, w / 5) if w > T else ((a - 8 * w, a + 8 * w, w / 20),), lasts=w / 3)
+    return Input("burst", w / 5, e, ((-inf, e),), ((a - 8 * w, a + 8 * w, w / 20),), lasts=w / 3)
 
 
 def sech(rng: np.random.Generator, T: float, w: float) -> Input:
@@ -205,7 +207,7 @@ def _periodic(kind: str, T: float, p: float, said: Expr, parts: list[tuple[float
               lasts: float) -> Input:  # fmt: skip
     """Pieces that repeat with p: of every period, (share of it at which a part starts, part of the period's start)."""
     pieces = [(n * p + share * p, part(n * p)) for n in range(-1, int(T / p) + 1) for share, part in parts]
-    return Input(kind, p, said, tuple([(-inf, pieces[0][1]), *pieces]), lasts=lasts)
+    return Input(kind, p, said, ((-inf, pieces[0][1]), *pieces), lasts=lasts)
 
 
 def sawtooth(rng: np.random.Generator, T: float, w: float) -> Input:
@@ -220,7 +222,8 @@ def square(rng: np.random.Generator, T: float, w: float) -> Input:
     p = max(w, T / 10) * float(rng.uniform(0.8, 1))
     wave, low = sp.sin(2 * sp.pi * t / p), int(rng.integers(-1, 1))
     said = sp.sign(wave) if low else _pick(rng, [sp.Heaviside(wave), sp.Piecewise((1, sp.Mod(t, p) < p / 2), (0, True))])
-    return _periodic("square", T, p, said, [(0.0, lambda at: sp.Integer(1)), (0.5, lambda at: sp.Integer(low))], T / 3)
+    parts = [(0.0, lambda at: sp.Integer(1)), (0.5, lambda at: sp.Integer(low))]
+    return _periodic("square", T, p, said, parts, T / 3)
 
 
 def train(rng: np.random.Generator, T: float, w: float) -> Input:
@@ -242,8 +245,8 @@ def rectified(rng: np.random.Generator, T: float, w: float) -> Input:
     return _periodic("rectified", T, p, sp.Max(0, wave), [(0.0, lambda at: wave), (0.5, lambda at: sp.Integer(0))], T)
 
 
-LOADS = (box, box, stairs, ramp, bump, bell, bell, burst, sech, lorentzian, tanh_step, tanh_window, chirp, sawtooth, square, train,
-         rectified)  # fmt: skip
+LOADS = (box, box, stairs, ramp, bump, bell, bell, burst, sech, lorentzian, tanh_step, tanh_window, chirp, sawtooth, square,
+         train, rectified)  # fmt: skip
 MOTIONS = (bump, smoothstep, bell, bell, burst, sech, lorentzian, tanh_step, tanh_window, chirp)  #: value and rate continuous
 
 

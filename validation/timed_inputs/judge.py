@@ -31,11 +31,6 @@ class Way:
     form: Any = None
     accuracies: tuple[float, float] = (1e-8, 1e-3)
 
-    @property
-    def constant(self) -> bool:
-        """Whether its step is given."""
-        return getattr(self.solver, "step", None) is not None
-
 
 @dataclass(frozen=True)
 class Run:
@@ -51,6 +46,11 @@ class Run:
     verdict: str
     note: str
     wall: float
+
+    @property
+    def equal_steps(self) -> bool:
+        """Whether its steps are equal, given or found by halving: what is too narrow for them can only be told."""
+        return self.way.startswith(("GeneralizedAlpha", "HHT")) or "step=" in self.way
 
     def __str__(self) -> str:
         return (f"seed {self.seed}: {self.scene}, {self.kind}, width {self.width:.1e}, {self.way}, asked {self.accuracy:.0e}: "
@@ -163,8 +163,8 @@ def simulate(scene: mb.Scene, t_end: float, accuracy: float, way: Way, start: mb
 
 
 def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> float:
-    """Error of the same constant step where the user splits the run at every break and edge of a narrow feature, states the smooth
-    piece alone, and takes at most a width of a narrow feature in a step: what the method leaves. Infinite where that run fails."""
+    """Error of the same constant step where the user splits the run at every break and edge of a narrow feature, states the
+    smooth piece alone, and takes at most a width of a narrow feature in a step. Infinite where that run fails."""
     worst, start = 0.0, None
     try:
         for a, b, step in oracle.segments(problem):

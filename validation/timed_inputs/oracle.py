@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -9,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-
 from timed_inputs.inputs import Input, numeric
 
 Array = NDArray[np.float64]
+States = tuple[list[Array], Array]  #: those wanted, and the last one
 RTOL, ATOL = 1e-12, 1e-14
 CHUNK = 40  #: steps made at once near something local in space
 
@@ -77,7 +78,7 @@ def segments(problem: Problem) -> list[tuple[float, float, float]]:
         if e - kept[-1] > 4e-16 * max(1.0, T):
             kept.append(e)
     found = []
-    for a, b in zip(kept[:-1], kept[1:], strict=True):
+    for a, b in itertools.pairwise(kept):
         steps = [step for low, high, step in fine if low < (a + b) / 2 < high]
         found.append((a, b, min([problem.largest_step, *steps])))
     return found
@@ -106,7 +107,7 @@ def solve(problem: Problem, times: Array) -> dict[str, Array]:
     return {name: np.array([row[name] for row in rows], dtype=float) for name in rows[0]}
 
 
-def _piece(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> tuple[list[Array], Array]:
+def _piece(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> States:
     """States at the wanted times of one smooth piece, and at its end; it is divided where something local in space comes near."""
     if not len(y):
         return [y] * len(wanted), y
@@ -114,14 +115,15 @@ def _piece(problem: Problem, a: float, b: float, step: float, u: list[Truth], y:
         return _integrated(problem, a, b, step, u, y, wanted)
     states: list[Array] = []
     while a < b:
-        free = problem.clear(y)
-        end = min(b, a + max(free, CHUNK * step))
-        more, y = _integrated(problem, a, end, np.inf if free > CHUNK * step else step, u, y, wanted[(wanted >= a) & (wanted < end)])
+        free, near = problem.clear(y), CHUNK * step
+        end = min(b, a + max(free, near))
+        inside = wanted[(wanted >= a) & (wanted < end)]
+        more, y = _integrated(problem, a, end, np.inf if free > near else step, u, y, inside)
         states, a = states + more, end
     return states, y
 
 
-def _integrated(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> tuple[list[Array], Array]:
+def _integrated(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> States:
     """The same by one call of SciPy."""
     found = solve_ivp(lambda t, y: problem.rhs(t, y, u), (a, b), y, "DOP853", dense_output=True, rtol=problem.rtol, atol=ATOL,
                       max_step=step)  # fmt: skip

@@ -94,7 +94,8 @@ def pendulum(rng: Rng) -> Problem:
     def build(said: list[Any]) -> mb.Scene:
         s = mb.Scene("pendulum", gravity=(0, -G, 0))
         rod = s.link("rod", (0, 0), (0, -L), mass=m)
-        s.revolute("h", s.ground, rod, at=(0, 0), angle0=a0, rate0=w0, torque=None if at_tip else said[0], damper=0.05, model=chosen)
+        turn = None if at_tip else said[0]
+        s.revolute("h", s.ground, rod, at=(0, 0), angle0=a0, rate0=w0, torque=turn, damper=0.05, model=chosen)
         if at_tip:
             s.force("F", rod, (said[0], 0, 0), at=(0, -L))
         return s
@@ -103,7 +104,8 @@ def pendulum(rng: Rng) -> Problem:
         turn = u[0](t) * (L * np.cos(y[0]) if at_tip else 1.0)
         return [y[1], (turn - m * G * L / 2 * np.sin(y[0]) - 0.05 * y[1]) * 3 / (m * L**2)]
 
-    return Problem("pendulum", build, [push], T, np.array([a0, w0]), rhs, lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)
+    return Problem("pendulum", build, [push], T, np.array([a0, w0]), rhs,
+                   lambda t, y, u: {"h.angle": y[0], "h.rate": y[1]}, constrained)  # fmt: skip
 
 
 def driven(rng: Rng) -> Problem:
@@ -193,7 +195,8 @@ def four_bar(rng: Rng) -> Problem:
 
     def build(said: list[Any]) -> mb.Scene:
         s = mb.Scene("four-bar")
-        rods = [s.link(n, p, q, mass=float(mass)) for n, p, q, mass in zip(("crank", "coupler", "rocker"), (A, B, D), (B, C, C), m, strict=True)]
+        ends = {"crank": (A, B), "coupler": (B, C), "rocker": (D, C)}
+        rods = [s.link(n, *points, mass=float(mass)) for (n, points), mass in zip(ends.items(), m, strict=True)]
         own: dict[str, Any] = {"angle": said[0]} if prescribed else {"torque": said[0], "rate0": spin}
         s.revolute("A", s.ground, rods[0], at=A, **own)
         s.revolute("B", rods[0], rods[1], at=B)
@@ -341,7 +344,7 @@ def beam(rng: Rng) -> Problem:
 
     def build(said: list[Any]) -> mb.Scene:
         s = mb.Scene("beam")
-        section = mb.Section(EA=EA, GA2=GA, GA3=GA, GJ=1.0, EI2=EI, EI3=EI, mass_per_length=line, rotary_inertia=J, damping=damping)
+        section = mb.Section(EA, GA, GA, 1.0, EI, EI, mass_per_length=line, rotary_inertia=J, damping=damping)
         b = s.beam("b", (0, 0), (L, 0), section=section, elements=n, order=2)
         s.weld("w", s.ground, b.at(0))
         value = (said[0], 0, 0) if axial else (0, said[0], 0)

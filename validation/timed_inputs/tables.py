@@ -10,7 +10,8 @@ from timed_inputs.judge import VERDICTS, Run
 
 from mbdae.validation import Found
 
-NEEDLESS, TOLD = 0.05, 0.15  #: shares of runs that may warn though right, and that may say that they are wrong
+#: shares of runs that may warn though right, and of those with error control that may say that they are wrong
+NEEDLESS, TOLD = 0.05, 0.1
 WRONG = ("silent", "refused needlessly", "crashed")
 
 
@@ -18,10 +19,11 @@ def found(runs: Sequence[Run]) -> list[Found]:
     """What a claim says of its runs; silent, refused and crashed ones are named by their seeds."""
     counts = Counter(run.verdict for run in runs)
     rows = [Found(counts[v], 0, "runs", v, note=_named(runs, v)) for v in WRONG]
-    share = {v: counts[v] / len(runs) for v in VERDICTS}
     said = ", ".join(f"{counts[v]} {v}" for v in VERDICTS)
-    return [*rows, Found(share["told needlessly"], NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")),
-            Found(share["told"], TOLD, "share", "told, not delivered", note=f"{len(runs)} runs: {said}")]  # fmt: skip
+    steered = [run for run in runs if not run.equal_steps]
+    undelivered = sum(run.verdict == "told" for run in steered) / max(1, len(steered))
+    return [*rows, Found(counts["told needlessly"] / len(runs), NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")),
+            Found(undelivered, TOLD, "share", "told instead of right, error control", note=f"{len(runs)} runs: {said}")]  # fmt: skip
 
 
 def _named(runs: Sequence[Run], verdict: str) -> str:
