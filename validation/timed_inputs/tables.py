@@ -22,8 +22,10 @@ def found(runs: Sequence[Run]) -> list[Found]:
     said = ", ".join(f"{counts[v]} {v}" for v in VERDICTS)
     steered = [run for run in runs if not run.equal_steps]
     undelivered = sum(run.verdict == "told" for run in steered) / max(1, len(steered))
-    return [*rows, Found(counts["told needlessly"] / len(runs), NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")),
-            Found(undelivered, TOLD, "share", "told instead of right, error control", note=f"{len(runs)} runs: {said}")]  # fmt: skip
+    needless = counts["told needlessly"] / len(runs)
+    rows.append(Found(needless, NEEDLESS, "share", "told needlessly", note=_named(runs, "told needlessly")))
+    rows.append(Found(undelivered, TOLD, "share", "told instead of right, error control", note=f"{len(runs)} runs: {said}"))
+    return rows
 
 
 def _named(runs: Sequence[Run], verdict: str) -> str:
