@@ -206,3 +206,25 @@ def test_a_constant_step_is_compared_with_the_same_step_split_by_hand():
     truth = oracle.solve(p, times)
     assert judge.by_hand(p, way, 1e-6, times, truth) < 1e-9
     assert judge.error_of(judge.simulate(p.build([i.said for i in p.inputs]), p.t_end, 1e-6, way), times, truth) > 1e-4
+
+
+def test_forces_on_the_quarter_car_and_the_moved_pivot_balance():
+    """Masses times accelerations of the car are the tyre's force; a pendulum at tan(angle) = -a / g stays there."""
+    y, tyre = np.array([0.01, 0.03, 0.2, -0.1]), 150e3 * (0.02 - 0.01) + 100.0 * (0.5 - 0.2)
+    road = oracle.Truth(sp.Float(0.02) + sp.Float(0.5) * inputs.t)
+    rate = one_of(scenes.quarter_car, "quarter car").rhs(0.0, y, [road])
+    assert 40 * rate[2] + 300 * rate[3] == pytest.approx(tyre, rel=1e-12)
+    pivot = one_of(scenes.moved_pivot, "moved pivot")
+    assert pivot.rhs(0.3, np.array([-np.arctan(2 / 9.81), 0.0]), [oracle.Truth(inputs.t**2)])[1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_pin_in_its_race_loses_what_its_damping_takes():
+    p, y, h = one_of(scenes.loose_pin, "loose pin"), np.array([0.02, 0.012, 0.3, -0.4]), 1e-7
+
+    def energy(y):
+        return 0.25 * (y[2] ** 2 + y[3] ** 2) + 0.4 * 1e5 * max(0.0, np.hypot(y[0], y[1]) - 0.02) ** 2.5
+
+    rate = np.array(p.rhs(0.0, y, [lambda t: 0.0] * 2))
+    deep, speed = np.hypot(y[0], y[1]) - 0.02, (y[:2] @ y[2:]) / np.hypot(y[0], y[1])
+    change = (energy(y + h * rate) - energy(y - h * rate)) / (2 * h)
+    assert change == pytest.approx(-1e5 * deep**1.5 * 0.3 * speed**2, rel=1e-6)

@@ -125,7 +125,14 @@ def _piece(problem: Problem, a: float, b: float, step: float, u: list[Truth], y:
 
 def _integrated(problem: Problem, a: float, b: float, step: float, u: list[Truth], y: Array, wanted: Array) -> States:
     """The same by one call of SciPy."""
-    found = solve_ivp(lambda t, y: problem.rhs(t, y, u), (a, b), y, "DOP853", dense_output=True, rtol=problem.rtol, atol=ATOL,
+
+    def rates(t: float, y: Array) -> Array:
+        found = np.asarray(problem.rhs(t, y, u), dtype=float)
+        if not np.isfinite(found).all():  # SciPy would try ever shorter steps without end
+            raise ArithmeticError(f"the equations of {problem.name} are not finite at t = {t:.6g} s")
+        return found
+
+    found = solve_ivp(rates, (a, b), y, "DOP853", dense_output=True, rtol=problem.rtol, atol=ATOL,
                       max_step=step)  # fmt: skip
     if not found.success:
         raise ArithmeticError(f"the reference of {problem.name} failed: {found.message}")
