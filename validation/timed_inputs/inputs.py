@@ -193,7 +193,7 @@ def tanh_window(rng: np.random.Generator, T: float, w: float) -> Input:
     e = (sp.tanh((t - a) / d) - sp.tanh((t - b) / d)) / 2
     logistic = 1 / (1 + sp.exp(-2 * (t - a) / d)) - 1 / (1 + sp.exp(-2 * (t - b) / d))
     fine = (*_near(a, d), *_near(b, d), (a, b, w / 10))
-    return Input("tanh window", d, _pick(rng, [e, logistic if d > 3e-3 * T else e]), ((-inf, e),), fine, lasts=w)
+    return Input("tanh window", d, _pick(rng, [e, logistic if d > 1e-2 * T else e]), ((-inf, e),), fine, lasts=w)
 
 
 def chirp(rng: np.random.Generator, T: float, w: float) -> Input:
