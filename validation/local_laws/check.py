@@ -1,0 +1,30 @@
+"""Random laws of users that are narrow in space: every run is right, or says that it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from local_laws.scenes import SCENES
+from timed_inputs.draw import run as one
+from timed_inputs.tables import found
+
+from mbdae.validation import Case, Claim, Found, Row, measure
+
+claim = Claim("local_laws", "barriers, wells, stops, kinks and brakes of users' laws, at any width in space, are right within "
+              "three times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",
+              "equations of motion by hand, DOP853 of SciPy at rtol 1e-12 with short steps where the law is narrow")  # fmt: skip
+QUICK, WHOLE = range(12), range(100)
+
+
+def judge(seeds: Iterable[int]) -> list[Found]:
+    """Counts of verdicts, with the seeds of what is wrong."""
+    return found([one(seed, SCENES) for seed in seeds])
+
+
+def cases() -> list[Case]:
+    return [Case(f"{len(QUICK)} runs", "all", lambda: judge(QUICK)),
+            Case(f"{len(WHOLE)} runs", "all", lambda: judge(WHOLE), slow=True)]  # fmt: skip
+
+
+def run() -> list[Row]:
+    return measure(claim, cases())
