@@ -187,7 +187,8 @@ def test_the_judge_sees_a_force_that_was_left_out():
     assert judge.judged(error, 3e-4, "") == "silent"
     assert judge.judged(error, 3e-4, "not met") == "told"
     assert judge.judged(1e-4, 3e-4, "") == "right"
-    assert judge.judged(1e-4, 3e-4, "not met") == "told needlessly"
+    assert judge.judged(2e-4, 3e-4, "not met") == "told"
+    assert judge.judged(0.9e-4, 3e-4, "not met") == "told needlessly"
     known = oracle.solve(_with(p, [NOTHING, NOTHING]), times)
     assert judge.error_of(without, times, known) < 1e-8
 

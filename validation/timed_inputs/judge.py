@@ -111,10 +111,10 @@ def told(result: mb.Result) -> str:
 
 
 def judged(error: float, bound: float, said: str) -> str:
-    """The verdict on a run that returned a result."""
-    if error <= bound:
-        return "told needlessly" if said else "right"
-    return "told" if said else "silent"
+    """The verdict on a run that returned a result; a warning between the accuracy and FACTOR times it is none too many."""
+    if said:
+        return "told needlessly" if error <= bound / FACTOR else "told"
+    return "right" if error <= bound else "silent"
 
 
 def failed(error: Exception) -> tuple[str, str]:
