@@ -8,6 +8,7 @@ either side of it, and every expression is smooth up to both its ends.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -25,6 +26,7 @@ FUNCTIONS = (
 )  # fmt: skip
 #: functions that are rewritten with those above, and what joins conditions
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
+HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
 LOGIC = ("And", "Or", "Not", "Xor", "ITE")
 
 
@@ -41,7 +43,7 @@ def expression(value: Any) -> Expr:
     if isinstance(value, bool | str):
         raise TypeError(f"{value!r} is neither a number nor an expression of mb.t")
     try:
-        e = se.sympify(_supported(value))
+        e = _canonical(value) if getattr(value, "free_symbols", None) else se.sympify(value)
     except (TypeError, RuntimeError, AttributeError, se.SympifyError) as error:
         raise TypeError(f"{value!r} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix):
@@ -52,65 +54,124 @@ def expression(value: Any) -> Expr:
     return e
 
 
-def _supported(value: Any) -> Any:
-    """A SymPy expression in canonical form; refuses what has no value or no derivative."""
-    if not getattr(value, "free_symbols", None):
-        return value
-    if isinstance(value, se.Basic) and _canonical(value):
+def _canonical(value: Any) -> Expr:
+    """An expression with the functions the kernels compile; refuses what has no value or no derivative."""
+    if isinstance(value, se.Basic) and _plain(value):
         return value
     import sympy
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise ValueError(f"{value} is not finite")
-    real = sympy.Symbol("t", real=True)  # conditions of complex numbers cannot be stated
-    value = _rewritten(value.subs(time_symbol(), real)).subs(real, time_symbol())
-    if value.has(sympy.I):
-        raise ValueError(f"{value} is not real")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
-    unknown = sorted(used - {*FUNCTIONS, *LOGIC})
+    unknown = sorted(used - {*FUNCTIONS, *REWRITTEN, *LOGIC})
     if unknown:
         known = ", ".join(FUNCTIONS + REWRITTEN)
         raise ValueError(f"{value} contains the function {unknown[0]}; expressions of mb.t may use {known}")
     for piecewise in value.atoms(sympy.Piecewise):
         if not _complete(piecewise):
             raise ValueError(f"{piecewise} has no value where none of its conditions holds; end it with (value, True)")
-    return value
+    value = value.subs(time_symbol(), sympy.Symbol("t", real=True))  # conditions of complex numbers cannot be stated
+    if value.has(sympy.I):
+        raise ValueError(f"{value} is not real")
+    return _rewritten(*_exponents(_without_steps(value)))
 
 
-def _canonical(e: Expr) -> bool:
+def _plain(e: Expr) -> bool:
     """Whether a symengine expression contains nothing that has to be rewritten or refused."""
     names = {type(node).__name__ for node in nodes(e)}
     numbers = {"Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half", "Pi", "Exp1"}
     return names <= {*FUNCTIONS, "Add", "Mul", "Pow", "Symbol", *numbers} - {"Piecewise"}
 
 
-def _rewritten(e: Any) -> Any:
+def _without_steps(e: Any) -> Any:
+    """A SymPy expression without the functions symengine does not know."""
     import sympy as sp
 
-    def steps(x: Any, at_zero: Any = None) -> Any:
-        return sp.Piecewise((1, x > 0), (0, x < 0), (sp.Rational(1, 2) if at_zero is None else at_zero, True))
-
-    def largest(*args: Any) -> Any:
-        first, *others = args
-        for other in others:
-            first = sp.Piecewise((first, first >= other), (other, True))
-        return first
-
-    def smallest(*args: Any) -> Any:
-        return -largest(*(-a for a in args))
-
     rules: dict[Any, Any] = {
-        sp.Abs: lambda x: sp.Piecewise((x, x >= 0), (-x, True)),
-        sp.sign: lambda x: sp.Piecewise((1, x > 0), (-1, x < 0), (0, True)),
-        sp.Heaviside: steps, sp.Max: largest, sp.Min: smallest,
-        sp.Mod: lambda x, period: x - period * sp.floor(x / period),
-        sp.ceiling: lambda x: -sp.floor(-x), sp.frac: lambda x: x - sp.floor(x),
+        sp.Heaviside: lambda x, at_zero=None: (1 + sp.sign(x)) / 2,
+        sp.Mod: lambda x, period: x - period * sp.floor(x / period), sp.frac: lambda x: x - sp.floor(x),
         sp.ITE: lambda c, a, b: sp.Or(sp.And(c, a), sp.And(sp.Not(c), b)),
     }  # fmt: skip
     for function, rule in rules.items():
         e = e.replace(function, rule)
     return e
+
+
+def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
+    """The expression with a symbol for every exponential that SymPy has split into a number and a rest, exp(x - 5000) into
+    1e-2171 exp(x): neither fits into a double although their product does. Symbols with their exponents, (rest, number)."""
+    import sympy as sp
+
+    found: dict[str, Any] = {}
+
+    def huge(x: Any) -> bool:
+        number = x.as_coeff_Mul()[0] if x.is_Mul else sp.S.One
+        return bool(number.is_Float and number != 0 and abs(sp.log(abs(number))) > HUGE and any(a.func is sp.exp for a in x.args))
+
+    def merged(x: Any) -> Any:
+        number, rest = x.as_coeff_Mul()
+        power = next(a for a in rest.as_ordered_factors() if a.func is sp.exp)
+        name = f"exponential_{len(found)}"
+        found[name] = power.args[0], float(sp.log(abs(number)))
+        return sp.sign(number) * sp.Symbol(name, real=True) * (rest / power)
+
+    return e.replace(huge, merged), found
+
+
+def _rewritten(value: Any, exponents: dict[str, Any]) -> Expr:
+    """In symengine, with Piecewise for Abs, sign, Max and Min."""
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        name = type(node).__name__
+        if isinstance(node, se.Symbol) and str(node) in exponents:
+            rest, number = exponents[str(node)]
+            return se.exp(_rewritten(rest, exponents) + number)
+        if name in ("Max", "Min"):
+            return _extreme(args, largest=name == "Max")
+        if name == "Abs":
+            return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
+        if name == "sign":
+            return se.Piecewise((se.Integer(1), args[0] > 0), (se.Integer(-1), args[0] < 0), (se.Integer(0), True))
+        return None
+
+    return rebuilt(se.sympify(value), rule)
+
+
+def with_fractions(e: Expr) -> Expr:
+    """The expression with fractions for its floating-point numbers: as text they keep every digit."""
+
+    def rule(node: Expr, _: list[Expr]) -> Expr | None:
+        return se.Rational(*float(node).as_integer_ratio()) if type(node).__name__ == "RealDouble" else None
+
+    return rebuilt(e, rule)
+
+
+def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
+    """The expression with every part, from the inside out, replaced by what rule(part, its arguments) gives; None keeps it."""
+    made: dict[Expr, Expr] = {}
+    for node in nodes(e):
+        args = [made[part] for part in node.args]
+        found = rule(node, args)
+        made[node] = found if found is not None else node if list(node.args) == args else _joined(node, args)
+    return made[e]
+
+
+def _extreme(args: list[Expr], largest: bool) -> Expr:
+    found = args[0]
+    for other in args[1:]:
+        found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
+    return found
+
+
+def _joined(node: Expr, args: list[Expr]) -> Expr:
+    """A function or a condition of other arguments."""
+    if isinstance(node, se.Piecewise):
+        return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
+    name = type(node).__name__
+    conditions: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
+                                  "And": se.And, "Or": se.Or, "Not": se.Not, "Xor": se.Xor}  # fmt: skip
+    return conditions[name](*args) if name in conditions else node.func(*args)
 
 
 def _complete(piecewise: Any) -> bool:
@@ -143,19 +204,14 @@ def sided(e: Expr) -> Expr:
     """The expression with `SIDE` for the time in its conditions and floors; unchanged where it has them already."""
     if not any(isinstance(node, se.Piecewise) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
-    made: dict[Expr, Expr] = {}
-    for node in nodes(e):
-        args = node.args
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
         if isinstance(node, se.Piecewise):
-            pairs = [(made[args[i]], args[i + 1].subs({TIME: SIDE})) for i in range(0, len(args), 2)]
-            made[node] = se.Piecewise(*pairs)
-        elif type(node).__name__ == "floor":
-            made[node] = node.subs({TIME: SIDE})
-        elif args and not is_condition(node):
-            made[node] = node.func(*(made[part] for part in args))
-        else:
-            made[node] = node
-    return made[e]
+            conditions = [node.args[i].subs({TIME: SIDE}) for i in range(1, len(args), 2)]
+            return se.Piecewise(*zip(args[::2], conditions, strict=True))
+        return node.subs({TIME: SIDE}) if type(node).__name__ == "floor" else None
+
+    return rebuilt(e, rule)
 
 
 def is_condition(node: Expr) -> bool:

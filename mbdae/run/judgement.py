@@ -14,15 +14,17 @@ from mbdae.run.drift import drifted
 from mbdae.run.norms import unequal_norms
 from mbdae.run.passages import passages
 from mbdae.run.reliability import Judgement, doubts_of_steps, judged
+from mbdae.system.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 
-JUDGED = 1000  #: outputs at which a run with contact is judged
+JUDGED = 1000  #: outputs, or steps where an input depends on time, at which energies are judged
 
 
 def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
     """Every warning of a run; drifts: joints are held on the level of accelerations alone."""
-    times, known = found.t, found.info.accuracy
-    judgement = judged(found if len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
+    known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
+    times = run.solution.t if timed else found.t  # a short input lies between outputs
+    judgement = judged(found if times is found.t and len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
     notes = [*_warnings(found.prepared, run, known, drifts), *doubts_of_steps(run), *judgement.notes,
              *passages(found, known.asked), *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
     return Judgement(tuple(notes), judgement.reliable)

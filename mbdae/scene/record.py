@@ -72,11 +72,7 @@ def _encode_expression(value: Any) -> Any:
         return {"unreadable": repr(value)}
     if not e.free_symbols:
         return float(e)
-    import sympy
-
-    exact = sympy.sympify(e)  # text keeps 15 digits of a number, a fraction keeps all
-    exact = exact.xreplace({x: sympy.Rational(*float(x).as_integer_ratio()) for x in exact.atoms(sympy.Float)})
-    return {"expression": str(se.sympify(exact))}
+    return {"expression": str(timed.with_fractions(e))}  # text keeps 15 digits of a number, a fraction keeps all
 
 
 def _encode_law(law: Law) -> dict[str, Any]:
