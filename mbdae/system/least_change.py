@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mbdae.system.base import Array
@@ -9,7 +11,7 @@ from mbdae.system.base import Array
 DEPENDENT = 1e-9  #: singular values of rows of unit length below which they depend on each other
 
 
-def least_change(A: Array, right: Array, root: Array, massless: Array, stated: Array, off: Array) -> Array:
+def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Array, off: Array) -> Array:
     """x (n,) with A x = right (least squares), of these the one nearest to stated x = off, of these the smallest one.
 
     A (rows, n), stated (s, n); root: Cholesky factor of the mass of the coordinates that have one, which measures the
@@ -17,8 +19,8 @@ def least_change(A: Array, right: Array, root: Array, massless: Array, stated: A
     heavy, x = ~massless, np.zeros(len(massless))
     rows, values, pivots = _without(A, right, np.flatnonzero(massless))
     left = np.setdiff1d(np.arange(len(A)), list(pivots.values()))
-    scaled, sizes = _unit_rows(np.linalg.solve(root, rows[np.ix_(left, heavy)].T).T)
-    wanted, lengths = _unit_rows(np.linalg.solve(root, stated[:, heavy].T).T)
+    scaled, sizes = _unit_rows(np.asarray(np.linalg.solve(root, rows[np.ix_(left, heavy)].T).T))
+    wanted, lengths = _unit_rows(np.asarray(np.linalg.solve(root, stated[:, heavy].T).T))
     # y = root^T x: its length is the size of the change. The stated rows without what the conditions fix leave free motions
     found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes, scaled @ wanted.T]), rcond=DEPENDENT)[0]
     y, free = found[:, 0], wanted - found[:, 1:].T
@@ -29,9 +31,10 @@ def least_change(A: Array, right: Array, root: Array, massless: Array, stated: A
     return x
 
 
-def _without(A: Array, right: Array, columns: Array) -> tuple[Array, Array, dict[int, int]]:
+def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
     """The equations with columns eliminated from all rows but one each, and the number of that row by column."""
-    A, right, pivots = A.copy(), right.copy(), {}
+    A, right = A.copy(), right.copy()
+    pivots: dict[int, int] = {}
     for column in columns:
         size = np.abs(A[:, column])
         size[list(pivots.values())] = 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mbdae.scene.components import Body
@@ -23,7 +25,7 @@ class RigidMotions:
         self.size = sum(n.kind.sizes[1] for n in self.single) + sum(nodes[0].kind.sizes[1] for nodes in self.beams)
 
     @property
-    def massless(self) -> Array:
+    def massless(self) -> Any:
         """(size,) bool: coordinates of joints, which have no mass."""
         counts = [n.kind.sizes[1] for n in self.single]
         mask = np.repeat([n.body is None for n in self.single], counts)
@@ -32,9 +34,11 @@ class RigidMotions:
     def given(self, q: Array) -> list[tuple[Body, Array, Array]]:
         """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the centre of
         mass and the angular velocity per coordinate."""
-        moving = [(n, n.body, np.zeros(3)) for n in self.single]
+        moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
         for nodes in self.beams:
-            beam, own = nodes[0].body.owner, nodes[0].body  # type: ignore[union-attr]
+            own = nodes[0].body
+            assert own is not None
+            beam = own.owner
             turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.rotation.T
             moving.append((nodes[0], beam, turn @ (beam.position - own.position)))
         unit, column = np.eye(self.size), 0

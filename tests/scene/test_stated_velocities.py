@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -23,8 +21,11 @@ def velocity(p: Prepared, name: str) -> tuple[np.ndarray, np.ndarray]:
     return v, w
 
 
-@pytest.mark.parametrize(("model", "space", "inertia", "name", "swapped"),
-                         [*itertools.product(MODELS, ("auto", "spatial"), (1e-9, 1.0, 1e9), ("revolute", "prismatic"), (False, True))])  # fmt: skip
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("name", ["revolute", "prismatic"])
+@pytest.mark.parametrize("inertia", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("space", ["auto", "spatial"])
+@pytest.mark.parametrize("model", MODELS)
 def test_one_joint(model: mb.JointModel, space: str, inertia: float, name: str, swapped: bool) -> None:
     """A body that turns or slides as its joint lets it keeps its velocity, and the joint's coordinate has that rate."""
     turns = name == "revolute"
