@@ -25,8 +25,8 @@ class Check:
         """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
         stated = self.prepared.model.scene
 
-        def prepared_as(scene: SceneData, largest_tree: int | None) -> Prepared:
-            return self.prepared if scene is stated else prepare(scene, largest_tree=largest_tree)
+        def prepared_as(scene: SceneData) -> Prepared:
+            return self.prepared if scene is stated else prepare(scene)
 
         return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
 

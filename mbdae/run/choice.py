@@ -21,7 +21,6 @@ from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
-LARGEST_TREE = 300  #: steps of a tree's program above which compiling it takes longer than a run with kinematic joints
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
 #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
 TIGHT_ELIMINATED = 3e-6
@@ -60,17 +59,17 @@ class Choice:
 
 
 def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> Prepared:
-    """The scene with recursive joints where its joints form a tree that is soon compiled and the user left their model open;
-    as stated otherwise. `prepare(scene, largest_tree)` raises SceneError with every problem found."""
+    """The scene with recursive joints where its joints form a tree that can be compiled and the user left their model open; as
+    stated otherwise. `prepare(scene)` raises SceneError with every problem found."""
     variant = with_open_tree(scene)
     if variant is not None:
         try:
-            found = prepare(variant, LARGEST_TREE)
+            found = prepare(variant)
             if not found.model.kept:
                 return found
         except MbdaeError:
             pass  # what is wrong is told of the scene as stated
-    return prepare(scene, None)
+    return prepare(scene)
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
