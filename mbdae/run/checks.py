@@ -57,7 +57,7 @@ class Check:
 
     @property
     def pruned(self) -> tuple[str, ...]:
-        """Rows that vanish identically for this scene, "joint.row"."""
+        """Rows that vanish identically for this scene, or need axes of a point mass, "joint.row"."""
         return tuple(self.prepared.model.vanished)
 
     @property
@@ -111,7 +111,9 @@ class Check:
         lines += self._of_friction()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
-        lines += _by_joint("  pruned, zero in every position", self.pruned)
+        undefined = tuple(p.model.undefined)
+        lines += _by_joint("  pruned, zero in every position", tuple(row for row in self.pruned if row not in undefined))
+        lines += _by_joint("  pruned, a point mass has no axes", undefined)
         for row in p.rank.singular_here:
             lines.append(f"  dependent at the start only: {row.name}; the scene starts in a singular position")
         lines += [f"  {note}" for note in doubts(p)]
