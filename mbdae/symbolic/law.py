@@ -86,6 +86,7 @@ class Law:
 
     @property
     def parts(self) -> list[Part]:
+        """The exchangeable parts among the options: friction laws, normal laws."""
         return [part for part in (getattr(self, key) for key in self.options) if isinstance(part, Part)]
 
     def may_stick(self, states: Collection[str]) -> bool:
