@@ -83,9 +83,9 @@ class Scene(SceneData):
         plausible(accuracy)
         end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
 
-        def prepared_as(scene: SceneData, largest_tree: int | None = None) -> Prepared:
+        def prepared_as(scene: SceneData) -> Prepared:
             begin = start.state_for(scene) if start is not None else None
-            return prepare(scene, begin, t_end=end, largest_tree=largest_tree)
+            return prepare(scene, begin, t_end=end)
 
         chosen = solver is None and form is None
         prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
@@ -101,4 +101,4 @@ class Scene(SceneData):
             choice = choose(prepared, self, accuracy, form)
             job = Job(prepared, choice.form, accuracy, float(t_end), times, options)
             run = job.run_default(choice, form)
-        return job.result(run, job.verify(run) if verify else None)
+        return job.result(run, verify)

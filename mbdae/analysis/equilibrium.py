@@ -97,9 +97,8 @@ class Equilibrium(Result):
 
     def _start_value(self, item: Connection) -> float:
         """Where whole turns are counted from: what a spring of the joint has followed, else the start."""
-        states = self.prepared.mechanics.numbering.states.values()
-        followed = [i for i, name in enumerate(states) if name == f"{item.name}.followed"]
-        return float(self._states[2][0, followed[0]]) if followed else super()._start_value(item)
+        followed = self.prepared.mechanics.followed.get(item.name)
+        return super()._start_value(item) if followed is None else float(self._states[2][0, followed])
 
     def save(self, path: Any) -> None:
         raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "

@@ -57,7 +57,7 @@ class JournalContact(Force):
     timeless = True
 
     def own_states(self) -> Mapping[str, Parameter]:
-        return {name + end: spec for part in self._parts for name, spec in part.states.items() for end in self._ends}
+        return {name + end: spec for part in self.parts for name, spec in part.states.items() for end in self._ends}
 
     def state_scales(self) -> dict[str, float]:
         return {name + end: scale for name, scale in super().state_scales().items() for end in self._ends}

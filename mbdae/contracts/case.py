@@ -74,8 +74,8 @@ class Case:
                  family: dict[Any, Case] | None = None) -> None:  # fmt: skip
         self.law, self.structure, self.given = law, structure, given
         self.family = family if family is not None else {}
-        self.family[structure, sides] = self
         self.d: Derived = derive(law, structure, sides)  # type: ignore[arg-type]
+        self.family[structure, sides] = self
         self.rng = np.random.default_rng(20)
         self.states = States(self.d, given, self.rng, POINTS)
         self.values = self.states.values

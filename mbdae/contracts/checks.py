@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mbdae.contracts.case import STEP, Case, Measured, columns, compared, label, of_elements, rebuilt, scalars, starts, statement
 from mbdae.contracts.states import Values, embedded, rates, rigid_velocities, rigidly_moved, rotation, velocities
+from mbdae.errors import LawError
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.formulations.index3 import index3_outputs
 from mbdae.kernels.plan import Outputs
@@ -270,7 +271,10 @@ def planar(case: Case) -> Iterator[Measured]:
     if not any(f.kind.flat for f in d.frames) or (d.frames[0].axes is Axes.IN_PLANE and not isinstance(d.law, Joint)):
         return
     kinds = {NodeKind.PLANAR: NodeKind.SPATIAL, NodeKind.PLANAR_POINT: NodeKind.POINT, NodeKind.PLANAR_GROUND: NodeKind.GROUND}
-    other = case.variant(tuple((kinds.get(f.kind, f.kind), Axes.GENERAL) for f in d.frames))
+    try:
+        other = case.variant(tuple((kinds.get(f.kind, f.kind), Axes.GENERAL) for f in d.frames))
+    except LawError:  # a law of the plane alone: `refused` says why
+        return
     values = embedded(d, case.values, other.d)
     states = {f"state_{name}": start.real for name, start in table(other, starts, values).items()}
     own, values = case.values | states, values | states

@@ -36,6 +36,7 @@ class JointSpring(_OnCoordinate):
         stiffness=("N m/rad or N/m", "stiffness"), rest=("rad or m", "coordinate without force"),
         turns=("rad", "whole turns of the start angle"),
     )  # fmt: skip
+    follows = "followed"
     states = {"followed": Parameter("rad", "angle followed through all turns")}  # noqa: RUF012
 
     def energy(self, k: Frame, l: Frame) -> Expr:

@@ -13,8 +13,11 @@ class Friction(Part):
     """Friction force on l along the tangent: f_t = - coefficient(v) f_n, v the signed velocity of l relative to k, m/s.
 
     A law of one's own states `coefficient(v)`, an odd function of v; with internal states (`states`, units by name) also
-    `rate(v)`, and `initial(v)` where they do not start at 0. States and parameters are attributes of those names.
+    `rate(v)`, and `initial(v)` where they do not start at 0. States and parameters are attributes of those names. A law by
+    which nothing can stick (a force proportional to v) may say `sticks = False`: solvers need not be prepared for it then.
     """
+
+    sticks = True
 
     def coefficient(self, v: Expr) -> Expr:
         """Friction coefficient with the sign of the velocity; the friction power is -coefficient(v) v f_n."""

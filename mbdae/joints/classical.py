@@ -12,8 +12,9 @@ class ClassicalRevolute(Joint):
     """l turns about k.z; three rotation rows for the unknowns of l and the angle, a fourth where it is prescribed.
 
     Paper Eqs. 1, 10 and 11: k.x.(l.x sin phi + l.y cos phi) = sin(phi - theta) = 0 ties the massless unknown phi to the
-    bodies, phi - phi(t) = 0 prescribes it. The first also vanishes half a turn off; the start refuses that branch.
-    The row of phi reads lambda(angle) + lambda(drive) + stiffness phi + damping dphi/dt = 0.
+    bodies, phi(t) - phi = 0 prescribes it. The first also vanishes half a turn off; the start refuses that branch.
+    The multipliers of both rows are torques on l about k.z, N m: that of `drive` is the torque of the drive, as in the
+    kinematic model. The row of phi reads lambda(angle) - lambda(drive) + stiffness phi + damping dphi/dt = 0.
     """
 
     params = params(drive=("rad", "prescribed relative angle phi(t)")) | AUGMENTED
@@ -25,7 +26,7 @@ class ClassicalRevolute(Joint):
         rows = same_point(k, l) | same_axis(k, l)
         rows["angle"] = turned_by(k, l, self.phi)
         if self.drive is not None:
-            rows["drive"] = self.phi - self.drive
+            rows["drive"] = self.drive - self.phi
         return rows
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:

@@ -11,7 +11,8 @@ from mbdae.symbolic.vectors import Expr
 class ClassicalPrismatic(Joint):
     """l slides along k.z without turning; the displacement x is a massless unknown, k.z.(r_l - r_k) - x = 0 ties it.
 
-    A fourth kind of row, x - x(t) = 0, prescribes it: its multiplier is the force on l against k.z, N.
+    A further row, x - x(t) = 0, prescribes it. The multipliers of both are forces on l against k.z, N: that of `drive` is the
+    force of the drive, as in the kinematic model. The row of x reads lambda(drive) - lambda(displacement) + ... = 0.
     """
 
     params = params(drive=("m", "prescribed relative displacement"))

@@ -9,7 +9,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 def same_point(k: Frame, l: Frame) -> dict[str, Expr]:
-    """The points of k and l coincide; rows in inertial axes, multipliers in N."""
+    """The points of k and l coincide; rows in inertial axes. A multiplier is minus that component of the force on l, N."""
     d = l.r - k.r
     return {"x": d[0], "y": d[1], "z": d[2]}
 

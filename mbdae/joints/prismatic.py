@@ -9,7 +9,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 class Prismatic(Joint):
-    """l slides along k.z without turning. The multiplier of the driven row is the force on l against k.z, N."""
+    """l slides along k.z without turning. The multiplier of `drive` is the force of the drive on l against k.z, N."""
 
     params = params(drive=("m", "prescribed relative displacement"))
     coordinate_unit = "m"

@@ -13,7 +13,7 @@ class Revolute(Joint):
 
     The driven row x_k.(x_l sin phi + y_l cos phi) = sin(phi - theta) vanishes at theta = phi + pi too;
     the start refuses that branch (x_k.(x_l cos phi - y_l sin phi) > 0 is required there).
-    The multiplier of the driven row is the torque of the drive on l about k.z, N m.
+    The multiplier of `drive` is the torque of the drive on l about k.z, N m.
     """
 
     params = params(drive=("rad", "prescribed relative angle phi(t)")) | AUGMENTED

@@ -26,8 +26,8 @@ class Check:
         """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
         stated = self.prepared.model.scene
 
-        def prepared_as(scene: SceneData, largest_tree: int | None) -> Prepared:
-            return self.prepared if scene is stated else prepare(scene, largest_tree=largest_tree)
+        def prepared_as(scene: SceneData) -> Prepared:
+            return self.prepared if scene is stated else prepare(scene)
 
         return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
 
@@ -58,7 +58,7 @@ class Check:
 
     @property
     def pruned(self) -> tuple[str, ...]:
-        """Rows that vanish identically for this scene, "joint.row"."""
+        """Rows that vanish identically for this scene, or need axes of a point mass, "joint.row"."""
         return tuple(self.prepared.model.vanished)
 
     @property
@@ -113,7 +113,9 @@ class Check:
         lines += self._of_inputs()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
-        lines += _by_joint("  pruned, zero in every position", self.pruned)
+        undefined = tuple(p.model.undefined)
+        lines += _by_joint("  pruned, zero in every position", tuple(row for row in self.pruned if row not in undefined))
+        lines += _by_joint("  pruned, a point mass has no axes", undefined)
         for row in p.rank.singular_here:
             lines.append(f"  dependent at the start only: {row.name}; the scene starts in a singular position")
         lines += [f"  {note}" for note in doubts(p)]

@@ -16,13 +16,11 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import MbdaeError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
-from mbdae.run.resolution import slowest_velocities
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
-LARGEST_TREE = 300  #: steps of a tree's program above which compiling it takes longer than a run with kinematic joints
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
 #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
 TIGHT_ELIMINATED = 3e-6
@@ -31,6 +29,8 @@ STIFF = 100.0  #: fastest decay or oscillation times the characteristic time abo
 SMOOTH = 0.3
 #: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating them, where every motion is prescribed
 SMALL = 30
+FRICTION = "friction, which is stiff where bodies stick"
+UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
 EIGENVALUES = 300  #: unknowns up to which eigenvalues are sought
 
 
@@ -59,17 +59,17 @@ class Choice:
 
 
 def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> Prepared:
-    """The scene with recursive joints where its joints form a tree that is soon compiled and the user left their model open;
-    as stated otherwise. `prepare(scene, largest_tree)` raises SceneError with every problem found."""
+    """The scene with recursive joints where its joints form a tree that can be compiled and the user left their model open; as
+    stated otherwise. `prepare(scene)` raises SceneError with every problem found."""
     variant = with_open_tree(scene)
     if variant is not None:
         try:
-            found = prepare(variant, LARGEST_TREE)
+            found = prepare(variant)
             if not found.model.kept:
                 return found
         except MbdaeError:
             pass  # what is wrong is told of the scene as stated
-    return prepare(scene, None)
+    return prepare(scene)
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
@@ -129,8 +129,13 @@ def _hard(prepared: Prepared) -> str:
         return "elastic beams, whose fast modes BDF feeds or follows for ever"
     if prepared.contacts:
         return "contacts, on which its steps land; BDF gains or loses more energy there"
-    if prepared.mechanics.reactive or prepared.mechanics.numbering.states or any(True for _ in slowest_velocities(prepared)):
-        return "friction, which is stiff where bodies stick"
+    if prepared.mechanics.reactive:
+        return FRICTION
+    for group in prepared.model.groups:
+        for instance in group.instances:
+            if instance.law.may_stick(group.derived.states):
+                unsaid = instance.law.sticks is None and not any(part.may_stick() for part in instance.law.parts)
+                return UNSAID.format(instance.item, type(instance.law).__name__) if unsaid else FRICTION
     return ""
 
 

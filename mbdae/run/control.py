@@ -49,6 +49,15 @@ class Controlled:
     cpu_s: float
     notes: tuple[str, ...] = ()
 
+    def after(self, runs: int, cpu_s: float) -> Controlled:
+        """The run with the cost of others that were made for it."""
+        return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
+
+
+def cpu_of(error: SolverError) -> float:
+    """CPU seconds of a run that failed."""
+    return 0.0 if error.solution is None else float(error.solution.stats.cpu_s)
+
 
 Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
 
@@ -120,8 +129,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
-        unseen = stepped_over(system, found.solution, accuracy, measure) if found.solution.complete else 0.0
-        return Controlled(found.solution, found.solver, found.estimate + unseen, found.runs, found.cpu_s)
+        run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
+        return with_stepped_over(run, system, accuracy, measure) if run.solution.complete else run
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -163,29 +172,34 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def stepped_over(system: System, run: Solution, accuracy: float, measure: Measure) -> float:
-    """What constant steps leave out at the start: vibrations that are shorter than a step look alike with steps of half the size,
-    so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
+def with_stepped_over(run: Controlled, system: System, accuracy: float, measure: Measure) -> Controlled:
+    """The run with what constant steps leave out at the start in its estimate: vibrations that are shorter than a step look alike
+    with steps of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
     from mbdae.integrators.radau import RadauIIA
 
-    end = min(float(run.t[-1]), float(run.t[0]) + FIRST_STEPS * run.stats.h_max)
-    if not end > run.t[0]:
-        return 0.0
+    t0, h = float(run.solution.t[0]), run.solution.stats.h_max
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
+    left, cpu = left_out(run.solution, close, system, t0 + FIRST_STEPS * h, PROBES, measure)
+    return replace(run, estimate=run.estimate + left).after(1, cpu)
+
+
+def left_out(run: Solution, close: Solver, system: System, end: float, samples: int, measure: Measure) -> tuple[float, float]:
+    """Largest distance of a run from one by another solver or system from the same start to `end` at the most, or as far as that
+    comes (infinite where it does not come anywhere), and the CPU seconds this takes."""
+    end = min(float(run.t[-1]), end)
     try:
         probe = close.solve(system, end, max_residuals=10 * run.stats.residuals + 10000)
     except SolverError as error:
         if error.solution is None or len(error.solution.t) < 3:
-            return float("inf")
+            return float("inf"), cpu_of(error)
         probe = error.solution
-    times = np.linspace(float(run.t[0]), float(probe.t[-1]), PROBES)
-    return float(np.max(measure(times, run(times), probe(times))))
+    times = np.linspace(float(run.t[0]), float(probe.t[-1]), samples)
+    return float(np.max(measure(times, run(times), probe(times)))), probe.stats.cpu_s
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:
     """The best run so far, with the failure of a tighter one in its notes and its cost counted."""
-    spent = error.solution.stats.cpu_s if error.solution is not None else 0.0
-    return replace(best, runs=best.runs + 1, cpu_s=best.cpu_s + spent, notes=(*best.notes, f"a tighter run failed: {error}"))
+    return replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
 
 
 def _with_rtol(solver: Solver, rtol: float) -> Solver:

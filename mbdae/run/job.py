@@ -24,11 +24,11 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Accuracy, Result, RunInfo
 from mbdae.run.choice import Choice, alternatives
-from mbdae.run.control import Controlled, measure_of, run_controlled
+from mbdae.run.control import Controlled, cpu_of, measure_of, run_controlled
 from mbdae.run.drift import drifted
 from mbdae.run.judgement import judgement_of
 from mbdae.run.resolution import refuse_unresolved
-from mbdae.run.waves import lost_amplitude, with_amplitude
+from mbdae.run.waves import with_lost_vibrations
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.eliminated import Eliminated
 from mbdae.system.prepare import Prepared
@@ -81,7 +81,7 @@ class Job:
         if not run.solution.complete:
             return run
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
-        run = with_amplitude(run, lost_amplitude(self.prepared, resolving, run))
+        run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             run = self._tighter(run, solver, system, resolving)
         if run.estimate <= self.accuracy:
@@ -92,9 +92,11 @@ class Job:
             again = self._controlled(resolving, solver)
         except WallClockError:
             raise
-        except SolverError:
-            return run
-        return again if again.estimate < run.estimate or not again.solution.complete else run
+        except SolverError as error:
+            return run.after(1, cpu_of(error))
+        if again.estimate < run.estimate or not again.solution.complete:
+            return again.after(run.runs, run.cpu_s)
+        return run.after(again.runs, again.cpu_s)
 
     def _tighter(self, run: Controlled, solver: Solver, system: SceneSystem, resolving: SceneSystem) -> Controlled:
         """A run to a tenth of the accuracy if that is better."""
@@ -102,13 +104,14 @@ class Job:
             again = self._controlled(system, solver, self.accuracy / 10)
         except WallClockError:
             raise
-        except (SolverError, OptionError):
+        except OptionError:
             return run
+        except SolverError as error:
+            return run.after(1, cpu_of(error))
         if not again.solution.complete:
-            return run
-        again = replace(again, runs=run.runs + again.runs, cpu_s=run.cpu_s + again.cpu_s)
-        again = with_amplitude(again, lost_amplitude(self.prepared, resolving, again))
-        return again if again.estimate < run.estimate else run
+            return run.after(again.runs, again.cpu_s)
+        again = with_lost_vibrations(self.prepared, resolving, again)
+        return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
 
     def run_default(self, choice: Choice, form: Form | None) -> Controlled:
         """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
@@ -118,7 +121,7 @@ class Job:
 
         best: tuple[Controlled, Form, str] | None = None
         failure: MbdaeError | None = None
-        why = ""
+        why, runs, cpu = "", 0, 0.0
         for solver, own in alternatives(choice, form):
             self.form = own
             told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
@@ -128,8 +131,10 @@ class Job:
                 raise
             except (SolverError, OptionError) as error:
                 said = str(error)
+                runs, cpu = runs + 1, cpu + (cpu_of(error) if isinstance(error, SolverError) else 0.0)
                 failure, why = failure or error, said if solver.label in said else f"{solver.label} stopped: {said}"
                 continue
+            runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
                 best = run, self.form, told
             missed = self._missed(run)
@@ -140,7 +145,7 @@ class Job:
             assert failure is not None
             raise failure
         run, self.form, self.choice = best
-        return run
+        return replace(run, runs=runs, cpu_s=cpu)
 
     def _missed(self, run: Controlled) -> str:
         """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
@@ -151,8 +156,8 @@ class Job:
         doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
         return f"warned: {doubts[0]}" if doubts else ""
 
-    def verify(self, run: Controlled) -> float | None:
-        """Largest difference to a run of another method at a tenth of the accuracy."""
+    def _verified(self, run: Controlled) -> tuple[float | None, Controlled]:
+        """Largest difference to a run of another method at a tenth of the accuracy, and that run."""
         from mbdae.integrators.ida import IDA
         from mbdae.integrators.radau import RadauIIA
 
@@ -164,14 +169,19 @@ class Job:
         system = system_for(self.prepared, form, other.highest_index)
         end = np.array([self.t_end])
         tighter = max(self.accuracy / 10, 1e-10)
-        again = run_controlled(system, self.prepared, other, tighter, self.t_end, end, **self.options).solution
-        if not (again.complete and run.solution.complete):
-            return None
-        times = np.linspace(again.t[0], again.t[-1], 2001)
-        return float(np.max(measure_of(system, self.prepared)(times, run.solution(times), again(times))))
+        again = run_controlled(system, self.prepared, other, tighter, self.t_end, end, **self.options)
+        if not (again.solution.complete and run.solution.complete):
+            return None, again
+        times = np.linspace(again.solution.t[0], again.solution.t[-1], 2001)
+        apart = measure_of(system, self.prepared)(times, run.solution(times), again.solution(times))
+        return float(np.max(apart)), again
 
-    def result(self, run: Controlled, verified: float | None) -> Result:
-        """The Result with its warnings, each also issued as an AccuracyWarning."""
+    def result(self, run: Controlled, verify: bool = False) -> Result:
+        """The Result with its warnings, each also issued as an AccuracyWarning; verify: compared with another method."""
+        verified = None
+        if verify:
+            verified, again = self._verified(run)
+            run = run.after(again.runs, again.cpu_s)
         controlled = not math.isnan(run.estimate)
         asked = self.accuracy if controlled or verified is not None else None
         known = Accuracy(asked, run.estimate if controlled else None, verified)

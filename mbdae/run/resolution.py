@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.friction import Friction
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.clearance import observed_outputs
@@ -27,10 +28,10 @@ WRONG = 10.0  #: tolerance of positions over the penetration where a result is n
 def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:
     """(item, friction law, velocity in m/s over which its coefficient changes) of every friction law of a scene."""
     for _, _, instance in prepared.model.instances():
-        friction = getattr(instance.law, "friction", None)
-        velocity = friction.smallest_velocity() if friction is not None else None
-        if velocity is not None:
-            yield instance.item, friction, velocity
+        for friction in (part for part in instance.law.parts if isinstance(part, Friction)):
+            velocity = friction.smallest_velocity()
+            if velocity is not None:
+                yield instance.item, friction, velocity
 
 
 def typical_speed(prepared: Prepared) -> float:

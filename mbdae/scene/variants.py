@@ -50,13 +50,13 @@ def with_recursive_tree(scene: SceneData) -> Any:
 
 def with_open_tree(scene: SceneData) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
-    form a tree without friction; None where there is nothing to change, or a statement cannot be repeated."""
+    form a tree in which nothing can stick; None where there is nothing to change, or a statement cannot be repeated."""
     from mbdae.scene.topology import spanning_tree
 
     joints = [c for c in scene.joints if not c.loose]
     open_ = [c.name for c in joints if c.left_open and not (c.k.is_point or c.l.is_point)]
-    rubbing = any(getattr(law, "friction", None) is not None for c in joints for law in c.laws)
-    if not open_ or rubbing or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
+    sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)
+    if not open_ or sticking or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
         return None
     if spanning_tree(scene, joints).closing:
         return None

@@ -31,7 +31,8 @@ class Derived:
     law: Any
     frames: tuple[Frame, ...]
     rows: tuple[str, ...]  #: constraint rows that do not vanish
-    vanished: tuple[str, ...]  #: rows that vanish identically, or need axes a point does not have
+    vanished: tuple[str, ...]  #: rows that vanish identically, or are undefined
+    undefined: tuple[str, ...]  #: rows left out because they need axes that a point mass does not have
     g: tuple[Expr, ...]
     G: tuple[dict[str, Pair], ...]  #: per row and side
     force: dict[str, Pair]  #: left-hand side, without multipliers
@@ -113,13 +114,15 @@ class _Derivation:
         self.law, self.variation, self.frames = law, variation, variation.frames
 
     def run(self) -> Derived:
-        rows, vanished, g, G = self._constraints()
+        self._refuse_undefined()
+        rows, vanished, undefined, g, G = self._constraints()
         force, powers = self._forces(_reactions(self.law, rows, vanished))
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
         return Derived(
-            self.law, self.frames, tuple(rows), tuple(vanished), tuple(g), tuple(G), force, energy, dissipated, work,
+            self.law, self.frames, tuple(rows), tuple(vanished), tuple(undefined), tuple(g), tuple(G), force, energy, dissipated,
+            work,
             resolve(self._coordinate()), states, rates, starts, self.variation,
         )  # fmt: skip
 
@@ -130,20 +133,48 @@ class _Derivation:
     def _oriented(self) -> bool:
         return all(f.kind.oriented for f in self.frames[:2])
 
-    def _undefined(self, e: Expr) -> bool:
-        return any(se.sympify(e).free_symbols & f.undefined for f in self.frames)
+    def _undefined(self, e: Any) -> list[tuple[Frame, str]]:
+        """What an expression (or vector) reads that a node cannot give, with the node's frame; frames with axes first."""
+        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
+        frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
+        return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
-    def _constraints(self) -> tuple[list[str], list[str], list[Expr], list[dict[str, Pair]]]:
-        """Rows that remain for these frames, names of the others, and the rows' gradients."""
+    def _refuse(self, what: str, e: Any) -> None:
+        """Raise LawError where an expression reads what its nodes cannot give."""
+        for frame, quantity in self._undefined(e):
+            law = type(self.law).__name__
+            if frame.kind.oriented:
+                raise LawError(f"{what} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
+                               f"with self.angle(k, l), the angle about the axis, or the axes x, y, z, or use space='planar'")
+            raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
+                           f"use s.rigid_body")  # fmt: skip
+
+    def _refuse_undefined(self) -> None:
+        """Raise LawError where anything but a row of a joint on a point mass is undefined for these nodes."""
+        law, sides = self.law, self.frames[:2]
+        stated: list[tuple[str, Any]] = []
+        if isinstance(law, Joint) and self._oriented():
+            stated += [(f"row '{name}'", e) for name, e in law.constraints(*sides).items()]
+            stated += [("the coordinate", law.coordinate(*sides) or _ZERO)]
+            stated += [(f"the branch '{name}'", e) for name, e in law.branches(*sides).items()]
+        for what, e in stated:
+            self._refuse(what, e)
+
+    def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
+        """Rows that remain for these frames, names of the others (and of those undefined), and the rows' gradients."""
         rows: list[str] = []
         vanished: list[str] = []
+        undefined: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
         stated = self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
         for name, statement in stated.items():
-            if self._undefined(statement):
+            missing = self._undefined(statement)
+            if missing and not any(frame.kind.oriented for frame, _ in missing):
                 vanished.append(name)
+                undefined.append(name)
                 continue
+            self._refuse(f"row '{name}'", statement)
             c = self.variation.name(statement)
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
@@ -151,7 +182,7 @@ class _Derivation:
             rows.append(name)
             g.append(self.variation.resolve(c))
             G.append({f.side: self._in_plane(self.variation.gradient(f, c), f, f"row '{name}'") for f in self.frames})
-        return rows, vanished, g, G
+        return rows, vanished, undefined, g, G
 
     def _vanishes(self, e: Expr) -> bool:
         """Whether an expression is zero for every value of its symbols (three random points)."""
@@ -189,8 +220,8 @@ class _Derivation:
         stated = self._stated(reactions)
         if stated is None:
             return {}, (_ZERO, _ZERO, _ZERO)
-        if any(self._undefined(e) for part in stated for e in (part if isinstance(part, Vec) else (part,))):
-            raise LawError(f"{type(law).__name__} needs axes on both sides; a point mass has none")
+        for what, part in zip(("the energy", "the dissipation", "the force", "the torque"), stated, strict=True):
+            self._refuse(what, part)
         energy, rayleigh = v.name(stated[0]), v.name(stated[1])
         wrench = (Vec(*map(v.name, stated[2])), Vec(*map(v.name, stated[3])))
         force: dict[str, Pair] = {}
@@ -220,6 +251,9 @@ class _Derivation:
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
+        for what, table in (("the rate", rates), ("the start", starts)):
+            for n in names:
+                self._refuse(f"{what} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
 

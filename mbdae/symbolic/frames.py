@@ -109,7 +109,7 @@ class Frame:
     structure: dict[Expr, Expr]  #: symbols that are 0 or +-1 for this kind of node
     meaning: dict[Expr, Expr]  #: symbols as functions of q, u and the parameters
     attached: list[Vec] = field(default_factory=list)
-    undefined: frozenset[Expr] = frozenset()
+    undefined: dict[Expr, str] = field(default_factory=dict)  #: symbols this kind of node cannot give a value, with their names
 
     def to_body(self, a: Vec) -> Vec:
         """Body components of an inertial vector."""
@@ -123,7 +123,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
     body = (_vec(f"{side}_bx"), _vec(f"{side}_by"), _vec(f"{side}_bz"))
     heading = se.Symbol(f"{side}_h")
     offset, Q = _symbols(f"{side}_p", 3), [_symbols(f"{side}_Q{j}", 3) for j in "xyz"]
-    undefined: frozenset[Expr] = frozenset()
+    undefined: dict[Expr, str] = {}
     structure: dict[Expr, Expr] = {}
     meaning: dict[Expr, Expr] = {}
     q: list[Expr] = []
@@ -131,7 +131,8 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
     parameters: list[Expr] = [*offset]
     if not kind.moves:
         r, v, w, s, spin, body = Vec(*offset), ZERO, ZERO, ZERO, ZERO, UNIT
-        heading = se.Integer(0)
+        heading = se.Integer(0) if kind.flat else heading
+        undefined = {} if kind.flat else {heading: "heading"}
         parameters += _axes_columns(axes, Q, UNIT, (x, y, z), structure, meaning)
         structure |= {offset[2]: 0} if kind.flat else {}
     elif kind is NodeKind.COORDINATE:
@@ -139,7 +140,8 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         q, u = [r[0]], [v[0]]
     elif not kind.turns:
         s, w, spin, parameters = ZERO, ZERO, ZERO, []
-        undefined = frozenset([*x, *y, *z, heading, *body[0], *body[1], *body[2]])
+        undefined = {c: f"axis {name}" for name, a in zip("xyzxyz", (x, y, z, *body), strict=True) for c in a}
+        undefined[heading] = "heading"
         q, u = list(r)[: kind.sizes[0]], list(v)[: kind.sizes[1]]
     elif kind is NodeKind.PLANAR:
         theta, theta0 = se.Symbol(f"{side}_theta"), se.Symbol(f"{side}_theta0")
@@ -158,7 +160,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         _bind(body, rotation_columns(P), structure, meaning)
         _bind((s, w), (_combine(body, offset), _combine(body, list(spin))), structure, meaning)
         parameters += _axes_columns(axes, Q, body, (x, y, z), structure, meaning)
-        undefined = frozenset([heading])
+        undefined = {heading: "heading"}
     if kind.flat and kind.moves:
         structure |= {r[2]: 0, v[2]: 0}
     attached = [s, x, y, z, w, *body] if kind.turns else []

@@ -19,7 +19,7 @@ statement; a parameter may be a number or a function of time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -56,6 +56,9 @@ class Law:
     axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: not said, a law with states then may
+    sticks: ClassVar[bool | None] = None
+    follows: ClassVar[str] = ""  #: the state that follows the coordinate of the law's joint through whole turns, if any
 
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name
@@ -79,15 +82,21 @@ class Law:
 
     def own_states(self) -> Mapping[str, Parameter]:
         """Internal states of this law and of its parts."""
-        return {**self.states, **{name: spec for part in self._parts for name, spec in part.states.items()}}
+        return {**self.states, **{name: spec for part in self.parts for name, spec in part.states.items()}}
 
     @property
-    def _parts(self) -> list[Part]:
+    def parts(self) -> list[Part]:
+        """The exchangeable parts among the options: friction laws, normal laws."""
         return [part for part in (getattr(self, key) for key in self.options) if isinstance(part, Part)]
+
+    def may_stick(self, states: Collection[str]) -> bool:
+        """Whether bodies may stick by this law or by a part of it. states: names of the internal states that are in use."""
+        own = any(name in type(self).states and name != self.follows for name in states) if self.sticks is None else self.sticks
+        return own or any(part.may_stick() for part in self.parts)
 
     def state_scales(self) -> Mapping[str, float]:
         """Typical magnitude of an internal state in its unit, where it is not 1: what its tolerance is relative to."""
-        return {name: scale for part in self._parts for name, scale in part.state_scales().items()}
+        return {name: scale for part in self.parts for name, scale in part.state_scales().items()}
 
     if TYPE_CHECKING:
 

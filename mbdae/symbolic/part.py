@@ -59,6 +59,8 @@ class Part:
     params: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself
     states: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: not said, a part with states then may
+    sticks: ClassVar[bool | None] = None
 
     def __init__(self, **values: Any) -> None:
         known = (*self.params, *self.options)
@@ -92,6 +94,10 @@ class Part:
     def values(self) -> dict[str, Any]:
         """Parameters and options by name."""
         return {key: getattr(self, key) for key in (*self.params, *self.options)}
+
+    def may_stick(self) -> bool:
+        """Whether bodies may stick by this part; where it does not say, it may if it has internal states."""
+        return bool(self.states) if self.sticks is None else self.sticks
 
     def state_scales(self) -> dict[str, float]:
         """Typical magnitude of an internal state, where it is not 1."""

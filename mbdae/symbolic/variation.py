@@ -12,6 +12,7 @@ from typing import Any
 
 import symengine as se
 
+from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -59,6 +60,9 @@ class Variation:
     def name(self, statement: Any) -> Expr:
         """The statement with its intermediates replaced by names."""
         e = se.sympify(statement)
+        for f in self.frames:
+            if e in f.undefined:
+                raise LawError(f"the {f.undefined[e]} of {f.side} is not defined for a {f.kind.value} node")
         if not e.args or e.is_Number:
             return e
         if e not in self._named:

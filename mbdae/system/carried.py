@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
 from mbdae.symbolic.law import Joint
-from mbdae.symbolic.tree import OPERATIONS, tree_program
+from mbdae.symbolic.tree import OPERATIONS
 from mbdae.system.model import Instance, Model
 from mbdae.system.nodes import Node
 from mbdae.system.numbering import Numbering, Row
@@ -90,14 +90,11 @@ class Carried:
         return numbering.slot(g, i, name)
 
 
-def too_large(carried: Carried, largest: int | None = None) -> dict[str, str]:
-    """Joints of trees whose equations take more operations than can be compiled at once (or whose program takes more than
-    `largest` steps), and why."""
+def too_large(carried: Carried) -> dict[str, str]:
+    """Joints of trees whose equations take more operations than are worth compiling at once, and why."""
     found: dict[str, str] = {}
     for tree in carried.trees:
         try:
-            if largest is not None and tree_program(tree.structure).size > largest:
-                raise OverflowError
             tree_plan(tree.structure)
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "

@@ -167,4 +167,4 @@ class TreeMechanics(Mechanics):
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
                 if len(own) < len(rows):  # a drive takes what is left on its coordinate
-                    multipliers[:, rows[-1]] = left[:, tree.node(-j).u]
+                    multipliers[:, rows[-1]] = left[:, tree.node(-j).u] / G[:, rows[-1], tree.node(-j).u]

@@ -49,6 +49,16 @@ class Mechanics:
         """Groups of joints whose friction follows from their own reactions."""
         return [g for g, group in enumerate(self.model.groups) if group.derived.reactive]
 
+    @cached_property
+    def followed(self) -> dict[str, int]:
+        """Number of the internal state that follows a joint's coordinate through whole turns, by the joint's name."""
+        found = {}
+        for n, (g, i, j) in enumerate(self.numbering.states):
+            group = self.model.groups[g]
+            if group.derived.states[j] == group.instances[i].law.follows:
+                found[group.instances[i].item] = n
+        return found
+
     def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip

@@ -16,7 +16,7 @@ from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Sta
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.law import Element, Structure
+from mbdae.symbolic.law import Element, Joint, Structure
 from mbdae.system.lines import Line, meshed
 from mbdae.system.nodes import Node
 from mbdae.system.rotations import rotation_matrices
@@ -66,10 +66,11 @@ class Model:
     nodes: list[Node]
     groups: list[Group]
     length: float  #: size of the scene, m
-    vanished: list[str]
+    vanished: list[str]  #: "joint.row" of rows that vanish identically, or are undefined
     kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
+    undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
     @property
@@ -200,6 +201,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     by_joint = {n.name: n for n in nodes if n.body is None}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
+    undefined: list[str] = []
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
@@ -211,9 +213,12 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         numbers |= {p: v for p, v in values.items() if p not in timed}
         key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), law.structure(frozenset(timed)), sides)
         try:
-            rows = derive(*key).vanished
-            vanished += [f"{item}.{row}" for row in rows]
-            if "drive" in rows:
+            derived = derive(*key)
+            vanished += [f"{item}.{row}" for row in derived.vanished]
+            undefined += [f"{item}.{row}" for row in derived.undefined]
+            if isinstance(law, Joint) and not scene[item].loose:
+                refused += without_rows(item, derived)
+            if "drive" in derived.vanished:
                 refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
                                f"use s.rigid_body")  # fmt: skip
         except LawError as error:
@@ -227,7 +232,18 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
         massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
         groups[massless.key] = massless
-    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached)
+    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached,
+                 undefined)  # fmt: skip
+
+
+def without_rows(item: str, d: Derived) -> list[str]:
+    """What is wrong with a joint that constrains nothing, as a sentence; rows that are satisfied in the plane do no harm."""
+    if d.rows or (d.vanished and not d.undefined):
+        return []
+    if d.undefined:
+        return [f"'{item}': no row is left of this joint: {', '.join(d.undefined)} need an orientation, which a point mass does "
+                f"not have; use s.rigid_body, or omit the joint"]  # fmt: skip
+    return [f"'{item}': {type(d.law).__name__} states no row, so that it constrains nothing; a law without rows is an mb.Force"]
 
 
 def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:

@@ -70,8 +70,7 @@ class Prepared:
 
 
 @single_threaded
-def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None,
-            largest_tree: int | None = None) -> Prepared:  # fmt: skip
+def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end: float | None = None) -> Prepared:
     """Check a scene and find its start; raises SceneError with every problem found.
 
     Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
@@ -82,7 +81,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError(problems)
     if not scene.bodies:
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
-    model, carried = modelled(scene, largest_tree)
+    model, carried = modelled(scene)
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
@@ -128,13 +127,12 @@ def mechanics_of(model: Model, rows: list[Row], expansion: Expansion) -> Mechani
     return TreeMechanics(model, rows, expansion) if reduced else Mechanics(model, rows)
 
 
-def modelled(scene: SceneData, largest_tree: int | None = None, by_rows: Mapping[str, str] | None = None,
-             ) -> tuple[Model, Carried]:  # fmt: skip
-    """The model of a scene with the trees of its recursive joints; trees too large for one program, or whose program takes more
-    than `largest_tree` steps, stay kinematic. by_rows: joints that carry nothing, and why."""
+def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, Carried]:
+    """The model of a scene with the trees of its recursive joints; trees too large for one program stay kinematic. by_rows:
+    joints that carry nothing, and why."""
     model = build(scene, by_rows)
     carried = Carried(model, find_trees(model))
-    kept = too_large(carried, largest_tree)
+    kept = too_large(carried)
     if not kept and not Expansion(model, carried).numbering.free:  # something has to be left to solve for
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:
@@ -181,7 +179,7 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
     wanted = tuple(mechanics.numbering.states.values())
     if start.names is not None and start.names != wanted:
         s = Starter(mechanics, start.t).states(start.q, start.u)
-        known = {f"{joint}.followed": value for joint, value in start.coordinates.items()}
+        known = {wanted[n]: start.coordinates[joint] for joint, n in mechanics.followed.items() if joint in start.coordinates}
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])

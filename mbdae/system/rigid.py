@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
-from mbdae.system.rotations import quaternion_product, rotation_matrices, turned
+from mbdae.system.rotations import quaternion_product, rotation_matrices, rotation_of, turned
 
 
 class RigidMotions:
@@ -20,6 +23,34 @@ class RigidMotions:
         of_beams = {n.name for nodes in self.beams for n in nodes}
         self.single = [n for n in model.nodes if n.name not in of_beams]
         self.size = sum(n.kind.sizes[1] for n in self.single) + sum(nodes[0].kind.sizes[1] for nodes in self.beams)
+
+    @property
+    def massless(self) -> Any:
+        """(size,) bool: coordinates of joints, which have no mass."""
+        counts = [n.kind.sizes[1] for n in self.single]
+        mask = np.repeat([n.body is None for n in self.single], counts)
+        return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
+
+    def given(self, q: Array) -> list[tuple[Body, Array, Array]]:
+        """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the centre of
+        mass and the angular velocity per coordinate."""
+        moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
+        for nodes in self.beams:
+            own = nodes[0].body
+            assert own is not None
+            beam = own.owner
+            turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.rotation.T
+            moving.append((nodes[0], beam, turn @ (beam.position - own.position)))
+        unit, column = np.eye(self.size), 0
+        found: list[tuple[Body, Array, Array]] = []
+        for node, body, arm in moving:
+            n, end = node.kind.translations, column + node.kind.sizes[1]
+            moves, turns = unit[column : column + n], unit[column + n : end]
+            if body is not None and body.given_velocity:
+                spins = (np.eye(3)[[2]] if n == 2 else np.eye(3))[: len(turns)]
+                found.append((body, moves + np.cross(spins, arm)[:, :n].T @ turns, turns))
+            column = end
+        return found
 
     def basis(self, q: Array) -> Array:
         """B (nu, size): velocities of all nodes per coordinate; a beam moves (v of its first node, w), inertial."""

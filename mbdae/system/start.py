@@ -21,6 +21,7 @@ from mbdae.symbolic.law import Element, Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.least_change import least_change
 from mbdae.system.lines import drawn_quaternion
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.rigid import RigidMotions
@@ -204,25 +205,23 @@ class Starter:
         size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
         return np.asarray(np.where(size > 0, size, 1.0))
 
-    def _least_change(self, A: Array, right: Array, q: Array) -> Array:
-        """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size."""
+    def _least_change(self, A: Array, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
+        """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size; where
+        `stated` is given, of least change of those motions first."""
         B, root = self._metric(q)
-        if not len(A):
-            return np.zeros(self.rigid.size)
-        scaled = np.linalg.solve(root, (A @ B if B is not None else A).T).T  # A B L^-T
-        norms = np.linalg.norm(scaled, axis=1)
-        norms[norms == 0] = 1.0
-        y = np.linalg.lstsq(scaled / norms[:, None], right / norms, rcond=1e-9)[0]
-        return np.asarray(np.linalg.solve(root.T, y))
+        if stated is None or off is None:
+            stated, off = np.zeros((0, self.rigid.size)), np.zeros(0)
+        return least_change(A if B is None else A @ B, right, root, self.rigid.massless, stated, off)
 
     def _metric(self, q: Array) -> tuple[Array | None, Array]:
-        """Basis of the rigid motions (None: all coordinates are free) and the Cholesky factor of the mass in it."""
+        """Basis of the rigid motions (None: all coordinates are free) and the Cholesky factor of the mass of bodies in it."""
+        heavy = ~self.rigid.massless
         if not self.model.lines:
             if self._roots is None:
-                self._roots = None, np.linalg.cholesky(self.mechanics.weight)
+                self._roots = None, np.linalg.cholesky(self.mechanics.weight[np.ix_(heavy, heavy)])
             return self._roots
         B = self.rigid.basis(q)
-        M = B.T @ (self.mechanics.mass @ B)
+        M = (B.T @ (self.mechanics.mass @ B))[np.ix_(heavy, heavy)]
         return B, np.linalg.cholesky(M + np.diag(1e-6 * np.max(np.diag(M)) + np.zeros(len(M))))
 
     def units(self, q: Array) -> Array:
@@ -318,16 +317,35 @@ class Starter:
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
-        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates."""
+        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. What the user states of a body
+        stays where they allow it, whatever else has to move; where they do not, it counts like any other velocity."""
+        given = self.rigid.given(q) if self.holding else []
+        projected, change = self._projected(q, u, given)
+        fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
+        slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
+        wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
+                                               for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
+        if wrong:
+            projected, change = self._projected(q, u, [item for item in given if item not in wrong])
+        for body, moves, turns in wrong:
+            v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
+            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
+                                f"{w:.4g} rad/s")  # fmt: skip
+        return projected
+
+    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
+        """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
+        velocities first, then of all."""
         joints = self._held_joints(self.held_rate)
         _, _, C = self._coordinates(q, u, joints)
         A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
         wanted = np.array([self.held_rate(c) for c in joints], dtype=float)
-        projected = u
+        stated = np.vstack([np.zeros((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
+        projected, change = u, np.zeros(self.rigid.size)
         for _ in range(3):  # the first pass projects, the others remove its rounding
             left = np.r_[self.mechanics.velocity_residual(self.t, q[None], projected[None])[0], C @ projected - wanted]
-            x = self._least_change(A, -left, q)
-            projected = projected + (self.rigid.basis(q) @ x if self.model.lines else x)
+            change = change + self._least_change(A, -left, q, stated, -stated @ change)
+            projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)
         speed = float(np.max(np.abs(projected) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         if len(left) and np.max(np.abs(left)) > 1e-8 * speed * max(1.0, self.model.length):
             worst = int(np.argmax(np.abs(left)))
@@ -335,24 +353,19 @@ class Starter:
             name = self.mechanics.rows[worst].name if worst < m else f"rate of {joints[worst - m].name}"
             raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                               f"release one of the prescribed or held rates"])  # fmt: skip
-        self._report_velocities(u, projected)
-        return projected
-
-    def _report_velocities(self, before: Array, after: Array) -> None:
-        for node, body in self.model.bodies:
-            change = after[node.u : node.u + node.kind.sizes[1]] - before[node.u : node.u + node.kind.sizes[1]]
-            n = node.kind.translations
-            v, w = float(np.linalg.norm(change[:n])), float(np.linalg.norm(change[n:]))
-            speed = 1e-9 * (1 + float(np.max(np.abs(after))))
-            if body.given_velocity and (v > speed or w > speed):
-                self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s "
-                                    f"and {w:.4g} rad/s")  # fmt: skip
+        return projected, change
 
     # -- states
 
     def states(self, q: Array, u: Array) -> Array:
         """Start values of the internal states at q, u."""
         return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
+
+
+def _stated(given: tuple[Body, Array, Array]) -> tuple[Array, Array]:
+    """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
+    body, moves, turns = given
+    return moves[: None if np.any(body.velocity) else 0], turns[: None if np.any(body.angular_velocity) else 0]
 
 
 def _largest(g: Array, units: Array) -> float:

@@ -52,6 +52,12 @@ def _row(env: Env, rows: str, of: str) -> Value:
     return _stack([state.row(row) for row in wanted])
 
 
+@phrase("opposite of row {rows} of {name}", vanishes=True)
+def _opposite_row(env: Env, rows: str, of: str) -> Value:
+    """The same constraint where a text writes its terms with the other sign, and so its multiplier."""
+    return -_row(env, rows, of)
+
+
 @phrase("multipliers of rows {rows} of {name}", vanishes=True)
 @phrase("multiplier of row {rows} of {name}", vanishes=True)
 def _multiplier(env: Env, rows: str, of: str) -> Value:

@@ -1,0 +1,64 @@
+"""The smallest mass-weighted change of a motion that satisfies linear conditions: what the start closes loops with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbdae.system.base import Array
+
+DEPENDENT = 1e-9  #: singular values of rows of unit length below which they depend on each other
+
+
+def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Array, off: Array) -> Array:
+    """x (n,) with A x = right (least squares), of these the one nearest to stated x = off, of these the smallest one.
+
+    A (rows, n), stated (s, n); root: Cholesky factor of the mass of the coordinates that have one, which measures the
+    size; massless (n,) bool: joint coordinates, which have no mass and follow from the rows of A that contain them."""
+    heavy, x = ~massless, np.zeros(len(massless))
+    rows, values, pivots = _without(A, right, np.flatnonzero(massless))
+    left = np.setdiff1d(np.arange(len(A)), list(pivots.values()))
+    scaled, sizes = _unit_rows(np.asarray(np.linalg.solve(root, rows[np.ix_(left, heavy)].T).T))
+    wanted, lengths = _unit_rows(np.asarray(np.linalg.solve(root, stated[:, heavy].T).T))
+    # y = root^T x: its length is the size of the change. The stated rows without what the conditions fix leave free motions
+    found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes, scaled @ wanted.T]), rcond=DEPENDENT)[0]
+    y, free = found[:, 0], wanted - found[:, 1:].T
+    y = y + _pseudo_inverse(free) @ (off / lengths - wanted @ y)
+    x[heavy] = np.linalg.solve(root.T, y)
+    for column, p in pivots.items():
+        x[column] = (values[p] - rows[p, heavy] @ x[heavy]) / rows[p, column]
+    return x
+
+
+def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
+    """The equations with columns eliminated from all rows but one each, and the number of that row by column."""
+    A, right = A.copy(), right.copy()
+    pivots: dict[int, int] = {}
+    for column in columns:
+        size = np.abs(A[:, column])
+        size[list(pivots.values())] = 0.0
+        p = int(np.argmax(size)) if len(size) else 0
+        if not len(size) or size[p] == 0:
+            continue
+        factor = A[:, column] / A[p, column]
+        factor[p] = 0.0
+        A -= np.outer(factor, A[p])
+        A[:, column][np.arange(len(A)) != p] = 0.0
+        right -= factor * right[p]
+        pivots[int(column)] = p
+    return A, right, pivots
+
+
+def _unit_rows(A: Array) -> tuple[Array, Array]:
+    """Rows of unit length, and the lengths they had (1 where a row is zero)."""
+    sizes = np.linalg.norm(A, axis=1)
+    sizes[sizes == 0] = 1.0
+    return A / sizes[:, None], sizes
+
+
+def _pseudo_inverse(A: Array) -> Array:
+    """(n, rows) of A, whose singular values below `DEPENDENT` count as zero."""
+    U, sizes, V = np.linalg.svd(A, full_matrices=False)
+    kept = sizes > DEPENDENT
+    return np.asarray(V[kept].T @ (U[:, kept] / sizes[kept]).T)
