@@ -95,10 +95,10 @@ class Scene(SceneData):
         options = {"max_wall": max_wall, "progress": progress_of(progress)}
         if solver is not None:
             form = form if form is not None else default_form(prepared, solver.highest_index)
-            job = Job(prepared, form, accuracy, float(t_end), times, options)
+            job = Job(prepared, form, accuracy, float(t_end), times, options, continued=start is not None)
             run = job.run(solver)
         else:
             choice = choose(prepared, self, accuracy, form)
-            job = Job(prepared, choice.form, accuracy, float(t_end), times, options)
+            job = Job(prepared, choice.form, accuracy, float(t_end), times, options, continued=start is not None)
             run = job.run_default(choice, form)
         return job.result(run, job.verify(run) if verify else None)

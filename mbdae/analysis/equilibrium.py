@@ -17,7 +17,8 @@ from mbdae.analysis.steady import Rest, acceleration_scale, departure
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array

@@ -20,11 +20,13 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
+from mbdae.results.reactions import OtherRun, states_of
 from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.contacts import gaps_of
 from mbdae.system.mechanics import Mechanics
+from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 
 LOOSEST = 1e-2
@@ -35,12 +37,14 @@ CHAOTIC = 2.0
 CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
+SAMPLES = 200  #: times at which reactions of two runs are compared
 FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """A run, the estimate of its error, how many runs it took and their CPU seconds."""
+    """A run, the estimate of its error, how many runs it took and their CPU seconds; the runs that told the error; waves: it
+    resolves all vibrations of beams, whatever its form was asked to."""
 
     solution: Solution
     solver: Solver
@@ -48,6 +52,8 @@ class Controlled:
     runs: int
     cpu_s: float
     notes: tuple[str, ...] = ()
+    others: tuple[OtherRun, ...] = ()
+    waves: bool = False
 
 
 Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes
@@ -67,15 +73,19 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
-        n, last = node.kind.translations, node.q + node.kind.sizes[0]
-        p_a, p_b = q_a[:, node.q : last], q_b[:, node.q : last]
-        unit = prepared.length if node.unit == "m" else 1.0
-        worst = np.maximum(worst, np.linalg.norm(p_a[:, :n] - p_b[:, :n], axis=1) / unit)
-        if p_a.shape[1] == 3 and node.kind.turns:
-            worst = np.maximum(worst, np.abs(p_a[:, 2] - p_b[:, 2]))
-        elif p_a.shape[1] == 7:
-            worst = np.maximum(worst, _angle_between(p_a[:, 3:], p_b[:, 3:]))
+        worst = np.maximum(worst, position_distance(prepared, node, *(q[:, node.q : node.q + node.kind.sizes[0]] for q in (q_a, q_b))))
     return worst
+
+
+def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Array:
+    """(nt,) difference of two positions (nt, size) of a node: over the scene's length, angles in rad."""
+    n, unit = node.kind.translations, prepared.length if node.unit == "m" else 1.0
+    apart = np.linalg.norm(a[:, :n] - b[:, :n], axis=1) / unit
+    if a.shape[1] == 3 and node.kind.turns:
+        apart = np.maximum(apart, np.abs(a[:, 2] - b[:, 2]))
+    elif a.shape[1] == 7:
+        apart = np.maximum(apart, _angle_between(a[:, 3:], b[:, 3:]))
+    return np.asarray(apart)
 
 
 def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
@@ -103,6 +113,14 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
+def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
+    """What is kept of a run that tells the error of another: its states at SAMPLES of the times at which both are compared."""
+    if prepared is None or not isinstance(system, SceneSystem):
+        return ()
+    chosen = np.unique(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
+    return (OtherRun(states_of(prepared, run, times[chosen]), share),)
+
+
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,
                    begin: float | None = None, **options: Any) -> Controlled:  # fmt: skip
     """Integrate until the estimated error is below `accuracy`, or as near as the solver comes.
@@ -120,8 +138,11 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     measure = measure_of(system, prepared)
     if solver.by_steps:
         found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
-        unseen = stepped_over(system, found.solution, accuracy, measure) if found.solution.complete else 0.0
-        return Controlled(found.solution, found.solver, found.estimate + unseen, found.runs, found.cpu_s)
+        run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
+        if not run.solution.complete:
+            return run
+        others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
+        return stepped_over(system, prepared, replace(run, others=others), accuracy, measure)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -148,7 +169,9 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(times, coarse(times), fine(times))))
-        before, best = best.estimate, Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
+        share = max(ratio**solver.error_fall, 0.05)
+        others = other_run(system, prepared, coarse, times, share)
+        before, best = best.estimate, Controlled(fine, tight, gap * share, runs, cpu, best.notes, others)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
@@ -163,23 +186,27 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def stepped_over(system: System, run: Solution, accuracy: float, measure: Measure) -> float:
-    """What constant steps leave out at the start: vibrations that are shorter than a step look alike with steps of half the size,
-    so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
+def stepped_over(system: System, prepared: Prepared | None, found: Controlled, accuracy: float, measure: Measure) -> Controlled:
+    """The run with what constant steps leave out at the start in its estimate: vibrations that are shorter than a step look alike
+    with steps of half the size, so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by
+    2e-4."""
     from mbdae.integrators.radau import RadauIIA
 
+    run = found.solution
     end = min(float(run.t[-1]), float(run.t[0]) + FIRST_STEPS * run.stats.h_max)
     if not end > run.t[0]:
-        return 0.0
+        return found
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
     try:
         probe = close.solve(system, end, max_residuals=10 * run.stats.residuals + 10000)
     except SolverError as error:
         if error.solution is None or len(error.solution.t) < 3:
-            return float("inf")
+            return replace(found, estimate=float("inf"), others=())
         probe = error.solution
     times = np.linspace(float(run.t[0]), float(probe.t[-1]), PROBES)
-    return float(np.max(measure(times, run(times), probe(times))))
+    unseen = float(np.max(measure(times, run(times), probe(times))))
+    others = (*found.others, *other_run(system, prepared, probe, times, 1.0)) if found.others else ()
+    return replace(found, estimate=found.estimate + unseen, others=others)
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from mbdae.results.result import Accuracy, Result
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result
 from mbdae.run.balance import drift_of_energy
 from mbdae.run.checks import doubts
 from mbdae.run.control import Controlled
@@ -30,11 +31,13 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
 
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
     notes = []
-    if known.met is False:
-        worst = known.verified if known.verified is not None else known.estimated
-        found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
+    if known.met is False and known.motion is not None and not known.motion <= (known.asked or 0.0):
+        found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known: every tighter run failed"
         notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
                      f"or a shorter run if the motion is chaotic")  # fmt: skip
+    if known.met is False and known.mesh is not None and not known.mesh <= (known.asked or 0.0):
+        notes.append(f"accuracy {known.asked:g} was asked, the mesh of the beams is off by about {known.mesh:.1e} along them: give "
+                     f"them more elements or a higher order")  # fmt: skip
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
     notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
