@@ -210,7 +210,7 @@ def _tangent(curve: Curve, s: float) -> Array:
 
 
 def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) -> LineMesh:
-    """The mesh of elements (m, p + 1, 3) with tangents at their nodes, at places (m, p + 1); consecutive elements share a node."""
+    """The mesh of elements (m, p + 1, 3) with tangents at their nodes, places (m, p + 1); consecutive elements share a node."""
     m = len(curve)
     elements = order * np.arange(m)[:, None] + np.arange(order + 1)
     axes = section_axes(tangents.reshape(-1, 3), curve.reshape(-1, 3), axis2)

@@ -96,7 +96,7 @@ def _first_step(system: System, t_end: float) -> float:
 
 def _estimate(coarse: tuple[Solution, float], fine: tuple[Solution, float], measure: Measure,
               ) -> tuple[float, tuple[Solution, Array, float]]:  # fmt: skip
-    """Error of the finer of two runs, each with its step; the coarser, where both were compared, and the share of the difference."""
+    """Error of the finer of two runs, each with its step; the coarser, where they were compared, and that share of it."""
     fallen = (fine[1] / coarse[1]) ** ORDER
     times, share = check_times(coarse[0]), fallen / (1 - fallen)
     return float(np.max(measure(times, coarse[0](times), fine[0](times)))) * share, (coarse[0], times, share)

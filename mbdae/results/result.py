@@ -289,9 +289,8 @@ class Result:
         known = f"{a.estimated:.1e}" if a.estimated is not None else "unknown"
         asked = f"{a.asked:g}" if a.asked is not None else "none"
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
-                f"{self.info.form}, {s.steps} steps, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, estimated error {known}, "
-                f"{a.brief}"
-                f"{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")  # fmt: skip
+                f"{self.info.form}, {s.steps} steps, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
+                f"estimated error {known}, {a.brief}{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")
 
 
 def _connection_sensor(result: Result, item: Connection) -> ConnectionSensor:

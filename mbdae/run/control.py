@@ -73,7 +73,8 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
-        worst = np.maximum(worst, position_distance(prepared, node, *(q[:, node.q : node.q + node.kind.sizes[0]] for q in (q_a, q_b))))
+        at = slice(node.q, node.q + node.kind.sizes[0])
+        worst = np.maximum(worst, position_distance(prepared, node, q_a[:, at], q_b[:, at]))
     return worst
 
 
@@ -114,9 +115,12 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
-    """What is kept of a run that tells the error of another: its states at SAMPLES of the times at which both are compared."""
+    """What is kept of a run that tells the error of another: its states at SAMPLES of the times at which both are compared.
+
+    With contacts the whole difference is the error of forces: measured, that of an impact does not fall as the motion's."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
+    share = 1.0 if prepared.contacts else share
     chosen = np.unique(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
     return (OtherRun(states_of(prepared, run, times[chosen]), share),)
 

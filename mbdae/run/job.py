@@ -17,10 +17,8 @@ import warnings as python_warnings
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
-from mbdae.formulations import Form, default_form, system_for
+from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
@@ -174,5 +172,6 @@ class Job:
         """Give a failed run's solution the shape of a Result: nothing computed is lost."""
         solution = error.solution
         if isinstance(solution, Solution) and len(solution.t):
-            info = RunInfo(solver, self.form.label, nothing_known(self.prepared, "the run failed before its end"), solution.stats, 1, solution.stats.cpu_s, (str(error),))
+            known, stats = nothing_known(self.prepared, "the run failed before its end"), solution.stats
+            info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
             error.solution = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
