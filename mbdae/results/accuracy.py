@@ -23,10 +23,10 @@ class Accuracy:
     asked, estimated, verified: of the motion (positions relative to the scene's length, angles in rad, velocities relative to
     length / characteristic time; with beams positions and angles alone); estimated by a companion run of the same method,
     verified by another method, or None.
-    reactions: of the forces and torques that joints and force elements show, over the largest force of the run (torques: over
-    that force times the scene's length); by the runs that told the motion's error.
-    mesh: of the motion of beams, all along them, and of what is joined to them, that their elements cause; None where it was
-    not measured.
+    reactions: of the forces and torques that joints and force elements show, over the largest of the run (torques count over
+    the scene's length); by the runs that told the errors of the motion, in time and of the mesh.
+    mesh: of the positions and angles that the elements of beams cause, all along the beams and of all bodies; None where it
+    was not measured.
     `covers` names what is within the accuracy asked, `not_covered` the rest with its reason.
     """
 

@@ -55,10 +55,12 @@ def wrenches(prepared: Prepared, at: States) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OtherRun:
-    """States of a run that tells the error of the run that is kept: the error is `share` times the difference."""
+    """States of a run that tells the error of the run that is kept: the error is `share` times the difference; prepared: its
+    scene, where it has another mesh of the beams."""
 
     states: States
     share: float
+    prepared: Prepared | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +73,14 @@ class ReactionError:
 
     def __call__(self) -> float:
         """Sum of the errors that the other runs tell, each over the largest force of the run (torques: times the length)."""
-        return float(sum(other.share * self._difference(other.states) for other in self.others))
+        return float(sum(other.share * self._difference(other) for other in self.others))
 
-    def _difference(self, other: States) -> float:
+    def _difference(self, other: OtherRun) -> float:
         length = self.prepared.length
-        own, compared = (wrenches(self.prepared, at) for at in (states_of(self.prepared, self.solution, other.t), other))
-        if not own.size:
+        if not self.prepared.model.scene.connections:
             return 0.0
+        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.states.t))
+        compared = wrenches(other.prepared or self.prepared, other.states)
         sizes, apart = (np.maximum(np.linalg.norm(w[..., :3], axis=2), np.linalg.norm(w[..., 3:], axis=2) / length)
                         for w in (own, compared - own))  # fmt: skip
         return float(np.max(apart) / max(float(np.max(sizes)), self._smallest_force))

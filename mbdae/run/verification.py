@@ -22,12 +22,13 @@ CONTINUED = "not measured: the run continues another, whose mesh and error of th
 
 @dataclass(frozen=True)
 class Verified:
-    """motion: largest difference to the other method; reactions: its states; mesh: largest difference to a finer mesh; unknown:
-    why one of them was not found, by its word."""
+    """motion: largest difference to the other method; mesh: to a finer mesh; reactions, finer: what is kept of these two runs;
+    unknown: why one of them was not found, by its word."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
     mesh: float | None = None
+    finer: tuple[OtherRun, ...] = ()
     unknown: dict[str, str] = field(default_factory=dict)
 
 
@@ -43,7 +44,8 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, t
         return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
     same = replace(form, waves=True) if run.waves else form  # type: ignore[type-var]
     try:
-        return replace(found, mesh=mesh_error(prepared, same, run.solver, run.solution, **options))
+        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, **options)
+        return replace(found, mesh=mesh, finer=(finer,))
     except MbdaeError as error:
         return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
 
@@ -75,8 +77,8 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     if estimate is None and found is None:
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
     found = found or Verified()
-    others = found.reactions or run.others
-    forces = ReactionError(prepared, run.solution, others) if others else None
+    in_time = found.reactions or run.others
+    forces = ReactionError(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
     asked = accuracy if estimate is not None or found.motion is not None else None
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
