@@ -76,10 +76,10 @@ class Scene(SceneData):
         velocities relative to length / characteristic time; with beams positions and angles alone, because their
         velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
         the run estimates its error and repeats itself tighter where needed; `accuracy.covers` of the result says whether that
-        holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is
-        run once, as it is.
+        holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is run once, as it is.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
-        error by a repeat at a tenth with another method, and that of the mesh of beams by a finer one. max_wall: s of wall time. progress: True shows a bar.
+        error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
+        time. progress: True shows a bar.
         """
         plausible(accuracy)
         end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
