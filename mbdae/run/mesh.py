@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.elements.line_shape import ORDERS, table
+from mbdae.errors import OptionError, SolverError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
@@ -31,7 +32,10 @@ INWARDS = 1e-6  #: of an element: which of two is meant at the node they share
 
 def with_finer_beams(scene: SceneData) -> SceneData:
     """The scene with beams of one order more, or with twice as many elements where there is no higher order."""
-    finer = copy.deepcopy(scene)
+    try:
+        finer = copy.deepcopy(scene)
+    except TypeError as error:  # a law of the user's that holds an open file, a lock, ...
+        raise OptionError(f"scene '{scene.name}' cannot be copied ({error}): keep such objects out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):
             beam.order += 1
@@ -47,7 +51,9 @@ def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, **
     end = float(run.t[-1])
     finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
     again = solver.solve(system_for(finer, form, solver.highest_index), end, **options)
-    times = np.linspace(float(run.t[0]), float(again.t[-1]), TIMES)
+    if not again.complete:
+        raise SolverError("it was stopped before its end", float(again.t[-1]), "", again)
+    times = np.linspace(float(run.t[0]), end, TIMES)
     at = states_of(finer, again, times)
     return distance_of_meshes((prepared, prepared.states(times, run(times))[0]), (finer, at.q)), OtherRun(at, 1.0, finer)
 

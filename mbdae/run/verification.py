@@ -79,7 +79,7 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
     found = found or Verified()
     in_time = found.reactions or run.others
     forces = ReactionError(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
-    asked = accuracy if estimate is not None or found.motion is not None else None
+    asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
     unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
     return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
 

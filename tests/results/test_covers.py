@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -248,6 +249,22 @@ def test_a_continued_run_does_not_know_its_mesh():
     a = dropped(2, 2).simulate(0.04, 1e-3, start=first, verify=True).accuracy
     assert a.mesh is None
     assert "continues another" in a.not_covered["mesh"]
+
+
+def test_a_finer_mesh_that_does_not_run_is_told(monkeypatch):
+    """Neither a refusal nor a stop of the finer run takes the result away, or counts as a mesh without error."""
+    monkeypatch.setattr(verification, "_by_another_method", lambda *_: verification.Verified(1e-5))
+    r = dropped(1, 1).simulate(0.01, 1e-3)
+    run = Controlled(r.solution, r.info.solver, 1e-5, 2, 0.0)
+    kept = r.prepared, mb.GGL(), run, 1e-3, 0.01, False
+    for options, why in (({"max_residuals": 3}, "failed: "), ({"progress": stop}, "stopped before its end")):
+        found = verification.verified(*kept, options)
+        known = verification.accuracy_of(r.prepared, 1e-3, run, found)
+        assert known.mesh is None
+        assert "mesh" not in known.covers
+        assert why in known.not_covered["mesh"]
+    r.prepared.model.scene.problem = threading.Lock()
+    assert "cannot be copied" in verification.verified(*kept, {}).unknown["mesh"]
 
 
 def test_states_at_rest_do_not_claim_their_mesh():
