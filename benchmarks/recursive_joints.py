@@ -31,7 +31,8 @@ import numpy as np
 import mbdae as mb
 from mbdae.compare.equations import Equations
 from mbdae.formulations import system_for
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.system.prepare import Prepared, prepare
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "validation"))

@@ -75,10 +75,11 @@ class Scene(SceneData):
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
         velocities relative to length / characteristic time; with beams positions and angles alone, because their
         velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
-        the run estimates its error and repeats itself tighter where needed. A solver with a tolerance or step of its own is
-        run once, as it is.
+        the run estimates its error and repeats itself tighter where needed; `accuracy.covers` of the result says whether that
+        holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is run once, as it is.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
-        error by a repeat at a tenth with another method. max_wall: s of wall time. progress: True shows a bar.
+        error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
+        time. progress: True shows a bar.
         """
         plausible(accuracy)
         end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
@@ -95,10 +96,10 @@ class Scene(SceneData):
         options = {"max_wall": max_wall, "progress": progress_of(progress)}
         if solver is not None:
             form = form if form is not None else default_form(prepared, solver.highest_index)
-            job = Job(prepared, form, accuracy, float(t_end), times, options)
+            job = Job(prepared, form, accuracy, float(t_end), times, options, continued=start is not None)
             run = job.run(solver)
         else:
             choice = choose(prepared, self, accuracy, form)
-            job = Job(prepared, choice.form, accuracy, float(t_end), times, options)
+            job = Job(prepared, choice.form, accuracy, float(t_end), times, options, continued=start is not None)
             run = job.run_default(choice, form)
         return job.result(run, verify)

@@ -186,7 +186,8 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
     return {
         "scene": r.prepared.model.scene.name, "t_end": float(r.t[-1]), "complete": r.complete, "solver": r.info.solver.label,
         "form": r.info.form, "rtol": r.info.solver.rtol, "choice": r.info.choice,
-        "accuracy": {"asked": r.accuracy.asked, "estimated": r.accuracy.estimated}, "measure": measure,
+        "accuracy": {"asked": r.accuracy.asked, "estimated": r.accuracy.estimated, "covers": sorted(r.accuracy.covers),
+                     "not_covered": r.accuracy.not_covered}, "measure": measure,
         "final": final, "cpu_s": r.info.cpu_s, "steps": s.steps, "rejected": s.rejected,
         "residuals": s.residuals, "jacobians": s.jacobians, "factorisations": s.factorisations,
         "drift": float(np.max(r.drift.position, initial=0.0)), "energy_balance_J": float(np.max(np.abs(r.energy.balance))),

@@ -11,7 +11,8 @@ from mbdae.errors import OptionError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 

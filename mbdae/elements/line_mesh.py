@@ -35,6 +35,7 @@ class LineMesh:
     elements: NDArray[np.intp]  #: (m, p + 1) nodes of every element
     turns: Array  #: (m, p + 1, 4) rotation from the node's axes to the section's; (1, 0, 0, 0) where they are equal
     offsets: Array  #: (m, p + 1) the same in the plane, rad
+    places: Array  #: (n,) of the nodes on the line as it is stated: length along the polyline, m, or parameter of the curve
 
     @property
     def curve(self) -> Array:
@@ -118,7 +119,8 @@ def polyline(points: Any, elements: int | Sequence[int], order: int = 2, axis2: 
     ends = [a + e[:, None] * (b - a) for a, b, e in zip(corners[:-1], corners[1:], edges, strict=True)]
     curve = np.concatenate([e[:-1, None] + np.diff(e, axis=0)[:, None] * xi[:, None] for e in ends])
     direction = np.repeat(np.diff(corners, axis=0), [len(e) - 1 for e in edges], axis=0)
-    return _mesh(order, curve, np.repeat(direction[:, None], order + 1, axis=1), axis2)
+    places = np.concatenate([s + length * _nodes(e, order) for s, length, e in zip(starts[:-1], lengths, edges, strict=True)])
+    return _mesh(order, curve, np.repeat(direction[:, None], order + 1, axis=1), axis2, places)
 
 
 def curved(curve: Curve, elements: int, order: int = 2, axis2: Any = None, through: Sequence[float] = ()) -> LineMesh:
@@ -126,10 +128,10 @@ def curved(curve: Curve, elements: int, order: int = 2, axis2: Any = None, throu
 
     through: parameters where a node must be."""
     edges = _with_nodes(np.linspace(0.0, 1.0, _counts(np.ones(1), elements)[0] + 1), order, np.asarray(through, dtype=float))
-    parameters = edges[:-1, None] + np.diff(edges)[:, None] * node_positions(order)
+    parameters = _nodes(edges, order)
     positions = _vectors([curve(s) for s in parameters.ravel()]).reshape(*parameters.shape, 3)
     tangents = np.array([_tangent(curve, s) for s in parameters.ravel()]).reshape(positions.shape)
-    return _mesh(order, positions, tangents, axis2)
+    return _mesh(order, positions, tangents, axis2, parameters)
 
 
 def arc(start: Any, through: Any, end: Any) -> Curve:
@@ -176,7 +178,7 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
 def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
     """Edges of elements over [0, 1] cut where a wanted place is no node yet; raises OptionError where one becomes too short."""
     for place in np.sort(wanted[(wanted > -NEAR) & (wanted < 1 + NEAR)]):
-        nodes = (edges[:-1, None] + np.diff(edges)[:, None] * node_positions(order)).ravel()
+        nodes = _nodes(edges, order).ravel()
         nearest = float(nodes[np.argmin(np.abs(nodes - place))])
         if abs(nearest - place) <= NEAR:
             continue
@@ -191,6 +193,11 @@ def _with_nodes(edges: Array, order: int, wanted: Array) -> Array:
     return edges
 
 
+def _nodes(edges: Array, order: int) -> Array:
+    """(m, p + 1) places of the nodes of elements between edges (m + 1,)."""
+    return np.asarray(edges[:-1, None] + np.diff(edges)[:, None] * node_positions(order))
+
+
 def _tangent(curve: Curve, s: float) -> Array:
     """Derivative of the curve by its parameter: extrapolated central differences, one-sided at the ends."""
     h = 2e-3
@@ -202,13 +209,15 @@ def _tangent(curve: Curve, s: float) -> Array:
     return found
 
 
-def _mesh(order: int, curve: Array, tangents: Array, axis2: Any) -> LineMesh:
-    """The mesh of elements (m, p + 1, 3) with tangents at their nodes; consecutive elements share a node."""
+def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) -> LineMesh:
+    """The mesh of elements (m, p + 1, 3) with tangents at their nodes, places (m, p + 1); consecutive elements share a node."""
     m = len(curve)
     elements = order * np.arange(m)[:, None] + np.arange(order + 1)
     axes = section_axes(tangents.reshape(-1, 3), curve.reshape(-1, 3), axis2)
     sections = quaternions(axes).reshape(m, order + 1, 4)
     angles = headings(tangents.reshape(-1, 3)).reshape(m, order + 1)
     # the earlier element gives a shared node its axes
-    positions, nodes, theta = (np.concatenate([a[0], a[1:, 1:].reshape(-1, *a.shape[2:])]) for a in (curve, sections, angles))
-    return LineMesh(order, positions, nodes, theta, elements, relative(nodes[elements], sections), angles - theta[elements])
+    positions, nodes, theta, at = (np.concatenate([a[0], a[1:, 1:].reshape(-1, *a.shape[2:])])
+                                   for a in (curve, sections, angles, places))  # fmt: skip
+    turns = relative(nodes[elements], sections)
+    return LineMesh(order, positions, nodes, theta, elements, turns, angles - theta[elements], at)

@@ -14,7 +14,7 @@ import numpy as np
 from mbdae.errors import SolverError, WallClockError
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.solution import Solution
-from mbdae.system.base import System
+from mbdae.system.base import Array, System
 
 ORDER = 2
 SAFETY = 0.5  #: part of the accuracy aimed at
@@ -28,13 +28,15 @@ ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
 @dataclass(frozen=True)
 class Halved:
-    """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds."""
+    """The finest run, its solver with the step, the estimate of its error, the number of runs and their CPU seconds; coarser: the
+    run it was compared with, where, and the share of their difference that is its error."""
 
     solution: Solution
     solver: Any
     estimate: float
     runs: int
     cpu_s: float
+    coarser: tuple[Solution, Array, float] | None = None
 
 
 def scaled_difference(system: System) -> Measure:
@@ -70,12 +72,12 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
                 return best
             h /= 2
             continue
-        estimate = _estimate(coarse, (fine, h), measure)
+        estimate, coarser = _estimate(coarse, (fine, h), measure)
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
             near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
             runs, spent = runs + 1, spent + near.stats.cpu_s
-            estimate = _estimate((near, 2 * h), (fine, h), measure) if near.complete else float("inf")
-        best = Halved(fine, now, estimate, runs, spent)
+            estimate, coarser = _estimate((near, 2 * h), (fine, h), measure) if near.complete else (float("inf"), coarser)
+        best = Halved(fine, now, estimate, runs, spent, coarser)
         if estimate <= accuracy:
             return best
         coarse = fine, h
@@ -94,11 +96,12 @@ def _first_step(system: System, t_end: float) -> float:
     return min(LONGEST * span, FIRST / rate if rate > 0 else span)
 
 
-def _estimate(coarse: tuple[Solution, float], fine: tuple[Solution, float], measure: Measure) -> float:
-    """Error of the finer of two runs, each with its step."""
-    share = (fine[1] / coarse[1]) ** ORDER
-    times = check_times(coarse[0])
-    return float(np.max(measure(times, coarse[0](times), fine[0](times)))) * share / (1 - share)
+def _estimate(coarse: tuple[Solution, float], fine: tuple[Solution, float], measure: Measure,
+              ) -> tuple[float, tuple[Solution, Array, float]]:  # fmt: skip
+    """Error of the finer of two runs, each with its step; the coarser, where they were compared, and that share of it."""
+    fallen = (fine[1] / coarse[1]) ** ORDER
+    times, share = check_times(coarse[0]), fallen / (1 - fallen)
+    return float(np.max(measure(times, coarse[0](times), fine[0](times)))) * share, (coarse[0], times, share)
 
 
 def _too_dear(best: Halved, h: float, span: float, accuracy: float) -> SolverError:

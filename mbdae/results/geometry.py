@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.scene.components import Array
 from mbdae.system.prepare import Prepared
 

@@ -13,7 +13,9 @@ from mbdae.errors import OptionError, SceneError
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.kernels.plan import Outputs
+from mbdae.results.accuracy import Accuracy
 from mbdae.results.energy import Energy, energy
+from mbdae.results.reactions import stresses
 from mbdae.results.sensors import ConnectionSensor, body_sensor, placed, split
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Body, Connection, Place
@@ -23,22 +25,6 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import unit_rows
 from mbdae.system.start import Start
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """asked and estimated bound of the error over the run (positions relative to the scene's length, angles in rad,
-    velocities relative to length / characteristic time); verified: measured against another method, or None."""
-
-    asked: float | None
-    estimated: float | None
-    verified: float | None = None
-
-    @property
-    def met(self) -> bool | None:
-        """Whether the best knowledge of the error is within what was asked; None where nothing was asked."""
-        known = self.verified if self.verified is not None else self.estimated
-        return None if self.asked is None or known is None else known <= self.asked
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,7 @@ class Result:
 
     @property
     def accuracy(self) -> Accuracy:
-        """Accuracy asked, estimated and verified."""
+        """Accuracy asked, estimated and verified, and what it covers."""
         return self.info.accuracy
 
     @property
@@ -123,11 +109,7 @@ class Result:
 
     def stresses(self, t: Array) -> Array | None:
         """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
-        names = [name for line in self.prepared.model.lines for name in line.stresses]
-        if not names or names[0] not in self.solution.names:
-            return None
-        first = self.solution.names.index(names[0])
-        return np.asarray(self.solution(np.asarray(t, dtype=float))[:, first : first + len(names)])
+        return stresses(self.prepared, self.solution, np.asarray(t, dtype=float))
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
@@ -308,8 +290,7 @@ class Result:
         shorter = f" ({s.shortened} shortened for inputs of time)" if s.shortened else ""
         return (f"<Result '{self.prepared.model.scene.name}': t = {self.t[0]:g}..{self.t[-1]:g} s, {self.info.solver.label} "
                 f"{self.info.form}, {s.steps} steps{shorter}, {self.info.cpu_s:.2f} s CPU, accuracy asked {asked}, "
-                f"estimated error {known}"
-                f"{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")  # fmt: skip
+                f"estimated error {known}, {a.brief}{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")
 
 
 def _connection_sensor(result: Result, item: Connection) -> ConnectionSensor:

@@ -19,7 +19,8 @@ from mbdae.errors import OptionError
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.scene.record import encode, found, replay
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -59,10 +60,19 @@ def load(path: Any) -> Result:
     stats = Stats(**info["stats"])
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
-    accuracy, warnings = Accuracy(**info["accuracy"]), tuple(info["warnings"])
+    accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
     known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings, info.get("choice", ""),
                     info.get("reliable", True))
     return Result(prepared, solution, known, arrays["t"])
+
+
+def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
+    """What was known of the error; files of versions that looked at the motion alone say so."""
+    if "found_reactions" not in stored:
+        not_looked = "not measured by the version that stored this run"
+        unknown = {"reactions": not_looked, "mesh": not_looked}
+        stored = stored | {"has_mesh": bool(prepared.model.lines), "unknown": unknown if stored["asked"] is not None else {}}
+    return Accuracy(**stored)
 
 
 # ---- the scene and its start -----------------------------------------------------------------------------------------
@@ -111,7 +121,7 @@ def _info(info: RunInfo) -> dict[str, Any]:
     options = {name: encode(getattr(info.solver, name)) for name in given}
     cls = type(info.solver)
     solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
-    parts = {"accuracy": asdict(info.accuracy), "stats": asdict(info.stats), "warnings": list(info.warnings)}
+    parts = {"accuracy": info.accuracy.as_data(), "stats": asdict(info.stats), "warnings": list(info.warnings)}
     return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
             "reliable": info.reliable, **parts}  # fmt: skip
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
+from mbdae.results.reactions import OtherRun, states_of
 from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.contacts import gaps_of
 from mbdae.system.mechanics import Mechanics
+from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 
 LOOSEST = 1e-2
@@ -35,12 +37,14 @@ CHAOTIC = 2.0
 CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
+SAMPLES = 200  #: times at which reactions of two runs are compared
 FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """A run, the estimate of its error, how many runs it took and their CPU seconds."""
+    """A run, the estimate of its error, how many runs it took and their CPU seconds; the runs that told the error; waves: it
+    resolves all vibrations of beams, whatever its form was asked to."""
 
     solution: Solution
     solver: Solver
@@ -48,6 +52,8 @@ class Controlled:
     runs: int
     cpu_s: float
     notes: tuple[str, ...] = ()
+    others: tuple[OtherRun, ...] = ()
+    waves: bool = False
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
         """The run with the cost of others that were made for it."""
@@ -76,15 +82,20 @@ def motion_distance(prepared: Prepared, a: Motion, b: Motion) -> Array:
             reference = max(unit / prepared.time, float(np.max(np.abs(u_b[:, mask]))))
             worst = np.maximum(worst, apart * np.max(np.abs(u_a - u_b)[:, mask], axis=1) / reference)
     for node in m.model.nodes:
-        n, last = node.kind.translations, node.q + node.kind.sizes[0]
-        p_a, p_b = q_a[:, node.q : last], q_b[:, node.q : last]
-        unit = prepared.length if node.unit == "m" else 1.0
-        worst = np.maximum(worst, np.linalg.norm(p_a[:, :n] - p_b[:, :n], axis=1) / unit)
-        if p_a.shape[1] == 3 and node.kind.turns:
-            worst = np.maximum(worst, np.abs(p_a[:, 2] - p_b[:, 2]))
-        elif p_a.shape[1] == 7:
-            worst = np.maximum(worst, _angle_between(p_a[:, 3:], p_b[:, 3:]))
+        at = slice(node.q, node.q + node.kind.sizes[0])
+        worst = np.maximum(worst, position_distance(prepared, node, q_a[:, at], q_b[:, at]))
     return worst
+
+
+def position_distance(prepared: Prepared, node: Node, a: Array, b: Array) -> Array:
+    """(nt,) difference of two positions (nt, size) of a node: over the scene's length, angles in rad."""
+    n, unit = node.kind.translations, prepared.length if node.unit == "m" else 1.0
+    apart = np.linalg.norm(a[:, :n] - b[:, :n], axis=1) / unit
+    if a.shape[1] == 3 and node.kind.turns:
+        apart = np.maximum(apart, np.abs(a[:, 2] - b[:, 2]))
+    elif a.shape[1] == 7:
+        apart = np.maximum(apart, _angle_between(a[:, 3:], b[:, 3:]))
+    return np.asarray(apart)
 
 
 def touching(mechanics: Mechanics, q: Array, u: Array) -> Array:
@@ -112,6 +123,17 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b)
 
 
+def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
+    """What is kept of a run that tells the error of another: its states at SAMPLES of the times at which both are compared.
+
+    With contacts the whole difference is the error of forces: measured, that of an impact does not fall as the motion's."""
+    if prepared is None or not isinstance(system, SceneSystem):
+        return ()
+    share = 1.0 if prepared.contacts else share
+    chosen = np.unique(np.linspace(0, len(times) - 1, SAMPLES).astype(int))
+    return (OtherRun(states_of(prepared, run, times[chosen]), share),)
+
+
 def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,
                    begin: float | None = None, **options: Any) -> Controlled:  # fmt: skip
     """Integrate until the estimated error is below `accuracy`, or as near as the solver comes.
@@ -130,7 +152,10 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     if solver.by_steps:
         found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
-        return with_stepped_over(run, system, accuracy, measure) if run.solution.complete else run
+        if not run.solution.complete:
+            return run
+        others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
+        return with_stepped_over(replace(run, others=others), system, prepared, accuracy, measure)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -157,7 +182,9 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
         times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
         gap = float(np.max(measure(times, coarse(times), fine(times))))
-        before, best = best.estimate, Controlled(fine, tight, gap * max(ratio**solver.error_fall, 0.05), runs, cpu, best.notes)
+        share = max(ratio**solver.error_fall, 0.05)
+        others = other_run(system, prepared, coarse, times, share)
+        before, best = best.estimate, Controlled(fine, tight, gap * share, runs, cpu, best.notes, others)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
@@ -172,29 +199,44 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def with_stepped_over(run: Controlled, system: System, accuracy: float, measure: Measure) -> Controlled:
+def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
+                      measure: Measure) -> Controlled:  # fmt: skip
     """The run with what constant steps leave out at the start in its estimate: vibrations that are shorter than a step look alike
     with steps of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
     from mbdae.integrators.radau import RadauIIA
 
-    t0, h = float(run.solution.t[0]), run.solution.stats.h_max
+    end = float(run.solution.t[0]) + FIRST_STEPS * run.solution.stats.h_max
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
-    left, cpu = left_out(run.solution, close, system, t0 + FIRST_STEPS * h, PROBES, measure)
-    return replace(run, estimate=run.estimate + left).after(1, cpu)
+    return with_left_out(run, Probe(close, system, prepared, end, PROBES), measure)
 
 
-def left_out(run: Solution, close: Solver, system: System, end: float, samples: int, measure: Measure) -> tuple[float, float]:
-    """Largest distance of a run from one by another solver or system from the same start to `end` at the most, or as far as that
-    comes (infinite where it does not come anywhere), and the CPU seconds this takes."""
-    end = min(float(run.t[-1]), end)
+class Probe(NamedTuple):
+    """A short run by another solver or of another system, from the start of a run to `end` (s) at the most; it is compared with
+    that run at so many samples, and what it finds counts `margin` times."""
+
+    solver: Solver
+    system: System
+    prepared: Prepared | None
+    end: float
+    samples: int
+    margin: float = 1.0
+
+
+def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
+    """The run with its largest distance from a probe in its estimate (infinite where the probe does not come anywhere), with the
+    cost of it, and with the probe beside it as another run that tells its error."""
+    solution = run.solution
+    end = min(float(solution.t[-1]), probe.end)
     try:
-        probe = close.solve(system, end, max_residuals=10 * run.stats.residuals + 10000)
+        close = probe.solver.solve(probe.system, end, max_residuals=10 * solution.stats.residuals + 10000)
     except SolverError as error:
         if error.solution is None or len(error.solution.t) < 3:
-            return float("inf"), cpu_of(error)
-        probe = error.solution
-    times = np.linspace(float(run.t[0]), float(probe.t[-1]), samples)
-    return float(np.max(measure(times, run(times), probe(times)))), probe.stats.cpu_s
+            return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
+        close = error.solution
+    times = np.linspace(float(solution.t[0]), float(close.t[-1]), probe.samples)
+    left = probe.margin * float(np.max(measure(times, solution(times), close(times))))
+    others = (*run.others, *other_run(probe.system, probe.prepared, close, times, probe.margin)) if run.others else ()
+    return replace(run, estimate=run.estimate + left, others=others).after(1, close.stats.cpu_s)
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:

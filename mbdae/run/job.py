@@ -5,6 +5,7 @@ The way of a run through this folder, from top to bottom:
 1. `choice`      joints, form and solver, where the user names none (`checks` says it before the run);
 2. `control`     runs of the solver until the estimated error is below the accuracy (`resolution`: what contact and friction ask);
 3. `waves`       what long steps leave out of stiff beams;
+   `verification` with verify=True: another method, and a finer `mesh` of the beams;
 4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`.
 """
 
@@ -16,19 +17,18 @@ import warnings as python_warnings
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
-from mbdae.formulations import Form, default_form, system_for
+from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.result import Result, RunInfo
 from mbdae.run.choice import Choice, alternatives
-from mbdae.run.control import Controlled, cpu_of, measure_of, run_controlled
+from mbdae.run.control import Controlled, cpu_of, run_controlled
 from mbdae.run.drift import drifted
 from mbdae.run.judgement import judgement_of
 from mbdae.run.resolution import refuse_unresolved
-from mbdae.run.waves import with_lost_vibrations
+from mbdae.run.verification import accuracy_of, nothing_known, verified
+from mbdae.run.waves import with_lost_waves
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.eliminated import Eliminated
 from mbdae.system.prepare import Prepared
@@ -49,6 +49,7 @@ class Job:
     times: Any
     options: dict[str, Any]
     choice: str = ""
+    continued: bool = False  #: it begins where another run ended
     begin: float = field(default_factory=time.perf_counter)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
@@ -81,7 +82,7 @@ class Job:
         if not run.solution.complete:
             return run
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
-        run = with_lost_vibrations(self.prepared, resolving, run)
+        run = with_lost_waves(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             run = self._tighter(run, solver, system, resolving)
         if run.estimate <= self.accuracy:
@@ -89,7 +90,7 @@ class Job:
         if self.prepared.contacts:  # every impact excites such vibrations anew: following all costs 10 to 40 times the steps
             return replace(run, notes=(*run.notes, UNRESOLVED))
         try:
-            again = self._controlled(resolving, solver)
+            again = replace(self._controlled(resolving, solver), waves=True)
         except WallClockError:
             raise
         except SolverError as error:
@@ -110,7 +111,7 @@ class Job:
             return run.after(1, cpu_of(error))
         if not again.solution.complete:
             return run.after(again.runs, again.cpu_s)
-        again = with_lost_vibrations(self.prepared, resolving, again)
+        again = with_lost_waves(self.prepared, resolving, again)
         return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
 
     def run_default(self, choice: Choice, form: Form | None) -> Controlled:
@@ -156,47 +157,28 @@ class Job:
         doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
         return f"warned: {doubts[0]}" if doubts else ""
 
-    def _verified(self, run: Controlled) -> tuple[float | None, Controlled]:
-        """Largest difference to a run of another method at a tenth of the accuracy, and that run."""
-        from mbdae.integrators.ida import IDA
-        from mbdae.integrators.radau import RadauIIA
-
-        radau, form = isinstance(run.solver, RadauIIA), default_form(self.prepared)
-        other: Solver = IDA() if radau else RadauIIA(3)
-        if self.prepared.model.lines:  # IDA follows fast vibrations of beams for ever
-            other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
-            form = replace(form, waves=True)  # type: ignore[type-var]
-        system = system_for(self.prepared, form, other.highest_index)
-        end = np.array([self.t_end])
-        tighter = max(self.accuracy / 10, 1e-10)
-        again = run_controlled(system, self.prepared, other, tighter, self.t_end, end, **self.options)
-        if not (again.solution.complete and run.solution.complete):
-            return None, again
-        times = np.linspace(again.solution.t[0], again.solution.t[-1], 2001)
-        apart = measure_of(system, self.prepared)(times, run.solution(times), again.solution(times))
-        return float(np.max(apart)), again
-
     def result(self, run: Controlled, verify: bool = False) -> Result:
-        """The Result with its warnings, each also issued as an AccuracyWarning; verify: compared with another method."""
-        verified = None
+        """The Result with its warnings, each also issued as an AccuracyWarning; verify: measured against another method at a
+        tenth of the accuracy, and beams against a finer mesh."""
+        found = None
         if verify:
-            verified, again = self._verified(run)
-            run = run.after(again.runs, again.cpu_s)
-        controlled = not math.isnan(run.estimate)
-        asked = self.accuracy if controlled or verified is not None else None
-        known = Accuracy(asked, run.estimate if controlled else None, verified)
+            begin = time.process_time()
+            found = verified(self.prepared, self.form, run, self.accuracy, self.t_end, self.continued, self.options)
+            run = run.after(found.runs, time.process_time() - begin)
+        known = accuracy_of(self.prepared, self.accuracy, run, found)
         info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
         times = self.times[self.times <= run.solution.t[-1]]
-        found = Result(self.prepared, run.solution, info, times)
-        judgement = judgement_of(found, run, self.form.label == "Index1")
-        found.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
+        made = Result(self.prepared, run.solution, info, times)
+        judgement = judgement_of(made, run, self.form.label == "Index1")
+        made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
-        return found
+        return made
 
     def _attach(self, error: SolverError, solver: Solver) -> None:
         """Give a failed run's solution the shape of a Result: nothing computed is lost."""
         solution = error.solution
         if isinstance(solution, Solution) and len(solution.t):
-            info = RunInfo(solver, self.form.label, Accuracy(None, None), solution.stats, 1, solution.stats.cpu_s, (str(error),))
+            known, stats = nothing_known(self.prepared, "the run failed before its end"), solution.stats
+            info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
             error.solution = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])

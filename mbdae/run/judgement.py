@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from mbdae.results.result import Accuracy, Result
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result
 from mbdae.run.balance import drift_of_energy
 from mbdae.run.checks import doubts
 from mbdae.run.control import Controlled
@@ -31,18 +32,28 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
 
 
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
-    notes = []
-    if known.met is False:
-        worst = known.verified if known.verified is not None else known.estimated
-        found = f"about {worst:.1e}" if worst is not None and math.isfinite(worst) else "not known: every tighter run failed"
-        notes.append(f"accuracy {known.asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
-                     f"or a shorter run if the motion is chaotic")  # fmt: skip
+    notes = _missed(known)
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
     notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
     if not run.solution.complete:
         notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)
+
+
+def _missed(known: Accuracy) -> list[str]:
+    """Errors of the motion, in time and of the mesh, that are above the accuracy asked."""
+    asked, notes = known.asked, []
+    if asked is None:
+        return []
+    if known.motion is not None and not known.motion <= asked:
+        found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known: every tighter run failed"
+        notes.append(f"accuracy {asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
+                     f"or a shorter run if the motion is chaotic")  # fmt: skip
+    if known.mesh is not None and not known.mesh <= asked:
+        notes.append(f"accuracy {asked:g} was asked, the mesh of the beams is off by about {known.mesh:.1e}: give them more "
+                     f"elements or a higher order")  # fmt: skip
+    return notes
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mbdae.run.control import Controlled, distance, left_out
+from mbdae.run.control import Controlled, Probe, distance, with_left_out
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.prepare import Prepared
 
@@ -20,12 +20,12 @@ POINTS = 400
 MARGIN = 2.1
 
 
-def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
+def with_lost_waves(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
     """The run with what it left out in its estimate: the largest difference of positions (over the scene's length, rad) from a
     short run that resolves the vibrations."""
     solution = run.solution
     t0, t1 = float(solution.t[0]), float(solution.t[-1])
     end = t0 + WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
     close = replace(run.solver, rtol=run.solver.companion * run.solver.tolerance)  # type: ignore[type-var]
-    amplitude, cpu = left_out(solution, close, resolving, end, POINTS, lambda t, a, b: distance(prepared, t, a, b))
-    return replace(run, estimate=run.estimate + MARGIN * amplitude).after(1, cpu)
+    probe = Probe(close, resolving, prepared, end, POINTS, MARGIN)
+    return with_left_out(run, probe, lambda t, a, b: distance(prepared, t, a, b))

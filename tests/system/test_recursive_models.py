@@ -12,7 +12,8 @@ from recursive_scenes import prescribed, random_states, tree_on_free_body, tree_
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.solution import Stats
-from mbdae.results.result import Accuracy, Result, RunInfo
+from mbdae.results.accuracy import Accuracy
+from mbdae.results.result import Result, RunInfo
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 

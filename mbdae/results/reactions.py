@@ -1,0 +1,93 @@
+"""Forces and torques of all joints and force elements at once, and how far runs are apart in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbdae.integrators.solution import Solution
+from mbdae.results.sensors import reaction_outputs
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+
+#: of the force that moves the scene by its length in its characteristic time: forces below that are round-off
+NO_FORCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
+    of the beams z (nt, nz), at times t (nt,); they belong to no form."""
+
+    t: Array
+    q: Array
+    u: Array
+    s: Array
+    z: Array | None
+
+
+def stresses(prepared: Prepared, solution: Solution, t: Array) -> Array | None:
+    """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run; None elsewhere."""
+    names = [name for line in prepared.model.lines for name in line.stresses]
+    if not names or names[0] not in solution.names:
+        return None
+    first = solution.names.index(names[0])
+    return np.asarray(solution(t)[:, first : first + len(names)])
+
+
+def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
+    """The states of a run at times t (nt,)."""
+    return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
+
+
+def wrenches(prepared: Prepared, at: States) -> Array:
+    """(nt, items, 6) force (N) and torque (N m) of every joint and force element on its body l, as their sensors show them."""
+    m, items = prepared.mechanics, [c.name for c in prepared.model.scene.connections]
+    multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
+    total = np.zeros((len(at.t), len(items), 6))
+    for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):
+        for i, instance in enumerate(prepared.model.groups[g].instances):
+            if instance.item in items:
+                total[:, items.index(instance.item)] += values[:, i]
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class OtherRun:
+    """States of a run that tells the error of the run that is kept: the error is `share` times the difference; prepared: its
+    scene, where it has another mesh of the beams."""
+
+    states: States
+    share: float
+    prepared: Prepared | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReactionError:
+    """The error of the forces and torques of a run, by other runs; evaluated when it is called."""
+
+    prepared: Prepared
+    solution: Solution
+    others: tuple[OtherRun, ...]
+
+    def __call__(self) -> float:
+        """Sum of the errors that the other runs tell, each over the largest force of the run (torques: times the length)."""
+        return float(sum(other.share * self._difference(other) for other in self.others))
+
+    def _difference(self, other: OtherRun) -> float:
+        length = self.prepared.length
+        if not self.prepared.model.scene.connections:
+            return 0.0
+        own = wrenches(self.prepared, states_of(self.prepared, self.solution, other.states.t))
+        compared = wrenches(other.prepared or self.prepared, other.states)
+        sizes, apart = (np.maximum(np.linalg.norm(w[..., :3], axis=2), np.linalg.norm(w[..., 3:], axis=2) / length)
+                        for w in (own, compared - own))  # fmt: skip
+        return float(np.max(apart) / max(float(np.max(sizes)), self._smallest_force))
+
+    @property
+    def _smallest_force(self) -> float:
+        """N, below which forces are round-off."""
+        m = self.prepared.mechanics
+        mass = float(np.max(m.mass.diagonal()[~m.rotational], initial=0.0))
+        return max(NO_FORCE * mass * self.prepared.length / self.prepared.time**2, 1e-300)

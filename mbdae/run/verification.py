@@ -1,0 +1,91 @@
+"""What is known of the errors of a run; with verify=True also by another method, and by a finer mesh of the beams."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import MbdaeError
+from mbdae.formulations import Form, default_form, system_for
+from mbdae.integrators.base import Solver
+from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
+from mbdae.results.reactions import OtherRun, ReactionError
+from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
+from mbdae.run.mesh import mesh_error
+from mbdae.system.prepare import Prepared
+
+CONTINUED = "not measured: the run continues another, whose mesh and error of the mesh it has"
+
+
+@dataclass(frozen=True)
+class Verified:
+    """motion: largest difference to the other method; mesh: to a finer mesh; reactions, finer: what is kept of these two runs;
+    unknown: why one of them was not found, by its word; runs: how many they took."""
+
+    motion: float | None = None
+    reactions: tuple[OtherRun, ...] = ()
+    mesh: float | None = None
+    finer: tuple[OtherRun, ...] = ()
+    unknown: dict[str, str] = field(default_factory=dict)
+    runs: int = 0
+
+
+def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, t_end: float, continued: bool,
+             options: dict[str, Any]) -> Verified:  # fmt: skip
+    """A run against another method at a tenth of the accuracy, and, where it has beams, against a finer mesh."""
+    if not run.solution.complete:
+        return Verified()
+    found = _by_another_method(prepared, run, accuracy, t_end, options)
+    if not prepared.model.lines:
+        return found
+    if continued:
+        return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
+    same = replace(form, waves=True) if run.waves else form  # type: ignore[type-var]
+    try:
+        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, **options)
+        return replace(found, mesh=mesh, finer=(finer,), runs=found.runs + 1)
+    except MbdaeError as error:
+        return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
+
+
+def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_end: float, options: dict[str, Any]) -> Verified:
+    """Differences to a run of another method at a tenth of the accuracy."""
+    from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+
+    radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
+    other: Solver = IDA() if radau else RadauIIA(3)
+    if prepared.model.lines:  # IDA follows fast vibrations of beams for ever
+        other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
+        form = replace(form, waves=True)  # type: ignore[type-var]
+    system = system_for(prepared, form, other.highest_index)
+    controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), t_end, np.array([t_end]), **options)
+    again = controlled.solution
+    if not again.complete:
+        return Verified(unknown={"motion": "the run of the other method was stopped before its end"}, runs=controlled.runs)
+    times = np.linspace(again.t[0], again.t[-1], 2001)
+    motion = float(np.max(measure_of(system, prepared)(times, run.solution(times), again(times))))
+    return Verified(motion, other_run(system, prepared, again, times, 1.0), runs=controlled.runs)
+
+
+def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Verified | None) -> Accuracy:
+    """What is known of the errors of a run, and why something is not; found: what it was measured against, if it was."""
+    if not run.solution.complete:
+        return nothing_known(prepared, "the run was stopped before its end")
+    estimate = None if math.isnan(run.estimate) else run.estimate
+    if estimate is None and found is None:
+        return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
+    found = found or Verified()
+    in_time = found.reactions or run.others
+    forces = ReactionError(prepared, run.solution, (*in_time, *found.finer)) if in_time else None
+    asked = accuracy if any(error is not None for error in (estimate, found.motion, found.mesh)) else None
+    unknown = {"reactions": NO_RUN_BESIDE, "mesh": NOT_REPEATED} | found.unknown
+    return Accuracy(asked, estimate, found.motion, found.mesh, bool(prepared.model.lines), unknown, forces)
+
+
+def nothing_known(prepared: Prepared, why: str) -> Accuracy:
+    """Of a run that did not come to its end."""
+    return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))
