@@ -11,12 +11,13 @@ import pytest
 
 import mbdae as mb
 from mbdae import contact, forces, joints
-from mbdae.contracts.case import columns
+from mbdae.contracts.case import columns, starts
 from mbdae.contracts.states import States, positions, rotation, velocities
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.outputs import loads
+from mbdae.symbolic.outputs import Target, loads
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 SPATIAL = (NodeKind.SPATIAL, Axes.GENERAL)
@@ -169,6 +170,9 @@ def test_joint_spring_and_damper() -> None:
     values = on_axis(spring, 7, given)
     values["state_followed"][:] = ANGLE + 2 * np.pi  # a turn further than the attitude shows
     compare(spring, values, lambda k, l, p: (np.zeros(3), -k.A[:, 2] * 3.0 * (ANGLE + 2 * np.pi - 0.2)))
+    p = plan(spring, starts)
+    values["turns"][:] = 4 * np.pi  # the start angle was given as two turns more than the attitude shows
+    assert p.kernel.values(columns(p.all_inputs.symbols, values)) == pytest.approx(ANGLE + 4 * np.pi)
     damper = derived(forces.JointDamper, damping=2.0, joint=joints.Revolute)
     compare(damper, on_axis(damper, 8, given), lambda k, l, p: (np.zeros(3), -k.A[:, 2] * 2.0 * (k.A[:, 2] @ (l.w - k.w))))
 
@@ -230,39 +234,101 @@ HERTZ = {"normal_stiffness": 200.0, "normal_damping": 0.3, "friction_mu": MU, "f
 INNER = 0.5
 
 
-def pressed(k: Side, l: Side, shift: Array, outer: float) -> Wrench:
-    """Contact in the plane through l.r + shift: wrench on l at its point; outer from k's axis."""
+@dataclass
+class Touch:
+    """The contact in the plane through l.r + shift: unit normal and tangent, sliding velocity, forces on l and where they act."""
+
+    depth: float
+    rate: float
+    t: Array
+    sliding: Array
+    normal: float
+    friction: Array
+    force: Array
+    point: Array
+
+
+def touch(k: Side, l: Side, shift: Array, outer: float) -> Touch:
+    """It acts where the pin meets the race, outer from k's axis; a pin that may tilt rubs along its whole sliding velocity."""
     z, u = k.A[:, 2], l.r + shift - k.r
     radial = u - z * (z @ u)
-    distance = np.linalg.norm(radial)
+    distance = float(np.linalg.norm(radial))
     n = radial / distance
-    depth = distance - (outer - INNER)
-    if depth <= 0:
-        return np.zeros(3), np.zeros(3)
-    contact = k.r + z * (z @ u) + outer * n
-    v = l.v + np.cross(l.w, contact - l.r) - k.v - np.cross(k.w, contact - k.r)
-    normal = max(0.0, 200.0 * depth**1.5 * (1 + 0.3 * (v @ n)))
-    if np.any(shift):  # a pin that may tilt rubs along its whole sliding velocity
-        sliding = v - n * (v @ n)
-        along = sliding / np.linalg.norm(sliding)
-        friction = -MU * np.tanh(np.linalg.norm(sliding) / V_C) * normal * along
-    else:
-        t = np.cross(z, n)
-        friction = -MU * np.tanh((v @ t) / V_C) * normal * t
-    force = friction - n * normal
-    return force, np.cross(contact - l.r, force)
+    t, depth, point = np.cross(z, n), distance - (outer - INNER), k.r + z * (z @ u) + outer * n
+    v = l.v + np.cross(l.w, point - l.r) - k.v - np.cross(k.w, point - k.r)
+    rate, sliding = float(v @ n), v - n * (v @ n)
+    normal = max(0.0, 200.0 * max(0.0, depth) ** 1.5 * (1 + 0.3 * rate))
+    along = sliding / np.linalg.norm(sliding) if np.any(shift) else t
+    friction = -MU * np.tanh((v @ along) / V_C) * normal * along
+    return Touch(depth, rate, t, sliding, normal, friction, friction - n * normal, point)
+
+
+DEPTHS = np.array([1e-4, -1e-4, 0.01, -0.1, 0.05, 0.1, 0.2, 0.3])  #: m, of the pin in the race in the plane of l.r
+
+
+def pin(length: float | None, seed: int) -> tuple[Derived, dict[str, Array]]:
+    """A pin of 0.5 m in races of other radii, so that where the force acts shows in the moments, at these depths."""
+    d = derived(contact.JournalContact, outer=1.0, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3),
+                friction=mb.Coulomb(MU, V_C))  # fmt: skip
+    values = States(d, HERTZ | {"length": 0.4}, np.random.default_rng(seed), len(DEPTHS)).values
+    for i, depth in enumerate(DEPTHS):
+        k, l = side(d, 0, values, i), side(d, 1, values, i)
+        values["outer"][i] = np.linalg.norm(np.cross(k.A[:, 2], l.r - k.r)) + INNER - depth
+    return d, values
+
+
+def ends(l: Side, length: float | None) -> list[Array]:
+    """Where the planes of contact are: l.r, or the near and the far end along the pin."""
+    return [np.zeros(3)] if length is None else [-length / 2 * l.A[:, 2], length / 2 * l.A[:, 2]]
 
 
 @pytest.mark.parametrize("length", [None, 0.4], ids=["one plane", "two ends"])
 def test_pin_in_its_race(length: float | None) -> None:
-    """Radii that differ much (0.6 and 0.5 m): where the force acts shows in the moments."""
-    law, outer = contact.JournalContact, 0.6
-    d = derived(law, outer=outer, inner=INNER, length=length, normal=mb.Hertz(200.0, damping=0.3), friction=mb.Coulomb(MU, V_C))
-    values = States(d, HERTZ | {"outer": outer, "length": 0.4}, np.random.default_rng(14), 12).values
-
     def both(k: Side, l: Side, p: Values) -> Wrench:
-        shifts = [np.zeros(3)] if length is None else [sign * length / 2 * l.A[:, 2] for sign in (-1, 1)]
-        parts = [pressed(k, l, shift, outer) for shift in shifts]
-        return sum(f for f, _ in parts), sum(t for _, t in parts)
+        parts = [touch(k, l, shift, p["outer"]) for shift in ends(l, length)]
+        return sum(c.force for c in parts), sum(np.cross(c.point - l.r, c.force) for c in parts)
 
-    compare(d, values, both)
+    compare(*pin(length, 14), both)
+
+
+def seen(d: Derived) -> list[tuple[Target, Expr]]:
+    """What sensors of a contact read at its ends, and the powers it takes by cause."""
+    v, named = d.variation, d.law.observed(*d.sides) | {name: [e] for name, e in d.law.losses(*d.sides).items()}
+    return [((name, i), v.resolve(v.name(e))) for name, parts in named.items() for i, e in enumerate(parts)]
+
+
+@pytest.mark.parametrize("length", [None, 0.4], ids=["one plane", "two ends"])
+def test_what_is_seen_of_a_pin_in_its_race(length: float | None) -> None:
+    """Velocities along the normal and along t = axis x normal; powers lost are positive; the near end comes first."""
+    d, values = pin(length, 17)
+    p = plan(d, seen)
+    numbers = dict(zip(p.targets, p.kernel.values(columns(p.all_inputs.symbols, values)).T, strict=True))
+    for i, outer in enumerate(values["outer"]):
+        k, l = side(d, 0, values, i), side(d, 1, values, i)
+        parts = [touch(k, l, shift, outer) for shift in ends(l, length)]
+        expected = {("orbit", 0): k.A[:, 0] @ (l.r - k.r), ("orbit", 1): k.A[:, 1] @ (l.r - k.r),
+                    ("friction", 0): sum(-c.friction @ c.sliding for c in parts),
+                    ("impact", 0): sum((c.normal - 200.0 * max(0.0, c.depth) ** 1.5) * c.rate for c in parts)}  # fmt: skip
+        for end, c in enumerate(parts):
+            read = {"gap": -c.depth, "gap_rate": -c.rate, "normal_force": c.normal, "slip": c.sliding @ c.t,
+                    "friction_force": c.friction @ c.t, "friction_power": -c.friction @ c.sliding}  # fmt: skip
+            expected |= {(name, end): value for name, value in read.items()}
+        assert {target: column[i] for target, column in numbers.items()} == pytest.approx(expected, rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.parametrize("outputs", [loads, seen])
+def test_pin_that_cannot_tilt_touches_twice(outputs: Any) -> None:
+    """In the plane both ends of a bearing do the same: twice the forces of one plane of contact, the same geometry."""
+    plane = ((NodeKind.PLANAR, Axes.NORMAL),) * 2
+    laws = {"normal": mb.Hertz(200.0, damping=0.3), "friction": mb.Coulomb(MU, V_C)}
+    once, twice = (derived(contact.JournalContact, plane, outer=0.6, inner=INNER, length=end, **laws) for end in (None, 0.4))
+    values = States(twice, HERTZ | {"outer": 0.6, "length": 0.4}, np.random.default_rng(18), 12).values
+    found = []
+    for d in (once, twice):
+        p = plan(d, outputs)
+        numbers = p.kernel.values(columns(p.all_inputs.symbols, values))
+        found.append({target: numbers[:, i] for i, target in enumerate(p.targets)})
+    same = {("gap", 0), ("gap_rate", 0), ("slip", 0), ("orbit", 0), ("orbit", 1)}
+    assert max(np.abs(column).max() for column in found[0].values()) > 1
+    for target, column in found[0].items():
+        assert found[1][target] == pytest.approx(column if target in same else 2 * column, rel=1e-12), target

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from typing import Any
 
 import numpy as np
 import pytest
 import symengine as se
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 import mbdae as mb
 
@@ -69,6 +70,69 @@ def test_lugre_gives_back_no_more_than_its_bristles_hold() -> None:
     run = solve_ivp(right, (0, 1.0), [0.0, 0.0], method="LSODA", rtol=1e-8, atol=1e-14)
     supplied = run.y[1] - 1e5 * run.y[0] ** 2 / 2
     assert np.min(np.diff(supplied)) > -1e-9 * np.max(run.y[1])  # what is not stored is lost, at all times
+
+
+def test_bristles_store_the_work_that_bends_them() -> None:
+    """At rest the force over the normal force is sigma0 z: bent from 0 to z without slip they take its integral."""
+    law = mb.LuGre(0.2, 0.3, 1e-2, 1e5, 0.0)
+    part, z = stated(law), np.linspace(0.0, 3e-6, 201)
+    mu, held = numeric(law, part.coefficient(V)), numeric(law, part.stored(V))
+    force = [float(mu([0.0, x])[0]) for x in z]
+    assert float(held([0.0, z[-1]])[0]) == pytest.approx(trapezoid(force, z), rel=1e-12)
+    assert law.state_scales() == {"z": pytest.approx(float(numeric(law, part.initial(V)["z"])([1e3, 0.0])[0]))}  # sliding fast
+
+
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 2, 3.0])
+def test_stribeck_curve_of_any_exponent(gamma: float) -> None:
+    law = mb.LuGre(0.2, 0.3, 1e-2, 1e5, 0.0, gamma=gamma)
+    part, v = stated(law), 7e-3
+    z = float(numeric(law, part.initial(V)["z"])([v, 0.0])[0])
+    assert float(numeric(law, part.coefficient(V))([v, z])[0]) == pytest.approx(0.2 + 0.1 * math.exp(-(0.7**gamma)), rel=1e-12)
+
+
+def test_damping_of_bristles_fades_with_the_speed() -> None:
+    """What a deflection z adds at speed v: sigma1 exp(-(v/v_s)^2) z' for either sense of sliding, sigma1 z' without decay."""
+    for decays in (True, False):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", mb.AccuracyWarning)  # without decay the law says that it may create energy
+            law = mb.LuGre(0.2, 0.3, 1e-2, 1e5, 31.0, damping_decay=decays)
+        part = stated(law)
+        mu, rate = numeric(law, part.coefficient(V)), numeric(law, part.rate(V)["z"])
+        for v in (5e-3, -5e-3, 2e-2):
+            fading = math.exp(-((v / 1e-2) ** 2)) if decays else 1.0
+            expected = 1e5 * 1e-6 + 31.0 * fading * float(rate([v, 1e-6])[0])
+            assert float(mu([v, 1e-6])[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_speed_from_which_constant_damping_creates_energy() -> None:
+    """The speed that the doubt names is the one from which some deflection gives back more than the bristles hold."""
+    with pytest.warns(mb.AccuracyWarning, match="creates energy above") as told:
+        law = mb.LuGre(0.2, 0.2, 1e-2, 1e5, 31.0, sigma2=20.0, damping_decay=False)
+    limit = float(re.search(r"above ([\d.e+-]+) m/s", str(told[0].message)).group(1))  # type: ignore[union-attr]
+    part = stated(law)
+    mu, rate = numeric(law, part.coefficient(V)), numeric(law, part.rate(V)["z"])
+
+    def least(v: float) -> float:
+        deflections = np.linspace(0, 1e-3, 4001)
+        return min(v * float(mu([v, z])[0]) - 1e5 * z * float(rate([v, z])[0]) for z in deflections)
+
+    assert least(0.9 * limit) > 0 > least(1.1 * limit)
+
+
+def test_elastic_impact_and_rest_of_a_hertz_contact() -> None:
+    """Against m p'' = - stiffness p^1.5 from the first touch to the last, and a weight at rest."""
+    law, mass, speed = mb.Hertz(3e8), 2.0, 0.7
+
+    def leaves(t: float, y: Any) -> float:
+        return float(y[0])
+
+    leaves.terminal, leaves.direction = True, -1  # type: ignore[attr-defined]
+    run = solve_ivp(lambda t, y: [y[1], -3e8 * max(y[0], 0.0) ** 1.5 / mass], (0, 1), [0.0, speed], events=leaves,
+                    rtol=1e-10, atol=1e-14, max_step=1e-5)  # fmt: skip
+    depth, duration = law.impact(mass, speed)
+    assert depth == pytest.approx(run.y[0].max(), rel=1e-4)  # the largest of the steps
+    assert duration == pytest.approx(run.t[-1], rel=1e-6)
+    assert 3e8 * law.penetration(50.0) ** 1.5 == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(("make", "words"), [

@@ -92,3 +92,43 @@ def test_angles_and_their_branches(law: Any, angle: float) -> None:
         angle_read, *branches = p.kernel.values(columns(p.all_inputs.symbols, values))[0]
         assert np.exp(1j * angle_read) == pytest.approx(np.exp(1j * (angle if law.coordinates else angle + off)), abs=1e-12)
         assert branches == pytest.approx([1.0, np.cos(off)], abs=1e-12)
+
+
+@pytest.mark.parametrize("law", [joints.Prismatic, joints.ClassicalPrismatic, joints.FixedOrientation, joints.Weld])
+def test_half_turns_that_the_rows_would_admit(law: Any) -> None:
+    """The rows vanish upright and after half a turn about k.z; one of the branches tells them apart."""
+    d, rows = derived(law), [i for i, name in enumerate(derived(law).rows) if name in ("tilt_y", "tilt_x", "twist")]
+    for angle in (0.0, np.pi):
+        values = States(d, OWN, np.random.default_rng(19), 1).special(angle, True)
+        p, held = plan(d, read), plan(d, position)
+        branches = dict(zip(p.targets, p.kernel.values(columns(p.all_inputs.symbols, values))[0], strict=True))
+        branches.pop(("coordinate",))
+        assert sorted(branches.values()) == pytest.approx(sorted([1.0, np.cos(angle)]), abs=1e-12)
+        assert branches["z axes in the same sense",] == pytest.approx(1.0)
+        g = held.kernel.values(columns(held.all_inputs.symbols, values))[0]
+        assert g[rows] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("law", [joints.ClassicalRevolute, joints.ClassicalPrismatic])
+def test_twist_is_the_motion_the_rows_admit(law: Any) -> None:
+    """l carried by c times the twist (travel along k.z, turn about it) and the coordinate c satisfy all rows."""
+    stated = law("J", None, None)
+    d, (travel, turn), c = derive(law, stated.structure(), (SPATIAL, SPATIAL, COORDINATE)), law.twist, 0.6
+    values = States(d, {}, np.random.default_rng(20), 1).special(turn * c, True)
+    _, K, _ = geometry(d, values, 0)
+    for symbol, along in zip(d.frames[1].q[:3], K[:, 2], strict=True):
+        values[str(symbol)] = values[str(symbol)] + travel * c * along
+    values[str(d.frames[2].q[0])][:] = c
+    p = plan(d, position)
+    assert p.kernel.values(columns(p.all_inputs.symbols, values)) == pytest.approx(0.0, abs=1e-12)
+    assert (travel, turn) != (0, 0)
+
+
+def test_displacement_is_along_the_axis_of_k() -> None:
+    d = derived(joints.Prismatic)
+    values = States(d, OWN, np.random.default_rng(21), 6).values
+    p = plan(d, read)
+    found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, p.targets.index(("coordinate",))]
+    for i, displacement in enumerate(found):
+        u, K, _ = geometry(d, values, i)
+        assert displacement == pytest.approx(K[:, 2] @ u, rel=1e-12)
