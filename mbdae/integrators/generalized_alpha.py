@@ -20,6 +20,8 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.integrators.switching import Inside
+from mbdae.integrators.watch import between
 from mbdae.system.base import Array, System
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
@@ -123,7 +125,10 @@ class _Alpha(Solver):
             line = radau_table(CUBIC).c[:-1, None] * (y - start)
             return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
 
-        constant_steps(system, loop, h, step, step.solve, advance)
+        def inside(width: float) -> Inside:
+            return between(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
+
+        constant_steps(system, loop, h, step, step.solve, advance, inside)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""
