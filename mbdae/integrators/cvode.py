@@ -95,8 +95,7 @@ class CVODE(Solver):
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
             going, watch = True, SundialsWatch.of(loop, lambda y: self.tolerance * np.abs(y) + atol)
-            kinked = system.guards is not None or system.switches is not None
-            smooth = self.method == "Adams" and not kinked  # with BDF slopes magnify the tolerance of stiff unknowns
+            smooth = self.method == "Adams" and watch is None  # with BDF slopes magnify the tolerance of stiff unknowns
             while going:
                 result = method.step(loop.t_end, method="onestep", tstop=loop.t_end if watch is None else watch.stop())
                 if not result.success or not result.t > loop.t:

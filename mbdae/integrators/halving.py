@@ -59,7 +59,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             raise
         except SolverError as error:
             spent += error.solution.stats.cpu_s if error.solution is not None else 0.0
-            if runs >= RUNS or best is not None:
+            if runs >= RUNS or (best is not None and not best.solution.stats.unresolved):
                 raise
             h /= 4
             continue

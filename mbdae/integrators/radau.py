@@ -181,7 +181,7 @@ class _Adaptive:
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
     def _watched(self, h: float) -> float:
-        """h, no longer than contacts, laws and time allow; the factors at hand are used where that shortens it little."""
+        """h, no longer than contacts and laws allow; the factors at hand are used where that shortens it little."""
         assert self.watch is not None
         bound = self.watch.bound()
         if bound < h:

@@ -24,7 +24,7 @@ FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
 LOGARITHMS = (-90.0, 40.0)
 #: steps taken back at one place before what is found is taken as it is
 RETRIES = 10
-#: part of a step at either end within which a kink counts as met
+#: part of a step at its end within which the only kink counts as met, and at its start the kink the step before was to end at
 MET = 1e-2
 #: an extremum nearer to a kink than this part of the argument's change over the step may cross it
 MARGIN = 1e-2
@@ -36,6 +36,7 @@ MATTERS = 0.25
 NOISE = 3.0
 #: a step shorter than ROUND times the time is none
 ROUND = 1e3 * float(np.finfo(float).eps)
+TINY = 1e-9  #: shortest part of a step that is worth a step of its own
 SECTIONS, ROUNDS = 9, 14  #: points of one round of a search in an interval, most rounds
 
 STRETCHES: dict[str, Callable[[Any], Any]] = {
@@ -88,6 +89,7 @@ class SwitchingSteps:
         self._kinks, self._weights = kinds == "kink", np.asarray(self.switches.weights, dtype=float)
         self._near = np.isin(kinds, ("kink", "power"))
         self._retries, self._bound, self._crossed = 0, inf, False
+        self._goal = self._reached = -1  # kink at which the step is to end, and the one before did
 
     def _stretched(self, U: Array) -> Array:
         """PHI (k, na) of arguments (k, na)."""
@@ -119,17 +121,18 @@ class SwitchingSteps:
         if found is None:
             return None
         part, i, surely = found
+        self._goal = i if self._kinks[i] else -1
         if self._retries >= RETRIES or part * self._h <= ROUND * abs(self._t):
             if surely:
                 self._count(i, part)
             return None
         self._retries += 1
-        self.stats.shortened += 1
+        self.stats.retaken += 1
         return part * self._h
 
     def keep(self) -> None:
         """The step is accepted: how far may the next one go?"""
-        self._retries = 0
+        self._retries, self._reached, self._goal = 0, self._goal, -1
         slope, end = TO_SLOPE @ self._U, self._U[-1]
         ahead, back = self._stretched(np.array([end + SMALL * slope, end - SMALL * slope]))
         rate = float(np.max(np.abs(ahead - back))) / (2 * SMALL * self._h)
@@ -159,13 +162,18 @@ class SwitchingSteps:
 
         both: only what comes and goes, not kinks that are crossed once.
         """
-        suspects = self._suspects()
-        found = []
-        for i in np.flatnonzero((self._V > LIMIT) | suspects):
-            place = self._kink(i, both) if self._kinks[i] else self._scale(i)
-            if place is not None:
-                found.append((place[0], int(i), place[1]))
-        return min(found) if found else None
+        asked = (self._V > LIMIT) | self._suspects()
+        if not asked.any():
+            return None
+        scales = [(i, self._scale(i)) for i in np.flatnonzero(asked & ~self._kinks).tolist()]
+        found = [(place[0], i, place[1]) for i, place in scales if place is not None]
+        kinks = [(part, i, how) for i in np.flatnonzero(asked & self._kinks).tolist() for part, how in self._crossings(i)]
+        crossed = [part for part, _, how in kinks if how]
+        if len(crossed) == 1 and (both or crossed[0] > 1 - MET):
+            kinks = [kink for kink in kinks if not kink[2]]
+        if both:
+            kinks = [kink for kink in kinks if kink[2]]
+        return min(found + [(part, i, len(crossed) > 1) for part, i, _ in kinks], default=None)
 
     def _suspects(self) -> Any:
         """(na,) whether an argument crosses a kink, or has an extremum that may matter."""
@@ -205,10 +213,12 @@ class SwitchingSteps:
             best = int(np.argmax(sign * u))
             part, value = float(s[best]), float(u[best])
             a, b = float(s[max(best - 1, 0)]), float(s[min(best + 1, SECTIONS - 1)])
-            near = u[max(best - 1, 0) : best + 2]
-            if np.ptp(self._stretch(i, near)) < MATTERS and not (self._near[i] and near.min() < 0 < near.max()):
-                if not self._kinks[i] or np.ptp(near) <= 0.1 * abs(value):
-                    break
+            change = np.ptp(u[max(best - 1, 0) : best + 2])
+            farther = value + sign * BEYOND * change
+            if self._near[i] and (farther < 0) != (value < 0):
+                continue
+            if change <= MARGIN * abs(value) if self._kinks[i] else np.ptp(self._stretch(i, np.array([value, farther]))) < MATTERS:
+                break
         return part, value
 
     def _scale(self, i: int) -> tuple[float, bool] | None:
@@ -233,24 +243,23 @@ class SwitchingSteps:
             s, u = np.insert(s, k + 1, low), np.insert(u, k + 1, 0.0)
         return Course(s, u)
 
-    def _kink(self, i: int, both: bool) -> tuple[float, bool] | None:
-        """Part of the step after which argument i crosses 0 or comes near it."""
+    def _crossings(self, i: int) -> list[tuple[float, bool]]:
+        """Parts of the step after which argument i crosses 0 (True), or turns so near to it that it may (False)."""
         s, u = self._course(i)
         if np.max(np.abs(u)) < NOISE * self._noise(i, False):
-            return None
-        crossings = np.flatnonzero((u[1:] < 0) != (u[:-1] < 0))
-        inner = []
-        for k in crossings:
+            return []
+        found = []
+        for k in np.flatnonzero((u[1:] < 0) != (u[:-1] < 0)):
             part = self._section(i, float(s[k]), float(s[k + 1]), lambda v, first=u[k] < 0: (v < 0) != first)[0]
-            if MET < part < 1 - MET:
-                inner.append(part)
-        if inner and not (both and len(crossings) < 2):
-            return inner[0], len(crossings) > 1
-        rise = np.diff(u)
-        for j in np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1:
-            if MET < s[j] < 1 - MET and rise[j - 1] * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u):
-                return float(s[j]), False
-        return None
+            found.append((max(part, TINY), True))
+        if found and self._reached == i and found[0][0] < MET:
+            del found[0]
+        if not found and (u[0] < 0) == (u[-1] < 0):
+            rise = np.diff(u)
+            turns = np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
+            found = [(float(s[j]), False) for j in turns
+                     if MET < s[j] < 1 - MET and rise[j - 1] * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u)]  # fmt: skip
+        return found
 
     def _section(self, i: int, a: float, b: float, beyond: Callable[[Any], Any]) -> tuple[float, float]:
         """The interval in which an argument first goes beyond something."""

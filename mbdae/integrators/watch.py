@@ -1,4 +1,4 @@
-"""What a run watches beside its error: contacts, laws that switch or are local, and how far it may look ahead in time."""
+"""What a run watches beside its error: contacts, and laws that switch or are local."""
 
 from __future__ import annotations
 
@@ -30,18 +30,17 @@ class StepWatch:
     def __init__(self, system: System, stats: Stats, tolerance: Tolerance) -> None:
         self.contacts = None if system.guards is None else ContactSteps(system, stats, self.impact)
         self.switching = None if system.switches is None else SwitchingSteps(system, stats, tolerance)
-        self._longest, self._t, self._t_end = system.longest_step, float(system.t0), float(system.t0)
+        self._t = self._t_end = float(system.t0)
 
     @classmethod
     def needed(cls, system: System) -> bool:
         """Whether there is anything to watch."""
-        return not (system.guards is None and system.switches is None and system.longest_step is None)
+        return system.guards is not None or system.switches is not None
 
     def bound(self) -> float:
         """Largest step from the last accepted point, s."""
-        of_time = inf if self._longest is None else self._longest(self._t)
         bounds = [part.bound() for part in (self.contacts, self.switching) if part is not None]
-        return max(min([of_time, *bounds]), ROUND * abs(self._t))
+        return max(min(bounds), ROUND * abs(self._t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
         """Take the end (t, y) of a step just made and its polynomial: y (k, n) after parts (k,) of the step."""

@@ -79,8 +79,6 @@ class System:
     guard_names: tuple[str, ...] = ()
     #: what switches or is local in the equations; None: nothing
     switches: Switches | None = None
-    #: t -> longest step in s that may be taken from t; None: no bound. Adaptive solvers take no longer one
-    longest_step: Callable[[float], float] | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
