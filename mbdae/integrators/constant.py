@@ -9,12 +9,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from mbdae.integrators.arguments import Inside
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import StepFailedError
-from mbdae.integrators.switching import Inside
 from mbdae.integrators.watch import watch_of
 from mbdae.system.base import Array, System
-
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow
 FOLLOWED = 1e-9

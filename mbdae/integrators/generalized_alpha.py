@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.integrators.arguments import Inside
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
 from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation, cubic
@@ -20,7 +21,6 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.integrators.switching import Inside
 from mbdae.integrators.watch import between
 from mbdae.system.base import Array, System
 

@@ -8,10 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from mbdae.integrators.arguments import Inside
 from mbdae.integrators.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.switching import Inside, SwitchingSteps
+from mbdae.integrators.switching import SwitchingSteps
 from mbdae.system.base import Array, System
 
 Tolerance = Callable[[Array], Array]  #: y (n,) -> what a solver leaves undecided of every unknown (n,)

@@ -69,20 +69,21 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
 
 def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
     """The expressions a law integrates, as stated, and whether they are a Rayleigh function."""
-    law, sides = d.law, d.sides
-    if isinstance(law, Force):
-        if law.gaps(*sides):
-            return  # a contact: its gaps are watched
-        yield law.energy(*sides), False
-        yield law.dissipation(*sides), True
-        yield from ((part, False) for part in law.wrench(*sides) or ())
-    elif isinstance(law, Joint):
-        yield from ((e, False) for row, e in law.constraints(*sides).items() if row in d.rows)
-        yield from ((part, False) for part in law.resistance(*sides, d.reactions) or ())
-    else:
+    law = d.law
+    if not isinstance(law, Force | Joint):
         return
+    k, l = d.sides
+    if isinstance(law, Force):
+        if law.gaps(k, l):
+            return  # a contact: its gaps are watched
+        yield law.energy(k, l), False
+        yield law.dissipation(k, l), True
+        yield from ((part, False) for part in law.wrench(k, l) or ())
+    else:
+        yield from ((e, False) for row, e in law.constraints(k, l).items() if row in d.rows)
+        yield from ((part, False) for part in law.resistance(k, l, d.reactions) or ())
     if d.states:
-        yield from ((e, False) for e in law.rates(*sides).values())
+        yield from ((e, False) for e in law.rates(k, l).values())
 
 
 class _Search:

@@ -30,7 +30,7 @@ def switches_of_model(model: Model, carried: Carried) -> Switches | None:
 
 def _weight(instance: Instance, switch: Switch) -> float:
     """Magnitude of the exponent of a power at the numbers of an instance; 1 where it varies and for everything else."""
-    exponent = switch.exponent.subs({name: value for name, value in instance.numbers.items()})
+    exponent = switch.exponent.subs(dict(instance.numbers))
     return 1.0 if exponent.free_symbols else abs(float(exponent))
 
 
