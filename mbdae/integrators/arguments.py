@@ -24,8 +24,8 @@ MATTERS = 0.25
 #: an extremum nearer to a kink than this part of the argument's change over the step may cross it
 MARGIN = 1e-2
 #: points of one round of a search in an interval, most rounds for an extremum and for a place; each is 4 or 8 times finer
-SECTIONS, ROUNDS, PLACES = 9, 14, 7
-#: part of its distance from the start of the step to which a place is found
+SECTIONS, ROUNDS, PLACES = 9, 14, 9
+#: part of its distance from the start of the step to which a place is found, at least
 EXACT = 1e-3
 SMALL = 1e-3  #: part of the step over which a rate of PHI is taken
 
@@ -136,7 +136,9 @@ class StepArguments:
         s, u, rise, last = FINE.tolist(), self._fine[:, i].tolist(), self._rise[:, i], len(FINE) - 1
         for j in reversed(np.flatnonzero(rise[:-1] * rise[1:] < 0)):
             part, value = self._extremum(i, FINE[max(j - 1, 0)], FINE[min(j + 1, last)], 1.0 if rise[j] > 0 else -1.0)
-            if 0 < part < 1 and part != FINE[j]:
+            if part == FINE[j]:
+                u[j] = value
+            elif 0 < part < 1:
                 at = j if part < FINE[j] else j + 1
                 s.insert(at, part)
                 u.insert(at, value)
@@ -174,10 +176,12 @@ class StepArguments:
         a, b = float(course.s[k]), float(course.s[k + 1])
         for _ in range(PLACES):
             s = np.linspace(a, b, SECTIONS)
-            over = np.flatnonzero(beyond(self.at(s)[:, i]))
+            u = self.at(s)[:, i]
+            over = np.flatnonzero(beyond(u))
             first = int(over[0]) if len(over) else SECTIONS - 1
-            a, b = float(s[max(first - 1, 0)]), float(s[first])
-            if b - a < EXACT * b:
+            before = max(first - 1, 0)
+            a, b = float(s[before]), float(s[first])
+            if b - a < EXACT * b and abs(self.stretch(i, u[first]) - self.stretch(i, u[before])) < MATTERS:
                 break
         return a, b
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import symengine as se
 
 from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Force, Joint
 from mbdae.symbolic.outputs import Target, input_symbols, insert
 from mbdae.symbolic.vectors import Expr, Vec
@@ -93,6 +94,7 @@ class _Search:
         self.damps, self.seen = damps, set[Any]()
         self.own = {se.Symbol(name) for name in d.law.params}
         self.undefined = frozenset().union(*(f.undefined for f in d.frames))
+        self.angles = {f.heading for f in d.frames} | {f.q[0] for f in d.frames if f.kind is NodeKind.COORDINATE}
         self.points = {c for f in d.frames for v in (f.center, f.arm) for c in v if c.free_symbols}
 
     def inside(self, e: Any) -> Iterator[Switch]:
@@ -116,8 +118,16 @@ class _Search:
                 yield Switch("power", e.args[0] ** 2 + e.args[1] ** 2, se.Rational(1, 2))
         elif kind in ("Max", "Min"):
             yield from (Switch("kink", a - b) for i, a in enumerate(e.args) for b in e.args[:i])
-        elif kind in KINDS and e.args[0].free_symbols:
+        elif kind in KINDS and e.args[0].free_symbols and not (kind in ("sin", "cos") and self._is_angle(e.args[0])):
             yield Switch(KINDS[kind], e.args[0])
+
+    def _is_angle(self, e: Expr) -> bool:
+        """Whether e is an angle of the motion itself, or a sum of such: its sine has no scale but a turn."""
+        if isinstance(e, se.FunctionSymbol) and e.get_name() == "let":
+            return self._is_angle(e.args[0])
+        if isinstance(e, se.Add):
+            return all(map(self._is_angle, e.args))
+        return e.is_Number or isinstance(e, se.atan2) or e in self.angles or (-e) in self.angles or isinstance(-e, se.atan2)
 
     def _power(self, base: Expr, exponent: Expr) -> Iterator[Switch]:
         if not base.free_symbols:  # exp(u), 2^u
