@@ -28,15 +28,23 @@ SECTIONS, ROUNDS, PLACES = 9, 14, 9
 #: part of its distance from the start of the step to which a place is found, at least
 EXACT = 1e-3
 SMALL = 1e-3  #: part of the step over which a rate of PHI is taken
+ROUND_OFF = 1e-10  #: difference of an argument over its magnitude that may be round-off
+TINIEST = 1e-300  #: keeps logarithms finite
 
+
+def _held(low: float, high: float) -> Callable[[Any], Any]:
+    return lambda u: np.minimum(np.maximum(u, low), high)
+
+
+_between_logarithms = _held(*LOGARITHMS)
 STRETCHES: dict[str, Callable[[Any], Any]] = {
     "kink": lambda u: 0.0 * u,
-    "decaying": lambda u: np.clip(u, -FLAT, STEEP),
-    "saturating": lambda u: np.clip(u, -SATURATED, SATURATED),
-    "growing": lambda u: np.clip(u, -STEEP, STEEP),
+    "decaying": _held(-FLAT, STEEP),
+    "saturating": _held(-SATURATED, SATURATED),
+    "growing": _held(-STEEP, STEEP),
     "arc": np.arcsinh,
     "periodic": lambda u: u,
-    "power": lambda u: np.clip(np.log(np.maximum(np.abs(u), 1e-300)), *LOGARITHMS),
+    "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
 }
 
 Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after parts (k,) of it
@@ -51,8 +59,26 @@ def _interpolation(nodes: Array, at: Array) -> Array:
 NODES = 0.5 * (1 - np.cos(np.pi * np.arange(8) / 7))  #: Chebyshev's points of [0, 1], both ends included
 FINE = np.linspace(0.0, 1.0, 33)
 TO_FINE = _interpolation(NODES, FINE)
-#: weights of the values at `NODES` in the slopes at both ends
+#: weights of the values at `NODES` in the slopes at both ends, and in the differences of the fine points between those slopes
 TO_SLOPES = np.diff(_interpolation(NODES, np.array([0.0, 1e-6, 1.0 - 1e-6, 1.0])), axis=0)[::2] * 1e6
+TO_RISES = np.vstack([TO_SLOPES[:1], np.diff(TO_FINE, axis=0), TO_SLOPES[1:]])
+#: weights of the start, the end, and points just beyond and before the end on the tangent there
+TO_ENDS = np.vstack([np.eye(8)[[0, -1]], np.eye(8)[-1] + SMALL * TO_SLOPES[1], np.eye(8)[-1] - SMALL * TO_SLOPES[1]])
+
+
+def cubic_weights(part: Array) -> Array:
+    """(k, 4) weights of y and h y' at the start and of both at the end of a step, in the cubic through them at parts (k,)."""
+    s, r = part, 1 - part
+    return np.stack([r * r * (1 + 2 * s), s * r * r, s * s * (3 - 2 * s), -s * s * r], axis=1)
+
+
+AT_NODES = cubic_weights(NODES)
+
+
+def cubic_of_step(h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Inside:
+    """The cubic with y and y' (n,) at both ends of a step of h."""
+    ends = np.array([start[0], h * start[1], end[0], h * end[1]])
+    return lambda part: np.asarray((AT_NODES if part is NODES else cubic_weights(part)) @ ends)
 
 
 class Course(NamedTuple):
@@ -79,7 +105,8 @@ class StepArguments:
 
     def __init__(self, switches: Switches) -> None:
         self.switches, kinds = switches, np.array(switches.kinds)
-        self._by_kind = [(STRETCHES[kind], np.flatnonzero(kinds == kind)) for kind in dict.fromkeys(kinds.tolist())]
+        columns = {kind: np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
+        self._by_kind = [(STRETCHES[kind], _slice(where)) for kind, where in columns.items()]
         self._weights = np.asarray(switches.weights, dtype=float)
         self.kinks, self._signed = kinds == "kink", np.isin(kinds, ("kink", "power"))
 
@@ -87,8 +114,8 @@ class StepArguments:
         """Take a step of h from t."""
         self.t, self.h, self.inside = t, h, inside
         self.at_nodes = self.at(NODES)
-        self._fine, self._slopes = TO_FINE @ self.at_nodes, TO_SLOPES @ self.at_nodes
-        self._rise = np.vstack([self._slopes[:1], np.diff(self._fine, axis=0), self._slopes[1:]])
+        self._rise = TO_RISES @ self.at_nodes
+        self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
     def at(self, parts: Array) -> Array:
         """Arguments (k, na) after parts (k,) of the step."""
@@ -105,37 +132,47 @@ class StepArguments:
         """PHI of values of argument i."""
         return STRETCHES[self.switches.kinds[i]](u) * self._weights[i]
 
-    def variation(self) -> Array:
-        """(na,) variation of PHI over the step, as the points of the step show it."""
-        return np.asarray(np.abs(np.diff(self.stretched(self._fine), axis=0)).sum(axis=0))
-
     def rate(self) -> float:
         """Largest rate of a PHI at the end of the step, 1/s."""
-        slope, end = self._slopes[1], self.at_nodes[-1]
-        ahead, back = self.stretched(np.array([end + SMALL * slope, end - SMALL * slope]))
-        return float(np.max(np.abs(ahead - back))) / (2 * SMALL * self.h)
+        return float(np.max(np.abs(self._ends[2] - self._ends[3]))) / (2 * SMALL * self.h)
 
-    def suspects(self) -> Any:
-        """(na,) whether an argument crosses a kink, or has an extremum that may matter: false for nearly every step."""
-        F, rise = self._fine, self._rise
-        negative = F < 0
-        crosses = self.kinks & np.any(negative[1:] != negative[:-1], axis=0)
-        turns = rise[:-1] * rise[1:] < 0
-        if not turns.any():
-            return crosses
-        steps = np.abs(rise[1:-1])
+    def suspects(self, limit: float) -> Any:
+        """(na,) whether PHI varies by more than a limit, or an argument crosses a kink or has an extremum that may matter."""
+        turns = self._turns()
+        if turns is not None:
+            return self._turning(turns, limit)
+        over = np.abs(self._ends[1] - self._ends[0]) > limit
+        return over | (self.kinks & ((self.at_nodes[0] < 0) != (self.at_nodes[-1] < 0)))
+
+    def _turns(self) -> Any:
+        """(33, na) where arguments turn by more than round-off, at the fine points; None: nowhere."""
+        rise = self._rise
+        turns = rise[:-1] * rise[1:] <= 0
+        if turns.any():
+            size = np.abs(rise)
+            turns &= np.maximum(size[:-1], size[1:]) > ROUND_OFF * np.abs(self.at_nodes).max(axis=0)
+        return turns if turns.any() else None
+
+    def _turning(self, turns: Any, limit: float) -> Any:
+        """`suspects` of a step within which arguments turn; turns (33, na): at which points."""
+        F, rise = TO_FINE @ self.at_nodes, self._rise
+        steps, negative, stretched = np.abs(rise[1:-1]), F < 0, self.stretched(F)
         height = np.maximum(np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]]))
-        farther = F + BEYOND * height * np.sign(rise[:-1])
-        matters = np.abs(self.stretched(farther) - self.stretched(F)) > MATTERS
+        farther = F + BEYOND * height * np.where((rise[:-1] > 0) | (rise[1:] < 0), 1.0, -1.0)
+        matters = np.abs(self.stretched(farther) - stretched) > MATTERS
         matters |= self._signed & ((farther < 0) != negative)
         matters |= self.kinks & (np.abs(F) < MARGIN * np.ptp(F, axis=0))
-        return crosses | np.any(turns & matters, axis=0)
+        crosses = self.kinks & np.any(negative[1:] != negative[:-1], axis=0)
+        over = np.abs(np.diff(stretched, axis=0)).sum(axis=0) > limit
+        return over | crosses | np.any(turns & matters, axis=0)
 
     def course(self, i: int) -> Course:
         """Argument i at the points of the step and at its extrema between them."""
-        s, u, rise, last = FINE.tolist(), self._fine[:, i].tolist(), self._rise[:, i], len(FINE) - 1
-        for j in reversed(np.flatnonzero(rise[:-1] * rise[1:] < 0)):
-            part, value = self._extremum(i, FINE[max(j - 1, 0)], FINE[min(j + 1, last)], 1.0 if rise[j] > 0 else -1.0)
+        s, u, rise, last = FINE.tolist(), (TO_FINE @ self.at_nodes[:, i]).tolist(), self._rise[:, i], len(FINE) - 1
+        turns = self._turns()
+        for j in reversed(np.flatnonzero(turns[:, i])) if turns is not None else ():
+            sign = 1.0 if rise[j] > 0 or rise[j + 1] < 0 else -1.0
+            part, value = self._extremum(i, FINE[max(j - 1, 0)], FINE[min(j + 1, last)], sign)
             if part == FINE[j]:
                 u[j] = value
             elif 0 < part < 1:
@@ -191,3 +228,9 @@ class StepArguments:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], (4, len(y)))
         u = self.switches.arguments(np.full(5, self.t + self.h), np.vstack([y, y + signs * tolerance(y)]))[:, i]
         return float(np.ptp(u)), float(np.ptp(self.stretch(i, u)))
+
+
+def _slice(where: Any) -> Any:
+    """Numbers as a slice where they follow each other."""
+    first, last = int(where[0]), int(where[-1])
+    return slice(first, last + 1) if last - first == len(where) - 1 else where

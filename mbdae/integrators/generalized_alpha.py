@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
-from mbdae.integrators.arguments import Inside
+from mbdae.integrators.arguments import Inside, cubic_of_step
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
 from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation, cubic
@@ -21,7 +21,6 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
-from mbdae.integrators.watch import between
 from mbdae.system.base import Array, System
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
@@ -126,7 +125,7 @@ class _Alpha(Solver):
             return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
 
         def inside(width: float) -> Inside:
-            return between(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
+            return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
 
         constant_steps(system, loop, h, step, step.solve, advance, inside)
 

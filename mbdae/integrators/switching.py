@@ -68,7 +68,7 @@ class SwitchingSteps:
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf
-        self._crossed = bool(np.any(((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks))
+        self._crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
     def count_hidden(self) -> None:
         """Count what came and went inside a constant step; a kink that is crossed once is not hidden."""
@@ -89,7 +89,7 @@ class SwitchingSteps:
 
     def _found(self, constant: bool = False) -> Found | None:
         """First part of the step after which it should have ended."""
-        asked = (self.arguments.variation() > LIMIT) | self.arguments.suspects()
+        asked = self.arguments.suspects(LIMIT)
         if not asked.any():
             return None
         kinks = self.arguments.kinks

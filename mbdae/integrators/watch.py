@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from mbdae.integrators.arguments import Inside
+from mbdae.integrators.arguments import Inside, cubic_of_step
 from mbdae.integrators.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Stats
@@ -91,17 +91,6 @@ def watch_of(system: System, stats: Stats, tolerance: Tolerance) -> StepWatch | 
     return StepWatch(system, stats, tolerance) if StepWatch.needed(system) else None
 
 
-def between(h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Inside:
-    """The cubic with y and y' at both ends of a step of h."""
-    (y0, r0), (y1, r1) = start, end
-
-    def inside(part: Array) -> Array:
-        s = part[..., None]
-        return np.asarray(y0 + s * s * (3 - 2 * s) * (y1 - y0) + h * s * (1 - s) * ((1 - s) * r0 - s * r1))
-
-    return inside
-
-
 class SundialsWatch(StepWatch):
     """The watch of a run with SUNDIALS, which goes no further than a stop time, and begins anew where it has to go back.
 
@@ -131,7 +120,7 @@ class SundialsWatch(StepWatch):
     def refuses(self, result: Any, yp: Array) -> bool:
         """Whether a step just made (yp: y' at its end) has to be taken back; the next ones then end at what it hid."""
         t, h = float(result.t), float(result.t) - self.loop.t
-        self.look(t, result.y, between(h, self.loop.state, (result.y, yp)))
+        self.look(t, result.y, cubic_of_step(h, self.loop.state, (result.y, yp)))
         hidden = None if self.contacts is None else self.contacts.hidden()
         shorter = None if self.switching is None else self.switching.shorter()
         times = [time for time in (hidden, None if shorter is None else self.loop.t + shorter) if time is not None]

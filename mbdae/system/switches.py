@@ -46,6 +46,7 @@ class _Arguments:
         plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
         self.kernels = [p.kernel for p in plans]
         self.gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+        self.sizes = [gather.shape[0] * kernel.width for gather, kernel in zip(self.gathers, self.kernels, strict=True)]
         self.trees = bool(loaded)
         self._batches: dict[int, tuple[Array, Evaluation, TreeStage | None]] = {}
 
@@ -55,12 +56,11 @@ class _Arguments:
         self.numbering.fill_clock(W, t)
         if trees is not None:
             trees.write(W)
-        laws.values()
-        return np.hstack([values.reshape(len(t), -1) for values in self._split(laws.v, len(t))])
-
-    def _split(self, v: Array, count: int) -> list[Array]:
-        ends = np.cumsum([count * g.shape[0] * k.width for g, k in zip(self.gathers, self.kernels, strict=True)])
-        return np.split(v, ends[:-1])
+        values, parts, a = laws.values(), [], 0
+        for size in self.sizes:
+            parts.append(values[a : a + len(t) * size].reshape(len(t), size))
+            a += len(t) * size
+        return np.hstack(parts) if len(parts) > 1 else parts[0].copy()
 
     def _batch(self, count: int) -> tuple[Array, Evaluation, TreeStage | None]:
         if count not in self._batches:

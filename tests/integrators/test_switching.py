@@ -241,7 +241,7 @@ def steps_of(kind, u):
     return SwitchingSteps(system, Stats(), lambda y: 0.0 * y), lambda part: np.zeros((len(part), 1))
 
 
-@pytest.mark.parametrize("centre", [0.3, 1e-4, 1 - 1e-4, 0.5])
+@pytest.mark.parametrize("centre", [0.3, 1e-4, 1 - 1e-4, 0.5, 33 / 64])
 @pytest.mark.parametrize("width", [1e-2, 1e-4, 1e-6])
 def test_wells_are_found_wherever_they_lie_in_a_step(centre, width):
     steps, inside = steps_of("decaying", lambda t: -(((np.sin(t) - np.sin(centre)) / width) ** 2))
