@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", "power")
+
+
 @dataclass(frozen=True)
 class Switches:
     """Arguments u(t, y) at which equations switch, or within a width of which they change and nowhere else.

@@ -12,7 +12,6 @@ from mbdae.integrators import switching
 from mbdae.integrators.arguments import StepArguments
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.switching import SwitchingSteps
-from mbdae.system.base import Switches
 
 X, V = se.symbols("X V")
 W = 1e-3  #: m, or m/s: width of the laws
@@ -226,18 +225,26 @@ def test_switches_of_a_system_of_ones_own():
         out[:] = 1.0, np.exp(-((1e3 * (y[0] - 0.4)) ** 2))
 
     for solver in (mb.RadauIIA(3, rtol=1e-8), mb.IDA(1e-8), mb.CVODE(1e-8)):
-        system = mb.DAE(lambda t, y, yp, out: rhs(t, y, out) or out.__isub__(yp), [0.0, 0.0], [1.0, 0.0])
+        switches = mb.Switches(crossing, ("saturating",), np.ones(1), ("u",))
+        system = mb.DAE(lambda t, y, yp, out: rhs(t, y, out) or out.__isub__(yp), [0.0, 0.0], [1.0, 0.0], switches=switches)
         system.rhs = rhs
-        system.switches = Switches(crossing, ("saturating",), np.ones(1), ("u",))
         assert solver.solve(system, 1.0).y[-1, 1] == pytest.approx(np.sqrt(np.pi) / 1e3, rel=1e-3)
         system.switches = None
         assert solver.solve(system, 1.0).y[-1, 1] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("kinds", "message"), [(("saturating", "kink"), r"shape \(2, 1\)"), (("steep",), "kind 'steep' is not known")]
+)
+def test_switches_are_checked_at_the_start(kinds, message):
+    with pytest.raises(mb.OptionError, match=message):
+        mb.DAE(lambda t, y, yp: yp, [0.0], [0.0], switches=mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds)))
+
+
 def steps_of(kind, u):
     """SwitchingSteps of one argument u(t) and a way to look at a step."""
-    system = mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0])
-    system.switches = Switches(lambda t, y: u(t)[:, None], (kind,), np.ones(1), ("u",))
+    switches = mb.Switches(lambda t, y: u(t)[:, None], (kind,), np.ones(1), ("u",))
+    system = mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=switches)
     return SwitchingSteps(system, Stats(), lambda y: 0.0 * y), lambda part: np.zeros((len(part), 1))
 
 
@@ -296,7 +303,7 @@ def test_the_next_step_is_bound_by_the_rate():
 
 def test_arguments_between_points():
     """Eight points give slopes and values of polynomials of degree 7 to round-off."""
-    switches = Switches(lambda t, y: (t**7 - t**2)[:, None], ("arc",), np.ones(1), ("u",))
+    switches = mb.Switches(lambda t, y: (t**7 - t**2)[:, None], ("arc",), np.ones(1), ("u",))
     arguments = StepArguments(switches)
     arguments.look(0.0, 1.0, lambda part: np.zeros((len(part), 1)))
     assert arguments.rate() == pytest.approx(5.0, rel=1e-4)
