@@ -52,8 +52,8 @@ _HOME = {
     "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction", "Normal": "mbdae.contact", "ODE": "mbdae.formulations",
     "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
-    "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "Spherical": "mbdae.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit",
+    "compare": "mbdae.compare", "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.compare",
 }  # fmt: skip
 

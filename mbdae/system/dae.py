@@ -34,7 +34,7 @@ class DAE(System):
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
     guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
     guard_names  name of each contact, default contact[0], contact[1], ...
-    switches  what switches or is local in the equations (`mb.Switches`): no step of an adaptive solver goes over it; None: nothing
+    switches  what switches or is local in the equations (`mb.Switches`): adaptive solvers step over none of it; None: nothing
     partition  (M, f, g, G) of equations of motion with y = (q, u, lambda) or, stabilised, (q, u, lambda, mu) and q' = u + ...:
               functions M(t, q) (nu, nu), f(t, q, u) (nu,), g(t, q) (m,) and G(t, q) (m, nu); what GeneralizedAlpha and HHT need
     """
