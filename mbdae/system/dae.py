@@ -160,8 +160,10 @@ class DAE(System):
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
         count = len(switches.kinds)
         if values.shape != (2, count) or np.shape(switches.weights) != (count,) or len(switches.names) != count:
-            raise OptionError(f"switches: arguments of 2 points have shape {values.shape}, weights {np.shape(switches.weights)}, with "
-                              f"{count} kinds and {len(switches.names)} names: return (2, {count}), one of each per kind")  # fmt: skip
+            raise OptionError(
+                f"switches: arguments at 2 points have shape {values.shape}, weights {np.shape(switches.weights)}, names "
+                f"({len(switches.names)},) for {count} kinds: return (2, {count}), and give {count} weights and names"
+            )
         unknown = sorted(set(switches.kinds) - set(SWITCH_KINDS))
         if unknown:
             raise OptionError(f"switches: kind {unknown[0]!r} is not known: give one of {list(SWITCH_KINDS)}")
