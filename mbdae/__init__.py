@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
     from mbdae.symbolic.law import Force, Joint, params
+    from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
 __version__ = "0.1.0"
@@ -51,8 +52,8 @@ _HOME = {
     "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction", "Normal": "mbdae.contact", "ODE": "mbdae.formulations",
     "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.joints", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit", "compare": "mbdae.compare",
-    "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "Spherical": "mbdae.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit",
+    "compare": "mbdae.compare", "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.compare",
 }  # fmt: skip
 
@@ -61,7 +62,7 @@ __all__ = [
     "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz", "Index1",
     "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError",
-    "Weld", "audit", "compare", "extremes", "load", "params", "report", "selftest", "sweep", "t",
+    "Switches", "Weld", "audit", "compare", "extremes", "load", "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

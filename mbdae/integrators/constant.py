@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from math import ceil, inf
 from typing import Any, Protocol
 
-from mbdae.integrators.contact_steps import contact_steps
+import numpy as np
+
+from mbdae.integrators.arguments import Inside
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import StepFailedError
+from mbdae.integrators.watch import watch_of
 from mbdae.system.base import Array, System
+
+#: changes of an unknown over its magnitude that constant steps are not expected to follow
+FOLLOWED = 1e-9
 
 
 class Stepping(Protocol):
@@ -23,15 +30,16 @@ class Stepping(Protocol):
 
 def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any],
                    advance: Callable[[float, float], tuple[Any, ...]],
-                   inside: Callable[[float], list[tuple[float, Array]]] = lambda _: []) -> None:  # fmt: skip
+                   inside: Callable[[float], Inside],
+                   inner: Callable[[float], list[tuple[float, Array]]] = lambda _: []) -> None:  # fmt: skip
     """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
     allow are divided.
 
-    solve(h): solve a step; advance(h, t1): take it, what `loop.accept` wants; inside(h): times and states within it, where
-    hidden contacts are looked for.
+    solve(h): solve a step; advance(h, t1): take it, what `loop.accept` wants; inside(h): the polynomial of the step just
+    solved; inner(h): times and states within it, where hidden contacts are looked for.
     """
     count = max(1, ceil((loop.t_end - float(system.t0)) / h - 1e-6))
-    contacts = contact_steps(system, loop.stats)
+    watch = watch_of(system, loop.stats, lambda y: FOLLOWED * (np.abs(y) + system.scale))
     for t1, width, whole in _steps(system, loop, h, count, step):
         try:
             solve(width)
@@ -39,10 +47,10 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
             text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
             raise loop.failure(text, error.culprit) from error
         loop.stats.shortened += not whole
-        if contacts is not None:
-            contacts.look(t1, step.reached())
-            contacts.count_hidden(inside(width))
-            contacts.keep()
+        if watch is not None:
+            watch.look(t1, step.reached(), inside(width))
+            watch.count_hidden(partial(inner, width))
+            watch.keep()
         if not loop.accept(*advance(width, t1)):
             return
 

@@ -99,11 +99,9 @@ class ContactSteps:
     one, and what is accepted it announces by `keep`.
     """
 
-    #: part of an impact one step may cover
-    impact: float = IMPACT
-
-    def __init__(self, system: System, stats: Stats) -> None:
-        self.system, self.stats = system, stats
+    def __init__(self, system: System, stats: Stats, impact: float = IMPACT) -> None:
+        """impact: part of an impact one step may cover."""
+        self.system, self.stats, self.impact = system, stats, impact
         self._t = self._t_end = float(system.t0)
         self._here = self._before = self._end = self._contacts(system.t0, system.y0)
         self._inside = [0] * len(self._here)  # accepted steps that ended inside the present contact, if it began in this run
@@ -240,8 +238,3 @@ class ContactSteps:
     def _cubic(self, i: int) -> Cubic:
         here, end = self._here[i], self._end[i]
         return Cubic(self._t_end - self._t, here.gap, end.gap, here.rate, end.rate)
-
-
-def contact_steps(system: System, stats: Stats) -> ContactSteps | None:
-    """The contacts of a run, None where the system has none."""
-    return None if system.guards is None else ContactSteps(system, stats)

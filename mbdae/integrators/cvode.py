@@ -10,12 +10,12 @@ from scipy.sparse.linalg import splu
 
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
-from mbdae.integrators.contact_steps import ContactSteps
 from mbdae.integrators.dense import Collocation, Hermite, cubic
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, stop_time, watched
+from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.watch import StepWatch, SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 
 #: order a method may reach
@@ -94,21 +94,21 @@ class CVODE(Solver):
         method = _create(self, callbacks, atol, h0)
         with watched(callbacks):
             method.init_step(system.t0, system.y0)
-            going, contacts, before = True, SundialsContacts.of(loop), loop.stats.jacobians
-            smooth = self.method == "Adams" and contacts is None  # with BDF slopes magnify the tolerance of stiff unknowns
+            going, watch, before = True, SundialsWatch.of(loop, lambda y: self.tolerance * np.abs(y) + atol), loop.stats.jacobians
+            smooth = self.method == "Adams" and watch is None  # with BDF slopes magnify the tolerance of stiff unknowns
             while going:
-                result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, contacts))
+                result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, watch))
                 if not result.success or not result.t > loop.t:
-                    raise _failure(loop, callbacks, result, self, atol, "" if contacts is None else contacts.nearest())
-                restarts = 0 if contacts is None else contacts.jacobians
-                loop.stats.jacobians = loop.stats.factorisations = before + int(result.njev) + restarts
+                    raise _failure(loop, callbacks, result, self, atol, "" if watch is None else watch.nearest())
+                restarts = before + (watch.jacobians if watch else 0)
+                loop.stats.jacobians = loop.stats.factorisations = restarts + int(result.njev)
                 loop.stats.newton_iterations = loop.stats.residuals
-                if contacts is not None and contacts.refuses(result):
+                if watch is not None and watch.refuses(result, callbacks.values):
                     method.init_step(loop.t, loop.state[0])
                     callbacks.restart()
                     going = loop.guard()
                     continue
-                callbacks.renew = contacts is not None and callbacks.stiffness_changed(contacts)
+                callbacks.renew = watch is not None and callbacks.stiffness_changed(watch)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
                 t, y, yp = float(result.t), result.y, callbacks.values.copy()
                 tame = smooth and t - loop.t <= TAME * loop.last_step
@@ -178,12 +178,12 @@ class _Callbacks(Callbacks):
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
 
-    def stiffness_changed(self, contacts: ContactSteps) -> bool:
+    def stiffness_changed(self, watch: StepWatch) -> bool:
         """Whether the Jacobian in use is of other contacts than there are now; CVODE evaluates it at predicted states."""
         if self._newest is not None:
-            contacts.jacobian_at(*self._newest)
+            watch.jacobian_at(*self._newest)
             self._newest = None
-        return contacts.stiffness_changed()
+        return watch.stiffness_changed()
 
     def restart(self) -> None:
         """The method begins anew: it chooses its first step again."""

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.integrators.arguments import Inside, cubic_of_step
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
 from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation, cubic
@@ -123,7 +124,10 @@ class _Alpha(Solver):
             line = radau_table(CUBIC).c[:-1, None] * (y - start)
             return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
 
-        constant_steps(system, loop, h, step, step.solve, advance)
+        def inside(width: float) -> Inside:
+            return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
+
+        constant_steps(system, loop, h, step, step.solve, advance, inside)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""

@@ -269,12 +269,17 @@ class AlphaStep:
         """y (n,) at the end of the step just solved."""
         return self._Y
 
+    def rates_reached(self) -> Array:
+        """y' (n,) there, without algebraic unknowns."""
+        yp = self._Yp.copy()
+        yp[self.q] = -self._F[self.q]  # q' = H u: what its rows lack at q' = 0
+        return yp
+
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
         """Move to t1 = t + h; returns (t1, y, y')."""
         x, y = self._x, self._Y.copy()
         y[self.mu] = x[self.xe]
-        yp = self._Yp.copy()
-        yp[self.q] = -self._F[self.q]  # q' = H u: what its rows lack at q' = 0
+        yp = self.rates_reached()
         yp[self.algebraic] = (y[self.algebraic] - self.y[self.algebraic]) / h
         before = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
         self._old = h, before

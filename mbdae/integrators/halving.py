@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ ORDER = 2
 SAFETY = 0.5  #: part of the accuracy aimed at
 MOST_STEPS = 300_000
 RUNS = 7
+SHORTEST = 0.01  #: next step over the present one, at least, where an estimate asks for it
 LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
 SHARE = 0.5  #: part of the width of an input of time that the longest of these steps covers; shorter ones less
 NEARBY = 0.24  #: steps of two runs farther apart than this are not compared for an estimate
@@ -61,7 +63,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             raise
         except SolverError as error:
             spent += error.solution.stats.cpu_s if error.solution is not None else 0.0
-            if runs >= RUNS or best is not None:
+            if runs >= RUNS or (best is not None and not best.solution.stats.unresolved):
                 raise
             h /= 4
             continue
@@ -70,9 +72,10 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             coarse, best = (fine, h), Halved(fine, now, float("nan") if not fine.complete else float("inf"), runs, spent)
             if not fine.complete:
                 return best
-            h /= 2
+            h = min(h / 2, fine.stats.resolving_step or h)
             continue
         estimate, coarser = _estimate(coarse, (fine, h), measure)
+        estimate = inf if fine.stats.unresolved else estimate
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
             near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
             runs, spent = runs + 1, spent + near.stats.cpu_s
@@ -81,10 +84,12 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
         if estimate <= accuracy:
             return best
         coarse = fine, h
-        wanted = (SAFETY * accuracy / estimate) ** (1 / ORDER) if np.isfinite(estimate) else 0.25
+        wanted = max((SAFETY * accuracy / estimate) ** (1 / ORDER) if isfinite(estimate) else 0.25, SHORTEST)
+        if fine.stats.unresolved:  # what a law does was stepped over: an estimate does not know of it
+            wanted = fine.stats.resolving_step / h
         if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
             raise _too_dear(best, h * wanted, t_end - system.t0, accuracy)
-        h *= float(np.clip(wanted, 0.01, 0.5))
+        h *= float(min(wanted, 0.5))
     assert best is not None
     return best
 

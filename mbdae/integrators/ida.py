@@ -13,7 +13,8 @@ from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials import Callbacks, SundialsContacts, as_csc, not_finite, reason, stop_time, watched
+from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.watch import SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
@@ -76,16 +77,16 @@ class IDA(Solver):
             self._run(method, loop, callbacks, atol)
 
     def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
-        going, contacts, before = True, SundialsContacts.of(loop), loop.stats.jacobians
+        going, watch, before = True, SundialsWatch.of(loop, lambda y: self.tolerance * np.abs(y) + atol), loop.stats.jacobians
         while going:
-            result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, contacts))
+            result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, watch))
             if not result.success or not result.t > loop.t:
-                where = "" if contacts is None else contacts.nearest()
+                where = "" if watch is None else watch.nearest()
                 raise _failure(loop, callbacks, result, self.tolerance, atol, where)
-            restarts = 0 if contacts is None else contacts.jacobians
-            loop.stats.jacobians = loop.stats.factorisations = before + int(result.njev) + restarts
+            restarts = before + (watch.jacobians if watch else 0)
+            loop.stats.jacobians = loop.stats.factorisations = restarts + int(result.njev)
             loop.stats.newton_iterations = loop.stats.residuals
-            if contacts is not None and contacts.refuses(result):
+            if watch is not None and watch.refuses(result, result.yp):
                 method.init_step(loop.t, *loop.state)
                 going = loop.guard()
                 continue

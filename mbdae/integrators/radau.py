@@ -15,12 +15,12 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.constant import constant_steps
-from mbdae.integrators.contact_steps import contact_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
+from mbdae.integrators.watch import watch_of
 from mbdae.system.base import Array, System
 
 #: a change of the step inside this band does not pay for a new factorisation
@@ -119,7 +119,7 @@ def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> Non
     def inside(width: float) -> list[tuple[float, Array]]:
         return [(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]]
 
-    constant_steps(system, loop, h, step, step.solve_surely, step.advance, inside)
+    constant_steps(system, loop, h, step, step.solve_surely, step.advance, lambda width: step.inside, inside)
 
 
 class _Adaptive:
@@ -137,7 +137,7 @@ class _Adaptive:
         self.accepted_h, self.accepted_error = 0.0, 1.0
         self.smallest = 0.0
         self.diverged = self.warned = False
-        self.contacts = contact_steps(system, loop.stats)
+        self.watch = watch_of(system, loop.stats, lambda y: rtol * np.abs(y) + atol)
         self.landing = inf
 
     def run(self, h0: float | None) -> None:
@@ -147,7 +147,7 @@ class _Adaptive:
         rejected = True  # the first step is treated with the care of one after a rejection
         while not self.loop.interrupted:
             bounded = h if self.system.longest_step is None else min(h, self.system.longest_step(self.step.t))
-            width = self._fit(bounded if self.contacts is None else self._beside_contacts(bounded))
+            width = self._fit(bounded if self.watch is None else self._watched(bounded))
             if not self.step.t + width > self.step.t:
                 raise self.loop.failure(
                     f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
@@ -163,7 +163,7 @@ class _Adaptive:
                 h, rejected = self._after_rejection(width, error), True
                 continue
             t1 = self.loop.t_end if self._reaches_end(width) else self.step.t + width
-            if self.contacts is not None and self._ends_wrong(width, t1):
+            if self.watch is not None and self._ends_wrong(width, t1):
                 continue
             proposed = self._next(width, error, rejected)
             if self.landing < inf:  # that step was short for its end, not for its error
@@ -181,25 +181,25 @@ class _Adaptive:
         share = 0.1 * float(self.rtol**self.exponent)
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
-    def _beside_contacts(self, h: float) -> float:
-        """h, no longer than the contacts allow; the factors at hand are used where that shortens it little."""
-        assert self.contacts is not None
-        bound = self.contacts.bound()
+    def _watched(self, h: float) -> float:
+        """h, no longer than contacts and laws allow; the factors at hand are used where that shortens it little."""
+        assert self.watch is not None
+        bound = self.watch.bound()
         if bound < h:
             factored = self.step.factored_h
             h = factored if KEEP_FACTORS * bound <= factored <= bound else bound
         return min(h, self.landing)
 
     def _ends_wrong(self, h: float, t1: float) -> bool:
-        """Whether the step hides a contact or has the kink of one inside: the next attempt then ends there."""
-        assert self.contacts is not None
-        self.contacts.look(t1, self.step.reached())
-        shorter = self.contacts.shorter(h, self.step.inside)
+        """Whether the step hides a contact or what a law does, or has a kink inside: the next attempt then ends there."""
+        assert self.watch is not None
+        self.watch.look(t1, self.step.reached(), self.step.inside)
+        shorter = self.watch.shorter(h, self.step.inside)
         if shorter is None:
-            self.contacts.keep()
-            if self.contacts.stiffness_changed():
+            self.watch.keep()
+            if self.watch.stiffness_changed():
                 self.step.renew()
-                self.contacts.jacobian_at(t1, self.step.reached())
+                self.watch.jacobian_at(t1, self.step.reached())
             return False
         self.landing = shorter
         self.loop.stats.rejected += 1
@@ -256,7 +256,7 @@ class _Adaptive:
         self.loop.guard()
 
     def _where(self) -> str:
-        return "" if self.contacts is None else self.contacts.nearest()
+        return "" if self.watch is None else self.watch.nearest()
 
     def _next(self, h: float, error: float, rejected: bool) -> float:
         """Step proposed after an accepted one, kept where the change would not pay."""

@@ -162,9 +162,9 @@ class RadauStep:
         """y (n,) at the end of the step just solved."""
         return np.asarray(self.y + self.newton.Z[-1])
 
-    def inside(self, part: float) -> Array:
-        """y (n,) on the polynomial of the step just solved, after `part` of it."""
-        return np.asarray(self.y + self.table.values(np.array(part)) @ self.newton.Z)
+    def inside(self, part: float | Array) -> Array:
+        """y (n,) or (k, n) on the polynomial of the step just solved, after a part of it or parts (k,)."""
+        return np.asarray(self.y + self.table.values(np.asarray(part)) @ self.newton.Z)
 
     def error(self, h: float, careful: bool) -> float:
         """Filtered embedded error in units of the tolerance; filtered once more where it matters."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +24,8 @@ class Stats:
     Where a system has contacts: contacts made, as seen at accepted steps; dips: steps taken back because they may hide a
     contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
     ended inside one complete contact (0: there was none).
+    Where laws switch or are local: retaken: steps taken back because they stepped over what a law does; unresolved: by item,
+    accepted steps that did all the same; resolving_step: longest step (s) that would not have (0: none did).
     """
 
     steps: int = 0
@@ -42,6 +44,9 @@ class Stats:
     missed_dips: int = 0
     shortest_contact: int = 0
     shortened: int = 0
+    retaken: int = 0
+    unresolved: dict[str, int] = field(default_factory=dict)
+    resolving_step: float = 0.0
 
 
 class Interpolant(Protocol):

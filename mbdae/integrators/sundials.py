@@ -7,20 +7,15 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from math import inf
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
 
 from mbdae.errors import SolverError
-from mbdae.integrators.contact_steps import ROUND, ContactSteps
 from mbdae.integrators.loop import StepLoop
 from mbdae.system.base import Array, System
 
-#: part of an impact one step may cover. At 0.2 a tolerance too coarse for an impact loses 45 % of its speed, at 0.1 28 %, and
-#: what should come to rest at rtol 1e-3 made 250 contacts instead of 37, at 0.1 28; with finer tolerances the cost is the same
-IMPACT = 0.1
 #: how scikit-sundae begins a report: the function of SUNDIALS and its error code
 REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
@@ -57,49 +52,6 @@ class Callbacks:
         except BaseException as error:
             self.error = error
             raise
-
-
-class SundialsContacts(ContactSteps):
-    """The contacts of a run with SUNDIALS, which goes no further than a stop time, and begins anew where it has to go back.
-
-    jacobians  evaluations before the last new beginning; SUNDIALS then counts from 0
-    """
-
-    impact = IMPACT
-
-    def __init__(self, loop: StepLoop) -> None:
-        super().__init__(loop.system, loop.stats)
-        self.loop, self.jacobians = loop, 0
-        self._until = -inf
-
-    @classmethod
-    def of(cls, loop: StepLoop) -> Self | None:
-        """The contacts of a run, None where its system has none."""
-        return None if loop.system.guards is None else cls(loop)
-
-    def stop(self) -> float:
-        """Time (s) the next step must not pass."""
-        loop = self.loop
-        until = self._until if self._until - loop.t > ROUND * abs(self._until) else inf
-        return float(min(loop.t_end, loop.t + self.bound(), until))
-
-    def refuses(self, result: Any) -> bool:
-        """Whether a step just made has to be taken back; the next ones then end at what it hid."""
-        self.look(float(result.t), result.y)
-        when = self.hidden()
-        if when is None:
-            self.keep()
-            return False
-        self._until = when
-        self.jacobians += int(result.njev)
-        return True
-
-
-def stop_time(loop: StepLoop, contacts: SundialsContacts | None) -> float:
-    """Time (s) the next step must not pass."""
-    stop = loop.t_end if contacts is None else contacts.stop()
-    longest = loop.system.longest_step
-    return stop if longest is None else min(stop, loop.t + max(longest(loop.t), ROUND * abs(loop.t)))
 
 
 @contextmanager

@@ -7,12 +7,35 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", "power")
+
+
+@dataclass(frozen=True)
+class Switches:
+    """Arguments u(t, y) at which equations switch, or within a width of which they change and nowhere else.
+
+    arguments  (t (k,), y (k, n)) -> (k, na) their values at k points, pure numbers where not "kink" or "power"
+    kinds      of every argument: "kink" (the equations change where u changes its sign), "decaying" (exp(u)), "saturating"
+               (tanh(u), erf(u)), "growing" (sinh(u), cosh(u)), "arc" (atan(u), asinh(u)), "periodic" (sin(u)), "power" (|u|^a)
+    weights    (na,) factor of every argument's change: |a| of a power, 1 of all others
+    names      of every argument, for messages: the item it belongs to
+
+    Adaptive solvers end a step where a kink is crossed, and take none over which a function of an argument comes and goes unseen.
+    """
+
+    arguments: Callable[[Array, Array], Array]
+    kinds: tuple[str, ...]
+    weights: Array
+    names: tuple[str, ...]
 
 
 class System:
@@ -57,6 +80,8 @@ class System:
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
     #: name of each contact (used in messages); "contact[i]" where there are fewer
     guard_names: tuple[str, ...] = ()
+    #: what switches or is local in the equations; None: nothing
+    switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 

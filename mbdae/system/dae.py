@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_matrix
 
 from mbdae.errors import OptionError
-from mbdae.system.base import Array, System
+from mbdae.system.base import SWITCH_KINDS, Array, Switches, System
 from mbdae.system.partition import checked_partition
 
 #: largest residual at the start, relative to the terms each equation cancels
@@ -34,6 +34,7 @@ class DAE(System):
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
     guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
     guard_names  name of each contact, default contact[0], contact[1], ...
+    switches  what switches or is local in the equations (`mb.Switches`): adaptive solvers step over none of it; None: nothing
     partition  (M, f, g, G) of equations of motion with y = (q, u, lambda) or, stabilised, (q, u, lambda, mu) and q' = u + ...:
               functions M(t, q) (nu, nu), f(t, q, u) (nu,), g(t, q) (m,) and G(t, q) (m, nu); what GeneralizedAlpha and HHT need
     """
@@ -54,6 +55,7 @@ class DAE(System):
         sparsity: Any = None,
         guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None,
         guard_names: Sequence[str] | None = None,
+        switches: Switches | None = None,
         partition: tuple[Callable[..., Any], ...] | None = None,
     ) -> None:
         self.t0 = float(t0)
@@ -76,6 +78,7 @@ class DAE(System):
             self.partition, self.kinds = checked_partition(self, partition)
         self.guards = guards
         self.guard_names = self._checked_guards(guard_names)
+        self.switches = self._checked_switches(switches)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
@@ -149,6 +152,22 @@ class DAE(System):
         if len(names) != self.n or len(set(names)) != self.n:
             raise OptionError(f"names = {list(names)}: give {self.n} different names, one per unknown")
         return tuple(names)
+
+    def _checked_switches(self, switches: Switches | None) -> Switches | None:
+        """The switches, whose arguments are tried at the start."""
+        if switches is None:
+            return None
+        values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
+        count = len(switches.kinds)
+        if values.shape != (2, count) or np.shape(switches.weights) != (count,) or len(switches.names) != count:
+            raise OptionError(
+                f"switches: arguments at 2 points have shape {values.shape}, weights {np.shape(switches.weights)}, names "
+                f"({len(switches.names)},) for {count} kinds: return (2, {count}), and give {count} weights and names"
+            )
+        unknown = sorted(set(switches.kinds) - set(SWITCH_KINDS))
+        if unknown:
+            raise OptionError(f"switches: kind {unknown[0]!r} is not known: give one of {list(SWITCH_KINDS)}")
+        return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
         """Names (nc,) of the contacts, whose guards are tried at the start."""

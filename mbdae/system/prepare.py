@@ -28,6 +28,7 @@ from mbdae.system.pressed import undecided
 from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, massless_motions
 from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, state_scale, stress_scale
 from mbdae.system.start import Start, Starter
+from mbdae.system.switches import switches_of_model
 from mbdae.system.trees import find_trees
 from mbdae.system.vibrations import fastest_vibration
 from mbdae.threads import single_threaded
@@ -205,6 +206,7 @@ def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) 
     if prepared.contacts:
         system.guards = Contacts(system, {contact.item: contact.mass for contact in prepared.contacts})
         system.guard_names = system.guards.names
+    system.switches = switches_of_model(prepared.model, prepared.expansion.carried)
     if prepared.model.lines:
         system.vibration = lambda: _vibration(prepared)
     system.timeline = lambda t_end: timeline(prepared.model, system.t0, t_end)

@@ -1,0 +1,236 @@
+"""The arguments at which equations switch or are local, over one step of a solver.
+
+An argument u of a steep function is stretched to PHI(u), whose change by one means about one width of the function: flat where
+the function is flat, the logarithm of a power. Arguments are looked at on the polynomial of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbdae.system.base import Array, Switches
+
+#: beyond these arguments a function is flat: exp(-25) = 1e-11; sinh and exp are followed up to e^40, tanh up to 1 - 3e-8
+FLAT, STEEP, SATURATED = 25.0, 40.0, 9.0
+#: powers are followed between these logarithms of their base
+LOGARITHMS = (-90.0, 40.0)
+#: an extremum between points may lie beyond the nearest of them by this part of the difference of its neighbours
+BEYOND = 0.5
+#: change of PHI that makes an extremum worth a search
+MATTERS = 0.25
+#: an extremum nearer to a kink than this part of the argument's change over the step may cross it
+MARGIN = 1e-2
+#: points of one round of a search in an interval, most rounds for an extremum and for a place; each is 4 or 8 times finer
+SECTIONS, ROUNDS, PLACES = 9, 14, 9
+#: part of its distance from the start of the step to which a place is found, at least
+EXACT = 1e-3
+SMALL = 1e-3  #: part of the step over which a rate of PHI is taken
+ROUND_OFF = 1e-10  #: difference of an argument over its magnitude that may be round-off
+TINIEST = 1e-300  #: keeps logarithms finite
+
+
+def _held(low: float, high: float) -> Callable[[Any], Any]:
+    return lambda u: np.minimum(np.maximum(u, low), high)
+
+
+_between_logarithms = _held(*LOGARITHMS)
+STRETCHES: dict[str, Callable[[Any], Any]] = {
+    "kink": lambda u: 0.0 * u,
+    "decaying": _held(-FLAT, STEEP),
+    "saturating": _held(-SATURATED, SATURATED),
+    "growing": _held(-STEEP, STEEP),
+    "arc": np.arcsinh,
+    "periodic": lambda u: u,
+    "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
+}
+
+Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after parts (k,) of it
+
+
+def _interpolation(nodes: Array, at: Array) -> Array:
+    """(k, nodes) weights of the values at nodes in those of their polynomial at points (k,)."""
+    V, degree = np.polynomial.chebyshev.chebvander, len(nodes) - 1
+    return np.asarray(np.linalg.solve(V(2 * nodes - 1, degree).T, V(2 * at - 1, degree).T).T)
+
+
+NODES = 0.5 * (1 - np.cos(np.pi * np.arange(8) / 7))  #: Chebyshev's points of [0, 1], both ends included
+FINE = np.linspace(0.0, 1.0, 33)
+TO_FINE = _interpolation(NODES, FINE)
+#: weights of the values at `NODES` in the slopes at both ends, and in the differences of the fine points between those slopes
+TO_SLOPES = np.diff(_interpolation(NODES, np.array([0.0, 1e-6, 1.0 - 1e-6, 1.0])), axis=0)[::2] * 1e6
+TO_RISES = np.vstack([TO_SLOPES[:1], np.diff(TO_FINE, axis=0), TO_SLOPES[1:]])
+#: weights of the start, the end, and points just beyond and before the end on the tangent there
+TO_ENDS = np.vstack([np.eye(8)[[0, -1]], np.eye(8)[-1] + SMALL * TO_SLOPES[1], np.eye(8)[-1] - SMALL * TO_SLOPES[1]])
+
+
+def cubic_weights(part: Array) -> Array:
+    """(k, 4) weights of y and h y' at the start and of both at the end of a step, in the cubic through them at parts (k,)."""
+    s, r = part, 1 - part
+    return np.stack([r * r * (1 + 2 * s), s * r * r, s * s * (3 - 2 * s), -s * s * r], axis=1)
+
+
+AT_NODES = cubic_weights(NODES)
+
+
+def cubic_of_step(h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Inside:
+    """The cubic with y and y' (n,) at both ends of a step of h."""
+    ends = np.array([start[0], h * start[1], end[0], h * end[1]])
+    return lambda part: np.asarray((AT_NODES if part is NODES else cubic_weights(part)) @ ends)
+
+
+class Course(NamedTuple):
+    """One argument over a step: parts of it (m,) and values (m,), monotone between them."""
+
+    s: Array
+    u: Array
+
+    def changes(self) -> Any:
+        """Numbers of the intervals in which the argument changes its sign."""
+        return np.flatnonzero((self.u[1:] < 0) != (self.u[:-1] < 0))
+
+    def turns(self) -> Any:
+        """Numbers of the inner points at which it turns."""
+        rise = np.diff(self.u)
+        return np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
+
+
+class StepArguments:
+    """The arguments of a system over the step looked at last.
+
+    at_nodes (8, na): values at `NODES`; kinks (na,): which are those of kinks.
+    """
+
+    def __init__(self, switches: Switches) -> None:
+        self.switches, kinds = switches, np.array(switches.kinds)
+        columns = {kind: np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
+        self._by_kind = [(STRETCHES[kind], _slice(where)) for kind, where in columns.items()]
+        self._weights = np.asarray(switches.weights, dtype=float)
+        self.kinks, self._signed = kinds == "kink", np.isin(kinds, ("kink", "power"))
+
+    def look(self, t: float, h: float, inside: Inside) -> None:
+        """Take a step of h from t."""
+        self.t, self.h, self.inside = t, h, inside
+        self.at_nodes = self.at(NODES)
+        self._rise = TO_RISES @ self.at_nodes
+        self._ends = self.stretched(TO_ENDS @ self.at_nodes)
+
+    def at(self, parts: Array) -> Array:
+        """Arguments (k, na) after parts (k,) of the step."""
+        return self.switches.arguments(self.t + parts * self.h, self.inside(parts))
+
+    def stretched(self, U: Array) -> Array:
+        """PHI (k, na) of arguments (k, na)."""
+        out = np.empty_like(U)
+        for stretch, columns in self._by_kind:
+            out[:, columns] = stretch(U[:, columns])
+        return np.asarray(out * self._weights)
+
+    def stretch(self, i: int, u: Any) -> Any:
+        """PHI of values of argument i."""
+        return STRETCHES[self.switches.kinds[i]](u) * self._weights[i]
+
+    def rate(self) -> float:
+        """Largest rate of a PHI at the end of the step, 1/s."""
+        return float(np.max(np.abs(self._ends[2] - self._ends[3]))) / (2 * SMALL * self.h)
+
+    def suspects(self, limit: float) -> Any:
+        """(na,) whether PHI varies by more than a limit, or an argument crosses a kink or has an extremum that may matter."""
+        turns = self._turns()
+        if turns is not None:
+            return self._turning(turns, limit)
+        over = np.abs(self._ends[1] - self._ends[0]) > limit
+        return over | (self.kinks & ((self.at_nodes[0] < 0) != (self.at_nodes[-1] < 0)))
+
+    def _turns(self) -> Any:
+        """(33, na) where arguments turn by more than round-off, at the fine points; None: nowhere."""
+        rise = self._rise
+        turns = rise[:-1] * rise[1:] <= 0
+        if turns.any():
+            size = np.abs(rise)
+            turns &= np.maximum(size[:-1], size[1:]) > ROUND_OFF * np.abs(self.at_nodes).max(axis=0)
+        return turns if turns.any() else None
+
+    def _turning(self, turns: Any, limit: float) -> Any:
+        """`suspects` of a step within which arguments turn; turns (33, na): at which points."""
+        F, rise = TO_FINE @ self.at_nodes, self._rise
+        steps, negative, stretched = np.abs(rise[1:-1]), F < 0, self.stretched(F)
+        height = np.maximum(np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]]))
+        farther = F + BEYOND * height * np.where((rise[:-1] > 0) | (rise[1:] < 0), 1.0, -1.0)
+        matters = np.abs(self.stretched(farther) - stretched) > MATTERS
+        matters |= self._signed & ((farther < 0) != negative)
+        matters |= self.kinks & (np.abs(F) < MARGIN * np.ptp(F, axis=0))
+        crosses = self.kinks & np.any(negative[1:] != negative[:-1], axis=0)
+        over = np.abs(np.diff(stretched, axis=0)).sum(axis=0) > limit
+        return over | crosses | np.any(turns & matters, axis=0)
+
+    def course(self, i: int) -> Course:
+        """Argument i at the points of the step and at its extrema between them."""
+        s, u, rise, last = FINE.tolist(), (TO_FINE @ self.at_nodes[:, i]).tolist(), self._rise[:, i], len(FINE) - 1
+        turns = self._turns()
+        for j in reversed(np.flatnonzero(turns[:, i])) if turns is not None else ():
+            sign = 1.0 if rise[j] > 0 or rise[j + 1] < 0 else -1.0
+            part, value = self._extremum(i, FINE[max(j - 1, 0)], FINE[min(j + 1, last)], sign)
+            if part == FINE[j]:
+                u[j] = value
+            elif 0 < part < 1:
+                at = j if part < FINE[j] else j + 1
+                s.insert(at, part)
+                u.insert(at, value)
+        return Course(np.array(s), np.array(u))
+
+    def _extremum(self, i: int, a: float, b: float, sign: float) -> tuple[float, float]:
+        """Part and value of the largest (sign 1) or smallest (-1) argument in an interval."""
+        part, value = 0.5 * (a + b), 0.0
+        for _ in range(ROUNDS):
+            s = np.linspace(a, b, SECTIONS)
+            u = self.at(s)[:, i]
+            best = int(np.argmax(sign * u))
+            low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
+            part, value, a, b = float(s[best]), float(u[best]), float(s[low]), float(s[high])
+            if self._settled(i, value, sign * float(np.ptp(u[low : high + 1]))):
+                break
+        return part, value
+
+    def _settled(self, i: int, value: float, change: float) -> bool:
+        """Whether an extremum near a value, with a change towards its neighbours, is known well enough."""
+        farther = value + BEYOND * change
+        if self._signed[i] and (farther < 0) != (value < 0):
+            return False
+        if self.kinks[i]:
+            return abs(change) <= MARGIN * abs(value)
+        return bool(abs(self.stretch(i, farther) - self.stretch(i, value)) < MATTERS)
+
+    def zero(self, i: int, course: Course, k: int) -> float:
+        """Part of the step just before argument i changes its sign in interval k of its course."""
+        first = course.u[k] < 0
+        return self.place(i, course, k, lambda v: (v < 0) != first)[0]
+
+    def place(self, i: int, course: Course, k: int, beyond: Callable[[Any], Any]) -> tuple[float, float]:
+        """Parts of the step between which argument i first goes beyond something in interval k of its course."""
+        a, b = float(course.s[k]), float(course.s[k + 1])
+        for _ in range(PLACES):
+            s = np.linspace(a, b, SECTIONS)
+            u = self.at(s)[:, i]
+            over = np.flatnonzero(beyond(u))
+            first = int(over[0]) if len(over) else SECTIONS - 1
+            before = max(first - 1, 0)
+            a, b = float(s[before]), float(s[first])
+            if b - a < EXACT * b and abs(self.stretch(i, u[first]) - self.stretch(i, u[before])) < MATTERS:
+                break
+        return a, b
+
+    def noise(self, i: int, tolerance: Callable[[Array], Array]) -> tuple[float, float]:
+        """How far a tolerance of the unknowns (n,) moves argument i and PHI of it at the end of the step; seeded samples."""
+        y = self.inside(np.ones(1))[0]
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (4, len(y)))
+        u = self.switches.arguments(np.full(5, self.t + self.h), np.vstack([y, y + signs * tolerance(y)]))[:, i]
+        return float(np.ptp(u)), float(np.ptp(self.stretch(i, u)))
+
+
+def _slice(where: Any) -> Any:
+    """Numbers as a slice where they follow each other."""
+    first, last = int(where[0]), int(where[-1])
+    return slice(first, last + 1) if last - first == len(where) - 1 else where

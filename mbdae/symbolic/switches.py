@@ -1,0 +1,187 @@
+"""What switches or is local in the statement of a law: conditions of a Piecewise, arguments of steep functions.
+
+A barrier exp(-(x/w)^2) acts within its width w and nowhere else, a Piecewise changes where its conditions do. Solvers that know
+these arguments step over none of them unseen. The statement alone says what they are; a law states nothing more.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import symengine as se
+
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Force, Joint
+from mbdae.symbolic.outputs import Target, input_symbols, insert
+from mbdae.symbolic.vectors import Expr, Vec
+
+#: how a function of an argument u changes with it; `system.base.Switches` says what the kinds mean
+KINDS = {
+    "tanh": "saturating", "erf": "saturating", "erfc": "saturating", "coth": "arc", "sech": "saturating", "csch": "arc",
+    "atan": "arc", "acot": "arc", "asinh": "arc", "asin": "periodic", "acos": "periodic", "atanh": "periodic", "acosh": "arc",
+    "sin": "periodic", "cos": "periodic", "tan": "periodic", "cot": "periodic", "sec": "periodic", "csc": "periodic",
+    "sinh": "growing", "cosh": "growing", "log": "power", "abs": "kink", "Abs": "kink", "sign": "kink",
+}  # fmt: skip
+EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
+NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
+ONE = se.Integer(1)
+
+
+class Switch(NamedTuple):
+    """An argument in the symbols of a statement: its kind, its expression, and the exponent of a power (else 1)."""
+
+    kind: str
+    argument: Expr
+    exponent: Expr = ONE
+
+
+def switches_of(d: Derived) -> list[Switch]:
+    """Every argument of a law that depends on the motion or on time, once, in unknowns and parameters."""
+    found = list(dict.fromkeys(s for e, damps in _statements(d) for s in _Search(d, damps).inside(e)))
+    if not found:
+        return []
+    resolve, name = d.variation.resolve, d.variation.name
+    arguments = insert(d, [resolve(name(s.argument)) for s in found])
+    of_motion = {symbol for target, symbol in input_symbols(d) if target[0] in ("q", "u", "s")} | set(d.variation.clock)
+    reactions = {*d.multipliers, *d.stabilisers}  # not known where they are eliminated
+    out: dict[tuple[str, Expr], Switch] = {}
+    for switch, e in zip(found, arguments, strict=True):
+        free = e.free_symbols
+        if free & of_motion and not free & reactions and (switch.kind, -e) not in out:
+            out.setdefault((switch.kind, e), switch)
+    return list(out.values())
+
+
+def switch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Arguments, and exponents of the powers that are not numbers, of a law."""
+    resolve, name = d.variation.resolve, d.variation.name
+    return [(("argument", i), resolve(name(s.argument))) for i, s in enumerate(known_switches(d))]
+
+
+@lru_cache(maxsize=512)
+def known_switches(d: Derived) -> tuple[Switch, ...]:
+    """`switches_of`, once per derived law."""
+    return tuple(switches_of(d))
+
+
+def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
+    """The expressions a law integrates, as stated, and whether they are a Rayleigh function."""
+    law = d.law
+    if not isinstance(law, Force | Joint):
+        return
+    k, l = d.sides
+    if isinstance(law, Force):
+        if law.gaps(k, l):
+            return  # a contact: its gaps are watched
+        yield law.energy(k, l), False
+        yield law.dissipation(k, l), True
+        yield from ((part, False) for part in law.wrench(k, l) or ())
+    else:
+        yield from ((e, False) for row, e in law.constraints(k, l).items() if row in d.rows)
+        yield from ((part, False) for part in law.resistance(k, l, d.reactions) or ())
+    if d.states:
+        yield from ((e, False) for e in law.rates(k, l).values())
+
+
+class _Search:
+    """The arguments in one statement."""
+
+    def __init__(self, d: Derived, damps: bool) -> None:
+        self.damps, self.seen = damps, set[Any]()
+        self.own = {se.Symbol(name) for name in d.law.params}
+        self.undefined = frozenset().union(*(f.undefined for f in d.frames))
+        self.angles = {f.heading for f in d.frames} | {f.q[0] for f in d.frames if f.kind is NodeKind.COORDINATE}
+        self.points = {c for f in d.frames for v in (f.center, f.arm) for c in v if c.free_symbols}
+
+    def inside(self, e: Any) -> Iterator[Switch]:
+        """Those of e and of everything in it."""
+        for part in e if isinstance(e, Vec) else (se.sympify(e),):
+            if part in self.seen:
+                continue
+            self.seen.add(part)
+            yield from (s for s in self._of(part) if not s.argument.free_symbols & self.undefined)
+            for inner in part.args:
+                yield from self.inside(inner)
+
+    def _of(self, e: Expr) -> Iterator[Switch]:
+        kind = type(e).__name__
+        if isinstance(e, se.Piecewise):
+            yield from _conditions(e)
+        elif isinstance(e, se.Pow):
+            yield from self._power(*e.args)
+        elif isinstance(e, se.atan2):
+            if e.free_symbols & self.points:  # an angle between axes has no scale of its own
+                yield Switch("power", e.args[0] ** 2 + e.args[1] ** 2, se.Rational(1, 2))
+        elif kind in ("Max", "Min"):
+            yield from (Switch("kink", a - b) for i, a in enumerate(e.args) for b in e.args[:i])
+        elif kind in KINDS and e.args[0].free_symbols and not (kind in ("sin", "cos") and self._is_angle(e.args[0])):
+            yield Switch(KINDS[kind], e.args[0])
+
+    def _is_angle(self, e: Expr) -> bool:
+        """Whether e is an angle of the motion itself, or a sum of such: its sine has no scale but a turn."""
+        if isinstance(e, se.FunctionSymbol) and e.get_name() == "let":
+            return self._is_angle(e.args[0])
+        if isinstance(e, se.Add):
+            return all(map(self._is_angle, e.args))
+        return e.is_Number or isinstance(e, se.atan2) or e in self.angles or (-e) in self.angles or isinstance(-e, se.atan2)
+
+    def _power(self, base: Expr, exponent: Expr) -> Iterator[Switch]:
+        if not base.free_symbols:  # exp(u), 2^u
+            if exponent.free_symbols:
+                yield Switch("decaying", exponent * (ONE if base == se.E else se.log(base)))
+            return
+        whole = isinstance(exponent, se.Integer)
+        if exponent.free_symbols or not whole or int(exponent) < 0:
+            falls = not exponent.free_symbols and float(exponent) < 0
+            if (falls and not self.damps) or base.free_symbols & self.own:  # else a length, without a scale of its own
+                yield Switch("power", base, exponent)
+
+
+def _conditions(e: Expr) -> Iterator[Switch]:
+    """Where a Piecewise changes, except where both sides are the same function up to round-off."""
+    branches = list(zip(e.args[::2], e.args[1::2], strict=True))
+    for i, (value, condition) in enumerate(branches):
+        rest = branches[i + 1 :]
+        for c in _comparisons(condition):
+            if not (rest and _is_comparison(condition) and _joins_smoothly(c, value, se.Piecewise(*rest))):
+                yield Switch("kink", c)
+
+
+def _is_comparison(condition: Any) -> bool:
+    return type(condition).__name__ in ("StrictLessThan", "LessThan", "Equality", "Unequality")
+
+
+def _comparisons(condition: Any) -> Iterator[Expr]:
+    """Differences of both sides of every comparison in a condition."""
+    if _is_comparison(condition):
+        yield condition.args[0] - condition.args[1]
+        return
+    for part in condition.args:
+        yield from _comparisons(part)
+
+
+def _joins_smoothly(c: Expr, value: Expr, rest: Expr) -> bool:
+    """Whether two branches agree where c = 0 and nearby: tanh(x) and 1 beyond x = 20. Tried at random values of the symbols."""
+    symbols = sorted(c.free_symbols | se.sympify(value).free_symbols | rest.free_symbols, key=str)
+    rng = random.Random(3)
+    for x in sorted(c.free_symbols, key=str):
+        slope = se.diff(c, x)
+        if slope == 0 or x in slope.free_symbols:
+            continue
+        for _ in range(3):
+            at = {s: rng.uniform(0.3, 0.9) for s in symbols}
+            root = at[x] - float(c.subs(at)) / float(slope.subs(at))
+            for off in NEARBY:
+                here = at | {x: root * (1 + off)}
+                try:
+                    a, b = float(se.sympify(value).subs(here)), float(rest.subs(here))
+                except (RuntimeError, TypeError, ValueError):  # not a real number there
+                    return False
+                if not abs(a - b) <= EQUAL * max(abs(a), abs(b)):
+                    return False
+        return True
+    return False
