@@ -44,13 +44,14 @@ class Stretches:
         i = int(np.argmin(widths))
         return float(widths[i]), float(self.edges[i])
 
-    def longest_step(self, t: float) -> float:
-        """Longest step (s) that may be taken from t: one stretch, or parts of two that make one; it may end behind the run."""
+    def longest_step(self, t: float, share: float = 1.0) -> float:
+        """Longest step (s) that may be taken from t: a share of the stretch it begins in, and, where it ends in the next one, the
+        same share of that; it may end behind the run."""
         i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
+        a, b = float(self.edges[i]), float(self.edges[i + 1])
         if i + 2 >= len(self.edges):
-            return float(self.edges[-1] - self.edges[-2])
-        a, b, c = self.edges[i : i + 3]
-        return float(b + (t - a) / (b - a) * (c - b) - t)
+            return share * (b - a)
+        return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(self.edges[i + 2]) - b))
 
 
 def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:

@@ -27,6 +27,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
 
 DEFAULT_ACCURACY = 1e-6
+SHARE = 0.1  #: part of the width of an input of time that a constant step may cover
 
 
 class Solver(ABC):
@@ -118,14 +119,15 @@ class Solver(ABC):
         h0: float | None = None,
         max_residuals: float = inf,
         begin: float | None = None,
-        share: float = 1.0,
+        share: float | None = None,
     ) -> Solution:
         """Integrate from system.t0 to t_end.
 
         outputs: number of equally spaced times, or the times; max_wall: s of wall time before a SolverError;
         progress(t, t_end, stats): called at most 10 times per second; h0: first step in s;
         max_residuals: evaluations before a SolverError; begin: time.perf_counter() from which max_wall counts, the start
-        of this run by default; share: part of the longest step that inputs of time allow, where no error test shortens it.
+        of this run by default; share: part of the width of an input of time that a step may cover; 1 by default,
+        less where no error test shortens it.
         At a break of an input of time the run ends a step and begins anew.
         Ctrl-C stops between two steps and returns the solution so far with complete=False.
         """
@@ -141,15 +143,14 @@ class Solver(ABC):
             self._between_breaks(system, loop, h0, share)
         return loop.solution()
 
-    def _between_breaks(self, system: System, loop: StepLoop, h0: float | None, share: float) -> None:
+    def _between_breaks(self, system: System, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         line = system.timeline(loop.run_end) if system.timeline is not None else None
         if line is None:
             self.integrate(system, loop, h0)
             return
-        start, longest = (system.t0, system.y0, system.yp0), line.longest_step
-        if longest is not None:
-            system.longest_step = lambda t: share * longest(t)
+        start = system.t0, system.y0, system.yp0
+        system.longest_step = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         try:
             for a, b in pairwise(line.edges.tolist()):
                 loop.t_end = b

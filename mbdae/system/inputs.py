@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import symengine as se
@@ -30,17 +30,24 @@ class Timeline:
         """Instants (k,) inside the run at which an input or one of its derivatives may jump."""
         return self.edges[1:-1]
 
+    def longest_step(self, share: float = 1.0) -> Callable[[float], float] | None:
+        """Time -> longest step (s) from there, so many times as long as a stretch; None where the breaks are all there is. Where
+        nothing but this bounds the steps (share below 1), what lies between two breaks is a stretch too."""
+        if share == 1 and not self.varies:
+            return None
+        return partial(self.stretches.longest_step, share=share)
+
     @property
-    def longest_step(self) -> Callable[[float], float] | None:
-        """Time -> longest step (s) from there; None where the breaks are all there is."""
-        return self.stretches.longest_step if len(self.stretches.edges) > len(self.edges) else None
+    def varies(self) -> bool:
+        """Whether an input varies by itself, not only from break to break."""
+        return len(self.stretches.edges) > len(self.edges)
 
     def told(self) -> str:
         """One line for `check`."""
         found = []
         if len(self.breaks):
             found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")
-        if self.longest_step is not None:
+        if self.varies:
             finest, where = self.stretches.finest
             found.append(f"finest change within {finest:.2g} s, at t = {where:.6g} s")
         return "; ".join(found) or "smooth, no breaks"
@@ -60,7 +67,7 @@ def timeline(model: Model, t0: float, t1: float) -> Timeline | None:
         return None
     found = _timeline(expressions, t0, t1)
     switching = any(switches(e) for e in expressions)
-    return found if switching or found.longest_step is not None else None
+    return found if switching or found.varies else None
 
 
 @lru_cache(maxsize=64)
