@@ -13,6 +13,7 @@ from mbdae.errors import OptionError
 from mbdae.kernels.beam import GyroscopicKernel, mass_blocks
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.symbolic.frames import NodeKind
+from mbdae.system.rotations import rotation_matrices
 
 NUMBERS = {"mass_per_length": 2.0, "J1": 0.5, "J2": 0.2, "J3": 0.3}
 SPACE = [(0, 0, 0), (2, 0, 0), (2, 1, 0.5)]
@@ -192,3 +193,22 @@ def test_called_as_a_kernel_a_planar_beam_gives_its_values(damping: float) -> No
         for _ in range(2):  # the second call uses what the first one kept
             kernel(x, out)
             np.testing.assert_allclose(out, kernel.values(x), rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0)])
+def test_default_axis_3_points_up_whichever_way_the_line_bends(up):
+    """Normal to the plane of the line, with its z (else y, else x) positive."""
+    first, up = np.roll(up, 1), np.array(up)
+    second = np.cross(up, first)
+    for side in (1, -1):
+        mesh = polyline([0 * first, 1.0 * first, first + side * second], 2)
+        assert rotation_matrices(mesh.quaternions)[:, :, 2] == pytest.approx(np.tile(up, (len(mesh.positions), 1)), abs=1e-12)
+
+
+@pytest.mark.parametrize("direction", [(1, 0), (1, 1), (-1, 2), (0, -3)])
+def test_axis_normal_to_the_plane(direction):
+    """Lines in the plane z = 0: axis 3 is normal to it by default, axis 2 where it is said to be, neither where it is oblique."""
+    ends = [(0, 0), direction]
+    assert polyline(ends, 2).normal_axis == 3
+    assert polyline(ends, 2, axis2=(0, 0, 1)).normal_axis == polyline(ends, 2, axis2=(0, 0, -1)).normal_axis == 2
+    assert polyline(ends, 2, axis2=(-direction[1], direction[0], 1)).normal_axis is None
