@@ -21,6 +21,7 @@ from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun, states_of
+from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array, System
@@ -201,42 +202,43 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 
 def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
                       measure: Measure) -> Controlled:  # fmt: skip
-    """The run with what constant steps leave out at the start in its estimate: vibrations that are shorter than a step look alike
-    with steps of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
+    """The run with what constant steps leave out in its estimate: vibrations that are shorter than a step look alike with steps
+    of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
     from mbdae.integrators.radau import RadauIIA
 
-    end = float(run.solution.t[0]) + FIRST_STEPS * run.solution.stats.h_max
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
-    return with_left_out(run, Probe(close, system, prepared, end, PROBES), measure)
+    return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)
 
 
 class Probe(NamedTuple):
-    """A short run by another solver or of another system, from the start of a run to `end` (s) at the most; it is compared with
-    that run at so many samples, and what it finds counts `margin` times."""
+    """Short runs by another solver or of another system, for `span` (s) from the start of a run and from every kick of its
+    inputs; each is compared with that run at so many samples, and what it finds counts `margin` times."""
 
     solver: Solver
     system: System
     prepared: Prepared | None
-    end: float
+    span: float
     samples: int
     margin: float = 1.0
 
 
 def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
-    """The run with its largest distance from a probe in its estimate (infinite where the probe does not come anywhere), with the
-    cost of it, and with the probe beside it as another run that tells its error."""
-    solution = run.solution
-    end = min(float(solution.t[-1]), probe.end)
-    try:
-        close = probe.solver.solve(probe.system, end, max_residuals=10 * solution.stats.residuals + 10000)
-    except SolverError as error:
-        if error.solution is None or len(error.solution.t) < 3:
-            return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
-        close = error.solution
-    times = np.linspace(float(solution.t[0]), float(close.t[-1]), probe.samples)
-    left = probe.margin * float(np.max(measure(times, solution(times), close(times))))
-    others = (*run.others, *other_run(probe.system, probe.prepared, close, times, probe.margin)) if run.others else ()
-    return replace(run, estimate=run.estimate + left, others=others).after(1, close.stats.cpu_s)
+    """The run with its largest distance from a probe in its estimate (infinite where a probe does not come anywhere), with the
+    cost of the probes, and with them beside it as other runs that tell its error."""
+    solution, left = run.solution, 0.0
+    for begin, end in windows(probe.system, solution, probe.span):
+        try:
+            with beginning_at(probe.system, solution, begin):
+                close = probe.solver.solve(probe.system, end, max_residuals=10 * solution.stats.residuals + 10000)
+        except SolverError as error:
+            if error.solution is None or len(error.solution.t) < 3:
+                return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
+            close = error.solution
+        times = np.linspace(begin, float(close.t[-1]), probe.samples)
+        left = max(left, probe.margin * float(np.max(measure(times, solution(times), close(times)))))
+        beside = other_run(probe.system, probe.prepared, close, times, probe.margin) if run.others else ()
+        run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
+    return replace(run, estimate=run.estimate + left)
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:

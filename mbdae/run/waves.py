@@ -22,10 +22,10 @@ MARGIN = 2.1
 
 def with_lost_waves(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
     """The run with what it left out in its estimate: the largest difference of positions (over the scene's length, rad) from a
-    short run that resolves the vibrations."""
+    short run that resolves the vibrations, from the start and from every kick of an input."""
     solution = run.solution
     t0, t1 = float(solution.t[0]), float(solution.t[-1])
-    end = t0 + WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
+    span = WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
     close = replace(run.solver, rtol=run.solver.companion * run.solver.tolerance)  # type: ignore[type-var]
-    probe = Probe(close, resolving, prepared, end, POINTS, MARGIN)
+    probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
     return with_left_out(run, probe, lambda t, a, b: distance(prepared, t, a, b))

@@ -1,0 +1,72 @@
+"""Where vibrations begin in a run: at its start, and where an input of time jumps or changes within a step of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import Array, System
+
+MOST = 4  #: kicks that are looked at, those that change velocities and accelerations most
+LONG = 50.0  #: mean steps after which an input that goes on changing is no kick
+
+
+def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:
+    """(begin, end) of what is looked at: `span` (s) after the start of a run and after its kicks."""
+    for a, b in _beginnings(system, run):
+        yield a, min(b + span, float(run.t[-1]))
+
+
+def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
+    """(begin, end) in s of the start of a run and of its kicks."""
+    t0, t1 = float(run.t[0]), float(run.t[-1])
+    line = None if system.timeline is None or not t1 > t0 else system.timeline(t1)
+    if line is None:
+        return [(t0, t0)]
+    h = (t1 - t0) / max(run.stats.steps, 1)
+    edges = line.stretches.edges
+    short = np.flatnonzero(np.diff(edges) < h)
+    found = np.concatenate([np.stack([edges[short], edges[short + 1]], axis=1), np.stack([line.breaks, line.breaks], axis=1)])
+    found = found[(found[:, 0] > t0) & (found[:, 1] < t1)]
+    clusters = _merged(found[np.argsort(found[:, 0], kind="stable")], h)
+    clusters = [(a, b) for a, b in clusters if b - a < LONG * h]
+    worst = sorted(clusters, key=lambda c: -_change(system, run, c, h))[:MOST]
+    return [(t0, t0), *sorted(worst)]
+
+
+def _merged(found: Array, near: float) -> list[tuple[float, float]]:
+    """Intervals (k, 2) in order, those nearer to each other than `near` made one."""
+    clusters: list[list[float]] = []
+    for a, b in found.tolist():
+        if clusters and a - clusters[-1][1] < near:
+            clusters[-1][1] = max(b, clusters[-1][1])
+        else:
+            clusters.append([a, b])
+    return [(a, b) for a, b in clusters]
+
+
+def _change(system: System, run: Solution, kick: tuple[float, float], h: float) -> float:
+    """Largest change of a velocity over a kick, and by the jump of its acceleration over a step, in units of its scale."""
+    velocities = np.array([kind == "v" for kind in system.kinds])
+    a, b = kick
+    aside = 1e-9 * max(abs(a), abs(b), h)
+    times = np.array([a - aside, b + aside])
+    y, yp = run(times), run.derivative(times)
+    moved = np.abs(y[1] - y[0]) + h * np.abs(yp[1] - yp[0])
+    return float(np.max((moved / system.scale)[velocities], initial=0.0))
+
+
+@contextmanager
+def beginning_at(system: System, run: Solution, t: float) -> Iterator[None]:
+    """The system started from a time inside a run, s, with consistent values."""
+    start = system.t0, system.y0, system.yp0
+    if t > start[0]:
+        system.t0, (system.y0, system.yp0) = t, system.enter(t, run(t), t)
+        system.leave()
+    try:
+        yield
+    finally:
+        system.t0, system.y0, system.yp0 = start
