@@ -238,7 +238,8 @@ def test_switches_of_a_system_of_ones_own():
 )
 def test_switches_are_checked_at_the_start(kinds, message):
     with pytest.raises(mb.OptionError, match=message):
-        mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds)))
+        many = mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds))
+        mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=many)
 
 
 def steps_of(kind, u):
