@@ -237,8 +237,8 @@ def test_switches_of_a_system_of_ones_own():
     ("kinds", "message"), [(("saturating", "kink"), r"shape \(2, 1\)"), (("steep",), "kind 'steep' is not known")]
 )
 def test_switches_are_checked_at_the_start(kinds, message):
+    many = mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds))
     with pytest.raises(mb.OptionError, match=message):
-        many = mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds))
         mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=many)
 
 
