@@ -267,6 +267,14 @@ def test_dips_below_a_kink_are_found(depth):
     assert steps.shorter() == pytest.approx(0.37 - depth, abs=1e-3 * 0.37)
 
 
+@pytest.mark.parametrize("first", [1e-3, 0.9989])
+def test_dips_beside_the_ends_are_found(first):
+    """Both zeros lie between an end of the step and the next point that is looked at."""
+    steps, inside = steps_of("kink", lambda t: (t - first) * (t - first - 1e-4))
+    steps.look(0.0, 1.0, inside)
+    assert steps.shorter() == pytest.approx(first, rel=1e-3)
+
+
 def test_a_kink_is_met_once_and_the_next_one_found():
     """Two kinks 1e-4 of a step apart: the step ends before the first, the one after that before the second."""
     steps, inside = steps_of("kink", lambda t: (t - 0.5) * (t - 0.5001))
