@@ -237,8 +237,9 @@ def test_switches_of_a_system_of_ones_own():
     ("kinds", "message"), [(("saturating", "kink"), r"shape \(2, 1\)"), (("steep",), "kind 'steep' is not known")]
 )
 def test_switches_are_checked_at_the_start(kinds, message):
+    many = mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds))
     with pytest.raises(mb.OptionError, match=message):
-        mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=mb.Switches(crossing, kinds, np.ones(len(kinds)), ("u",) * len(kinds)))
+        mb.DAE(lambda t, y, yp, out: yp, [0.0], [0.0], switches=many)
 
 
 def steps_of(kind, u):
@@ -264,6 +265,14 @@ def test_dips_below_a_kink_are_found(depth):
     steps, inside = steps_of("kink", lambda t: (t - 0.37) ** 2 - depth**2)
     steps.look(0.0, 1.0, inside)
     assert steps.shorter() == pytest.approx(0.37 - depth, abs=1e-3 * 0.37)
+
+
+@pytest.mark.parametrize("first", [1e-3, 0.9989])
+def test_dips_beside_the_ends_are_found(first):
+    """Both zeros lie between an end of the step and the next point that is looked at."""
+    steps, inside = steps_of("kink", lambda t: (t - first) * (t - first - 1e-4))
+    steps.look(0.0, 1.0, inside)
+    assert steps.shorter() == pytest.approx(first, rel=1e-3)
 
 
 def test_a_kink_is_met_once_and_the_next_one_found():
