@@ -27,6 +27,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.control import Controlled, measure_of, run_controlled
 from mbdae.run.drift import drifted
 from mbdae.run.judgement import judgement_of
+from mbdae.run.recheck import unseen
 from mbdae.run.resolution import refuse_unresolved
 from mbdae.run.waves import lost_amplitude, with_amplitude
 from mbdae.system.assembly import SceneSystem
@@ -179,6 +180,9 @@ class Job:
         times = self.times[self.times <= run.solution.t[-1]]
         found = Result(self.prepared, run.solution, info, times)
         judgement = judgement_of(found, run, self.form.label == "Index1")
+        if judgement.reliable:
+            missed, spent = unseen(self.prepared, self.form, run, asked)
+            info, judgement = replace(info, cpu_s=info.cpu_s + spent), judgement._replace(notes=(*judgement.notes, *missed))
         found.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
