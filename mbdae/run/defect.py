@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
 from mbdae.integrators.solution import Solution
+from mbdae.integrators.sundials import as_csc
 from mbdae.run.control import distance
 from mbdae.run.hiding import can_hide
 from mbdae.system.assembly import SceneSystem
@@ -31,9 +31,11 @@ POINTS = 12  #: points in every step of a scene in which something may act for a
 ALONG = 400  #: points along the whole run of such a scene, so that steps which are long compared with it get more
 JITTER = 0.5  #: part of its share of the step in which a point is random; 1 would leave gaps of twice that share
 SHARE = 0.03  #: points of all other scenes over the residual evaluations of the run
-OUTSTANDING = 30.0  #: effect of such a point over the median of all at which its step is looked at closely
+SINGLE = 2 / 3  #: part of them that are single points; the others are left for steps that are looked at closely
+FEWEST, MOST = 4, 400  #: single points
+OUTSTANDING = 30.0  #: defect of a single point over the median of all at which its step is looked at closely
 DEGREE = 5  #: of the polynomial that is integrated exactly; what is left by the trapezoidal rule
-AT_ONCE = 64  #: points evaluated in one call
+AT_ONCE, LARGEST = 64, 30000  #: points evaluated in one call, and unknowns of all of them
 SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
 FELT = 0.1  #: defect over the largest of its step where it is felt
 ALIKE = 10.0  #: with constant steps: effect over the median of all steps that is no more than their usual error
@@ -60,15 +62,16 @@ class Defect:
     def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution) -> None:
         self.prepared, self.system, self.run = prepared, system, run
         self.random, self.evaluations = np.random.default_rng(SEED), 0
+        self._patterns: dict[int, Array] = {}
+        self._integrals: dict[int, Array] = {}
+        self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
         self.sample = run.t[:: len(run.t) // SAMPLES + 1]
 
     def suspects(self, limit: float, alike: bool) -> list[Suspect]:
         """Steps whose defect moves the motion by more than the limit, worst first; alike: and by more than constant steps do
         elsewhere."""
-        steps = np.arange(len(self.run.t) - 1)
-        if not can_hide(self.prepared):
-            steps = self._outstanding(limit)
-        found = self._effects([(int(i), self._inside(POINTS + int(ALONG * self._share(i)))) for i in steps])
+        steps = range(len(self.run.t) - 1) if can_hide(self.prepared) else self._outstanding(limit)
+        found = self._effects([(i, self._inside(POINTS + int(ALONG * self._share(i)))) for i in steps])
         if alike and found:
             limit = max(limit, ALIKE * float(np.median([s.effect for s in found])))
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
@@ -79,36 +82,43 @@ class Defect:
         return float((t[i + 1] - t[i]) / (t[-1] - t[0]))
 
     def _inside(self, count: int) -> Array:
-        """So many points of (0, 1), one in the middle of every share of the step, moved at random."""
-        return (np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count
+        """So many points of (0, 1), one in the middle of every share, moved at random; the same in all steps."""
+        if count not in self._patterns:
+            self._patterns[count] = (np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count
+        return self._patterns[count]
 
-    def _outstanding(self, limit: float) -> Any:
+    def _outstanding(self, limit: float) -> list[int]:
         """Steps in which a single point stands out, of a scene in which hardly anything can hide: half of the points are spread
         over the time, where steps are long, half over the steps."""
-        t, count = self.run.t, int(SHARE * self.run.stats.residuals)
+        t, budget = self.run.t, SHARE * self.run.stats.residuals
+        count = min(int(budget * SINGLE), MOST)
         along = self._inside(count // 2) * (t[-1] - t[0]) + t[0]
         places = self._inside(count - count // 2) * (len(t) - 1)
         times = np.concatenate([along, np.interp(places, np.arange(len(t)), t)])
         steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-        found = self._effects([(int(i), (at - t[i : i + 1]) / (t[i + 1] - t[i])) for i, at in zip(steps, times, strict=True)])
-        usual = float(np.median([s.effect for s in found])) if found else 0.0
-        return np.unique([s.step for s in found if s.effect > max(limit, OUTSTANDING * usual)]).astype(int)
+        y, yp = self.run(times), self.run.derivative(times)
+        F = np.abs(self._residual(times, y, yp)) * np.diff(t)[steps, None]
+        if count < FEWEST:
+            return []
+        ratio = np.max(F / (np.median(F, axis=0) + np.finfo(float).tiny), axis=1)
+        worst = [k for k in np.argsort(-ratio)[: max(1, int(budget * (1 - SINGLE)) // POINTS)] if ratio[k] > OUTSTANDING]
+        points = [(int(steps[k]), (times[k : k + 1] - t[steps[k]]) / np.diff(t)[steps[k]]) for k in worst]
+        return sorted({s.step for s in self._effects(points) if s.effect > limit})
 
     def _effects(self, looked_at: list[tuple[int, Array]]) -> list[Suspect]:
         """Effect of the defect in steps looked at in points of (0, 1)."""
         if not looked_at:
             return []
-        t, counts = self.run.t, [len(inside) for _, inside in looked_at]
+        t = self.run.t
         times = np.concatenate([t[i] + inside * (t[i + 1] - t[i]) for i, inside in looked_at])
         y, yp = self.run(times), self.run.derivative(times)
-        ends = np.cumsum(counts)[:-1]
+        ends = np.cumsum([len(inside) for _, inside in looked_at])[:-1]
         F, Y, Yp, T = (np.split(a, ends) for a in (self._residual(times, y, yp), y, yp, times))
-        moved = [self._moved(i, inside, f, y[len(y) // 2], yp[len(y) // 2])
-                 for (i, inside), f, y, yp in zip(looked_at, F, Y, Yp, strict=True)]  # fmt: skip
+        moved = [self._moved(*place, *of_step) for place, *of_step in zip(looked_at, F, Y, Yp, strict=True)]
         effects = np.split(self._distance(times, y, y + np.concatenate(moved)), ends)
-        return [self._suspect(i, *parts) for (i, _), *parts in zip(looked_at, effects, T, F, Y, Yp, strict=True)]
+        return [self._suspect(i, *parts) for (i, _), *parts in zip(looked_at, effects, T, F, strict=True)]
 
-    def _suspect(self, i: int, effect: Array, times: Array, F: Array, y: Array, yp: Array) -> Suspect:
+    def _suspect(self, i: int, effect: Array, times: Array, F: Array) -> Suspect:
         """What is said of one step."""
         size = np.abs(F)
         row = int(np.argmax(np.max(size, axis=0)))
@@ -116,8 +126,9 @@ class Defect:
 
     def _residual(self, times: Array, y: Array, yp: Array) -> Array:
         """F (k, n) at points of the dense output; 0 where it is not defined."""
-        size = int(np.clip(AT_ONCE * 500 // self.system.n, 4, AT_ONCE))
-        out, part = np.zeros_like(y), np.empty((size, self.system.n))
+        out, n = np.zeros_like(y), self.system.n
+        size = 1 if self.system.pattern is None else int(np.clip(LARGEST // n, 4, AT_ONCE))
+        part = np.empty((size, n))
         for first in range(0, len(times), size):
             at = np.minimum(np.arange(first, first + size), len(times) - 1)
             try:
@@ -130,24 +141,21 @@ class Defect:
 
     def _moved(self, i: int, inside: Array, F: Array, y: Array, yp: Array) -> Array:
         """What the unknowns (k, n) are moved by until every point."""
-        h = self.run.t[i + 1] - self.run.t[i]
-        right = _integrals(inside, F)
-        algebraic = np.array([kind in ("lambda", "mu", "z") for kind in self.system.kinds])
-        right[:, algebraic] = F[:, algebraic]  # rows without derivatives hold at every point
-        return -self._solved(float(self.run.t[i] + h / 2), y, yp, 1 / h, right)
-
-    def _solved(self, t: float, y: Array, yp: Array, cj: float, right: Array) -> Array:
-        """J^-1 of rows (k, n); of eliminated multipliers, chosen where nothing is stiff, F = y' - f without its derivative."""
-        system = self.system
-        if system.pattern is None:
-            return right / cj
-        fy, fyp = system.jacobian_values(t, y, yp)
-        J = csc_matrix((fy + cj * fyp, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)
+        h = float(self.run.t[i + 1] - self.run.t[i])
+        if len(inside) not in self._integrals:
+            self._integrals[len(inside)] = integrals(inside)
+        right = self._integrals[len(inside)] @ F
+        right[:, self._algebraic] = F[:, self._algebraic]  # rows without derivatives hold at every point
+        if self.system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+            return -h * right
+        k = len(inside) // 2
+        J = np.zeros((self.system.n,) * 2 if self.system.sparsity is None else self.system.sparsity.nnz)
+        self.system.jacobian(float(self.run.t[i] + inside[k] * h), y[k], yp[k], 1 / h, J)
         try:
-            if system.sparsity is None:
-                return np.linalg.solve(J.toarray(), right.T).T
-            return np.asarray(splu(J).solve(np.ascontiguousarray(right.T))).T
-        except (np.linalg.LinAlgError, RuntimeError):
+            if self.system.sparsity is None:
+                return -np.linalg.solve(J, right.T).T
+            return -splu(as_csc(self.system, J)).solve(np.ascontiguousarray(right.T)).T
+        except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there, which others tell
             return np.zeros_like(right)
 
     def _distance(self, times: Array, a: Array, b: Array) -> Array:
@@ -157,14 +165,15 @@ class Defect:
         return distance(self.prepared, t, np.concatenate([b, here]), np.concatenate([a, here]))[: len(times)]
 
 
-def _integrals(inside: Array, F: Array) -> Array:
-    """Integrals (k, n) of F (k, n), given at points of (0, 1), from 0 to every point but the last, whose is to 1."""
+def integrals(inside: Array) -> Array:
+    """(k, k) weights: from values at points of (0, 1) their integrals from 0 to the next point, of the last one to 1.
+
+    A polynomial fitted to the values is integrated exactly, what it leaves of them by the trapezoidal rule."""
     degree = min(DEGREE, len(inside) // 2)
-    x, to = 2 * inside - 1, np.append(inside[1:], 1.0)
-    basis = legendre.legvander(x, degree)
-    fit = np.linalg.lstsq(basis, F, rcond=None)[0]
-    smooth = legendre.legval(2 * to - 1, legendre.legint(fit, lbnd=-1)).T / 2
-    rest = F - basis @ fit
-    nodes, values = np.concatenate([[0.0], inside, [1.0]]), np.pad(rest, ((1, 1), (0, 0)))
-    rough = np.cumsum(np.diff(nodes)[:, None] * (values[1:] + values[:-1]) / 2, axis=0)[1:]
-    return np.asarray(smooth + rough)
+    basis = legendre.legvander(2 * inside - 1, degree)
+    fit = np.linalg.pinv(basis)
+    to = np.append(inside[1:], 1.0)
+    smooth = legendre.legval(2 * to - 1, legendre.legint(np.eye(degree + 1), lbnd=-1)).T / 2
+    nodes, between = np.concatenate([[0.0], inside, [1.0]]), np.eye(len(inside) + 2)[1:-1]
+    rough = np.cumsum(np.diff(nodes)[:, None] * (between.T[1:] + between.T[:-1]) / 2, axis=0)[1:]
+    return np.asarray(smooth @ fit + rough @ (np.eye(len(inside)) - basis @ fit))

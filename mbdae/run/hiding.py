@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import symengine as se
 
 from mbdae.kernels import plan
 from mbdae.scene.timed import TIME
+from mbdae.symbolic.derive import derive
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.explicit import state_rate_outputs
 from mbdae.system.prepare import Prepared
@@ -19,18 +21,24 @@ OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by
 def can_hide(prepared: Prepared) -> bool:
     """Inputs of time but uniform and uniformly accelerated ones, and laws with functions that switch or are steep somewhere;
     not contacts, which solvers watch."""
-    model, watched = prepared.model, {contact.item for contact in prepared.contacts}
+    watched = {contact.item for contact in prepared.contacts}
     inputs = prepared.mechanics.numbering.clock.expressions
     if any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs):
         return True
-    groups = [group for group in model.groups if not all(instance.item in watched for instance in group.instances)]
-    return any(_steep(e) for group in groups for outputs in STATED for e in plan(group.derived, outputs).kernel.expressions)
+    return any(_switches(*group.key) for group in prepared.model.groups
+               if not all(instance.item in watched for instance in group.instances))  # fmt: skip
+
+
+@lru_cache(maxsize=512)
+def _switches(law: Any, structure: Any, sides: Any) -> bool:
+    """Whether a law between nodes of given kinds states anything steep."""
+    derived = derive(law, structure, sides)
+    return any(_steep(se.sympify(e)) for outputs in STATED for e in plan(derived, outputs).kernel.expressions)
 
 
 def _steep(e: Any) -> bool:
     """Whether an expression has other functions than sines of rotations, and other powers than those of distances: a symbol in
     the exponent (symengine's exp is a power too), or 1 / (1 + ...)."""
-    e = se.sympify(e)
     if any(type(f).__name__ not in OF_ROTATIONS for f in e.atoms(se.Function)):
         return True
     for base, exponent in (power.args for power in e.atoms(se.Pow)):

@@ -51,12 +51,13 @@ class Job:
     options: dict[str, Any]
     choice: str = ""
     begin: float = field(default_factory=time.perf_counter)
+    _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
         """One solver: to the accuracy, or as its own tolerance or step says. strict: eliminated multipliers stop at singular
         positions, where another branch may begin."""
         refuse_unresolved(self.prepared, solver)
-        system = system_for(self.prepared, self.form, solver.highest_index)
+        system = self._system(solver)
         if isinstance(system, Eliminated):
             system.strict = strict
         try:
@@ -71,6 +72,13 @@ class Job:
         except SolverError as error:
             self._attach(error, solver)
             raise
+
+    def _system(self, solver: Solver) -> SceneSystem:
+        """The equations as a solver takes them, built once."""
+        key = self.form, solver.highest_index
+        if key not in self._systems:
+            self._systems[key] = system_for(self.prepared, *key)
+        return self._systems[key]
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
@@ -181,7 +189,7 @@ class Job:
         found = Result(self.prepared, run.solution, info, times)
         judgement = judgement_of(found, run, self.form.label == "Index1")
         if judgement.reliable:
-            missed, spent = unseen(self.prepared, self.form, run, asked)
+            missed, spent = unseen(self.prepared, self.form, self._system(run.solver), run, asked)
             info, judgement = replace(info, cpu_s=info.cpu_s + spent), judgement._replace(notes=(*judgement.notes, *missed))
         found.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:

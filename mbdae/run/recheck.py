@@ -77,13 +77,13 @@ class Closer:
         return float(np.max(motion_distance(p, *joined)[: len(times)]))
 
 
-def unseen(prepared: Prepared, form: Form, run: Controlled, asked: float | None) -> tuple[list[str], float]:
+def unseen(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled,
+           asked: float | None) -> tuple[list[str], float]:  # fmt: skip
     """A warning where the equations of motion contradict a run between the points its solver looked at; CPU time spent, s."""
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
         return [], 0.0
     allowed = asked or 10 * (solver.rtol or UNCONTROLLED)
-    system = system_for(prepared, form, solver.highest_index)
     defect = Defect(prepared, system, solution)
     suspects = defect.suspects(allowed, alike=solver.fixed)
     closer = Closer(prepared, form, solution, allowed)
