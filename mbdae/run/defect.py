@@ -5,11 +5,12 @@ estimate nor a companion run shows it. Here the residual of the dense output, it
 points inside the accepted steps. A defect alone is no error: between its nodes a good polynomial has one too, whose integral
 vanishes. So the defect is integrated from the start of its step, and what the motion would have been moved by it,
 J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step, is measured against the accuracy. Steps in which that
-is more are integrated again, closely (`recheck`), and only what that shows is told.
+is more are suspects; `recheck` integrates them again, closely, and only what that shows is told.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,11 +35,12 @@ SHARE = 0.03  #: points of all other scenes over the residual evaluations of the
 SINGLE = 2 / 3  #: part of them that are single points; the others are left for steps that are looked at closely
 FEWEST, MOST = 4, 400  #: single points
 OUTSTANDING = 30.0  #: defect of a single point over the median of all at which its step is looked at closely
-DEGREE = 5  #: of the polynomial that is integrated exactly; what is left by the trapezoidal rule
-AT_ONCE, LARGEST = 64, 30000  #: points evaluated in one call, and unknowns of all of them
-SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
+DEGREE = 5  #: of the polynomial that is integrated exactly; what it leaves by the trapezoidal rule
+BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, up to this part of the limit
 FELT = 0.1  #: defect over the largest of its step where it is felt
 ALIKE = 10.0  #: with constant steps: effect over the median of all steps that is no more than their usual error
+AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers kept
+SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
 
 
 @dataclass(frozen=True)
@@ -57,77 +59,61 @@ class Suspect:
 
 
 class Defect:
-    """The defect of one run; evaluations: of the residual so far."""
+    """The defect of one run; evaluations: of the residual so far.
 
-    def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution) -> None:
-        self.prepared, self.system, self.run = prepared, system, run
-        self.random, self.evaluations = np.random.default_rng(SEED), 0
-        self._patterns: dict[int, Array] = {}
-        self._integrals: dict[int, Array] = {}
+    rough: of a run with constant steps only what no polynomial of degree 5 over a step describes, because nothing keeps the
+    smooth part small."""
+
+    def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
+        self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
+        self.random, self.evaluations, self.widths = np.random.default_rng(SEED), 0, np.diff(run.t)
         self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
-        self.sample = run.t[:: len(run.t) // SAMPLES + 1]
+        self._sample = run.t[:: len(run.t) // SAMPLES + 1]
 
-    def suspects(self, limit: float, alike: bool) -> list[Suspect]:
-        """Steps whose defect moves the motion by more than the limit, worst first; alike: and by more than constant steps do
-        elsewhere."""
-        steps = range(len(self.run.t) - 1) if can_hide(self.prepared) else self._outstanding(limit)
-        found = self._effects([(i, self._inside(POINTS + int(ALONG * self._share(i)))) for i in steps])
-        if alike and found:
+    def suspects(self, limit: float) -> list[Suspect]:
+        """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
+        more than the others."""
+        steps = np.arange(len(self.widths)) if can_hide(self.prepared) else self._outstanding(limit)
+        found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
+        if self.rough and found:
             limit = max(limit, ALIKE * float(np.median([s.effect for s in found])))
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
 
-    def _share(self, i: int) -> float:
-        """Length of a step over that of the run."""
-        t = self.run.t
-        return float((t[i + 1] - t[i]) / (t[-1] - t[0]))
+    def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
+        """Steps with the points of (0, 1) at which they are looked at, as many at once as are to be stored."""
+        counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
+        for count in np.unique(counts):
+            inside, alike = self._inside(int(count)), steps[counts == count]
+            size = max(BLOCK, STORED // (count * self.system.n))
+            for first in range(0, len(alike), size):
+                yield alike[first : first + size], inside
 
     def _inside(self, count: int) -> Array:
-        """So many points of (0, 1), one in the middle of every share, moved at random; the same in all steps."""
-        if count not in self._patterns:
-            self._patterns[count] = (np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count
-        return self._patterns[count]
+        """So many points of (0, 1), one in every share of it, moved at random."""
+        return np.asarray((np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count)
 
-    def _outstanding(self, limit: float) -> list[int]:
+    def _outstanding(self, limit: float) -> Any:
         """Steps in which a single point stands out, of a scene in which hardly anything can hide: half of the points are spread
-        over the time, where steps are long, half over the steps."""
+        over the time, so that long steps get more, half over the steps."""
         t, budget = self.run.t, SHARE * self.run.stats.residuals
         count = min(int(budget * SINGLE), MOST)
+        if count < FEWEST:
+            return np.zeros(0, dtype=int)
         along = self._inside(count // 2) * (t[-1] - t[0]) + t[0]
         places = self._inside(count - count // 2) * (len(t) - 1)
         times = np.concatenate([along, np.interp(places, np.arange(len(t)), t)])
         steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-        y, yp = self.run(times), self.run.derivative(times)
-        F = np.abs(self._residual(times, y, yp)) * np.diff(t)[steps, None]
-        if count < FEWEST:
-            return []
+        F = np.abs(self._residual(times)[0]) * self.widths[steps, None]
         ratio = np.max(F / (np.median(F, axis=0) + np.finfo(float).tiny), axis=1)
         worst = [k for k in np.argsort(-ratio)[: max(1, int(budget * (1 - SINGLE)) // POINTS)] if ratio[k] > OUTSTANDING]
-        points = [(int(steps[k]), (times[k : k + 1] - t[steps[k]]) / np.diff(t)[steps[k]]) for k in worst]
-        return sorted({s.step for s in self._effects(points) if s.effect > limit})
+        inside = (times - t[steps]) / self.widths[steps]
+        return np.unique([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
+                          if s.effect > limit]).astype(int)  # fmt: skip
 
-    def _effects(self, looked_at: list[tuple[int, Array]]) -> list[Suspect]:
-        """Effect of the defect in steps looked at in points of (0, 1)."""
-        if not looked_at:
-            return []
-        t = self.run.t
-        times = np.concatenate([t[i] + inside * (t[i + 1] - t[i]) for i, inside in looked_at])
-        y, yp = self.run(times), self.run.derivative(times)
-        ends = np.cumsum([len(inside) for _, inside in looked_at])[:-1]
-        F, Y, Yp, T = (np.split(a, ends) for a in (self._residual(times, y, yp), y, yp, times))
-        moved = [self._moved(*place, *of_step) for place, *of_step in zip(looked_at, F, Y, Yp, strict=True)]
-        effects = np.split(self._distance(times, y, y + np.concatenate(moved)), ends)
-        return [self._suspect(i, *parts) for (i, _), *parts in zip(looked_at, effects, T, F, strict=True)]
-
-    def _suspect(self, i: int, effect: Array, times: Array, F: Array) -> Suspect:
-        """What is said of one step."""
-        size = np.abs(F)
-        row = int(np.argmax(np.max(size, axis=0)))
-        return Suspect(i, float(np.max(effect)), times, size[:, row] > FELT * np.max(size[:, row]), self.system.equations[row])
-
-    def _residual(self, times: Array, y: Array, yp: Array) -> Array:
-        """F (k, n) at points of the dense output; 0 where it is not defined."""
-        out, n = np.zeros_like(y), self.system.n
-        size = 1 if self.system.pattern is None else int(np.clip(LARGEST // n, 4, AT_ONCE))
+    def _residual(self, times: Array) -> tuple[Array, Array, Array]:
+        """F, y, y' (k, n) at points of the dense output; F is 0 where it is not defined."""
+        y, yp, n = self.run(times), self.run.derivative(times), self.system.n
+        out, size = np.zeros_like(y), 1 if self.system.pattern is None else int(np.clip(LARGEST // n, 4, AT_ONCE))
         part = np.empty((size, n))
         for first in range(0, len(times), size):
             at = np.minimum(np.arange(first, first + size), len(times) - 1)
@@ -137,43 +123,63 @@ class Defect:
                 continue
             out[first : first + size] = part[: len(times) - first]
         self.evaluations += len(times)
-        return np.nan_to_num(out)
+        return np.nan_to_num(out), y, yp
 
-    def _moved(self, i: int, inside: Array, F: Array, y: Array, yp: Array) -> Array:
-        """What the unknowns (k, n) are moved by until every point."""
-        h = float(self.run.t[i + 1] - self.run.t[i])
-        if len(inside) not in self._integrals:
-            self._integrals[len(inside)] = integrals(inside)
-        right = self._integrals[len(inside)] @ F
-        right[:, self._algebraic] = F[:, self._algebraic]  # rows without derivatives hold at every point
-        if self.system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+    def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
+        """Effect of the defect in steps (m,) looked at in points (k,) of (0, 1)."""
+        times = self.run.t[steps, None] + inside * self.widths[steps, None]
+        F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
+        smooth, rest = integrals(inside)
+        right = (rest if self.rough else smooth + rest) @ F
+        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point
+            right[..., self._algebraic] = F[..., self._algebraic]
+        effect = np.zeros(len(steps))
+        for first in range(0, len(steps), BLOCK):
+            some = np.arange(first, min(first + BLOCK, len(steps)))
+            longest = some[np.argmax(self.widths[steps[some]])]
+            share = self.widths[steps[some]] / self.widths[steps[longest]]
+            moved = self._moved(int(steps[longest]), times[longest], y[longest], yp[longest], share[:, None, None] * right[some])
+            effect[some] = self._distance(times[some], y[some], moved)
+        for i in np.flatnonzero(effect > DOUBTFUL * limit):
+            moved = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])
+            effect[i] = self._distance(times[i : i + 1], y[i : i + 1], moved)[0]
+        return [self._suspect(*of_step) for of_step in zip(steps, effect, times, F, strict=True)]
+
+    def _suspect(self, step: int, effect: float, times: Array, F: Array) -> Suspect:
+        """What is said of one step."""
+        row = int(np.argmax(np.max(np.abs(F), axis=0)))
+        size = np.abs(F[:, row])
+        return Suspect(int(step), float(effect), times, size >= FELT * np.max(size), self.system.equations[row])
+
+    def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
+        """What the unknowns are moved by, (m, k, n): - J^-1 right with J in the middle of a step."""
+        system, k, h = self.system, len(times) // 2, float(self.widths[step])
+        if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
             return -h * right
-        k = len(inside) // 2
-        J = np.zeros((self.system.n,) * 2 if self.system.sparsity is None else self.system.sparsity.nnz)
-        self.system.jacobian(float(self.run.t[i] + inside[k] * h), y[k], yp[k], 1 / h, J)
+        J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
+        system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
+        columns = np.ascontiguousarray(right.reshape(-1, system.n).T)
         try:
-            if self.system.sparsity is None:
-                return -np.linalg.solve(J, right.T).T
-            return -splu(as_csc(self.system, J)).solve(np.ascontiguousarray(right.T)).T
+            moved = np.linalg.solve(J, columns) if system.sparsity is None else splu(as_csc(system, J)).solve(columns)
         except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there, which others tell
             return np.zeros_like(right)
+        return -np.asarray(moved).T.reshape(right.shape)
 
-    def _distance(self, times: Array, a: Array, b: Array) -> Array:
-        """(k,) distance of two motions, in units of the whole run."""
-        here = self.run(self.sample)
-        t = np.concatenate([times, self.sample])
-        return distance(self.prepared, t, np.concatenate([b, here]), np.concatenate([a, here]))[: len(times)]
+    def _distance(self, times: Array, y: Array, moved: Array) -> Array:
+        """(m,) largest distance in every step, in units of the whole run."""
+        n, here = self.system.n, self.run(self._sample)
+        a, b = (np.concatenate([part.reshape(-1, n), here]) for part in (y + moved, y))
+        apart = distance(self.prepared, np.concatenate([times.ravel(), self._sample]), a, b)
+        return np.asarray(np.max(apart[: times.size].reshape(times.shape), axis=1))
 
 
-def integrals(inside: Array) -> Array:
-    """(k, k) weights: from values at points of (0, 1) their integrals from 0 to the next point, of the last one to 1.
-
-    A polynomial fitted to the values is integrated exactly, what it leaves of them by the trapezoidal rule."""
+def integrals(inside: Array) -> tuple[Array, Array]:
+    """Weights (k, k), (k, k) of values at points of (0, 1): integrals from 0 to the next point, of the last one to 1. The first
+    of a polynomial fitted to the values, exactly; the second of what it leaves, by the trapezoidal rule."""
     degree = min(DEGREE, len(inside) // 2)
     basis = legendre.legvander(2 * inside - 1, degree)
-    fit = np.linalg.pinv(basis)
-    to = np.append(inside[1:], 1.0)
+    fit, to, one = np.linalg.pinv(basis), np.append(inside[1:], 1.0), np.eye(len(inside))
     smooth = legendre.legval(2 * to - 1, legendre.legint(np.eye(degree + 1), lbnd=-1)).T / 2
-    nodes, between = np.concatenate([[0.0], inside, [1.0]]), np.eye(len(inside) + 2)[1:-1]
-    rough = np.cumsum(np.diff(nodes)[:, None] * (between.T[1:] + between.T[:-1]) / 2, axis=0)[1:]
-    return np.asarray(smooth @ fit + rough @ (np.eye(len(inside)) - basis @ fit))
+    nodes, between = np.concatenate([[0.0], inside, [1.0]]), np.pad(one, ((1, 1), (0, 0)))
+    rough = np.cumsum(np.diff(nodes)[:, None] * (between[1:] + between[:-1]) / 2, axis=0)[1:]
+    return np.asarray(smooth @ fit), np.asarray(rough @ (one - basis @ fit))

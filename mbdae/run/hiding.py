@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -33,17 +34,27 @@ def can_hide(prepared: Prepared) -> bool:
 def _switches(law: Any, structure: Any, sides: Any) -> bool:
     """Whether a law between nodes of given kinds states anything steep."""
     derived = derive(law, structure, sides)
-    return any(_steep(se.sympify(e)) for outputs in STATED for e in plan(derived, outputs).kernel.expressions)
+    return any(_steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))
+
+
+def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
+    """Every expression that is not a symbol or a number inside of others, once."""
+    left, seen = [se.sympify(e) for e in expressions], set()
+    while left:
+        e = left.pop()
+        if e.args and e not in seen:
+            seen.add(e)
+            left.extend(e.args)
+            yield e
 
 
 def _steep(e: Any) -> bool:
-    """Whether an expression has other functions than sines of rotations, and other powers than those of distances: a symbol in
-    the exponent (symengine's exp is a power too), or 1 / (1 + ...)."""
-    if any(type(f).__name__ not in OF_ROTATIONS for f in e.atoms(se.Function)):
-        return True
-    for base, exponent in (power.args for power in e.atoms(se.Pow)):
-        if base == se.E or exponent.free_symbols:
-            return True
-        if exponent.is_Integer and exponent.is_negative and base.is_Add and any(term.is_Number for term in base.args):
-            return True
-    return False
+    """Whether a subexpression is another function than a sine of rotations, or another power than those of distances: a symbol
+    in the exponent (symengine's exp is a power too), or 1 / (1 + ...)."""
+    if isinstance(e, se.Function):
+        return type(e).__name__ not in OF_ROTATIONS
+    if not isinstance(e, se.Pow):
+        return False
+    base, exponent = e.args
+    falls = exponent.is_Integer and exponent.is_negative and base.is_Add
+    return bool(base == se.E or exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))

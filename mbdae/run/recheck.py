@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.errors import SolverError
 from mbdae.formulations import Form, system_for
+from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.run.control import Controlled, motion_distance
@@ -23,7 +24,7 @@ BUDGET = 3000  #: residual evaluations between two points of the step
 BETWEEN = 8  #: instants compared between two points
 JUDGED = 5  #: suspicious steps of a run that are integrated again
 TOLD = 3.0  #: difference over what is allowed above which it is told
-UNCONTROLLED = 1e-7  #: a tenth of the error below which nothing is said of runs with constant steps
+UNCONTROLLED = 1e-6  #: accuracy below which nothing is said of runs with constant steps
 
 
 class Closer:
@@ -83,12 +84,18 @@ def unseen(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled,
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
         return [], 0.0
-    allowed = asked or 10 * (solver.rtol or UNCONTROLLED)
-    defect = Defect(prepared, system, solution)
-    suspects = defect.suspects(allowed, alike=solver.fixed)
+    allowed = asked or _resolved(solver)
+    suspects = Defect(prepared, system, solution, rough=solver.fixed).suspects(allowed)
     closer = Closer(prepared, form, solution, allowed)
     found = [(suspect, size) for suspect in suspects[:JUDGED] if (size := closer.difference(suspect)) > TOLD * suspect.allowed]
     return [_told(solution, found, allowed, len(suspects))] if found else [], time.process_time() - begin
+
+
+def _resolved(solver: Solver) -> float:
+    """The accuracy that a tolerance lets expect; with constant steps what is hardly ever asked for."""
+    if not solver.rtol:
+        return UNCONTROLLED
+    return max(10.0, 1 / max(solver.factors.get(solver.label, {"": 0.1}).values())) * solver.rtol
 
 
 def _told(run: Solution, found: list[tuple[Suspect, float]], allowed: float, suspects: int) -> str:
