@@ -85,7 +85,7 @@ def pendulum(f, size, rest):
     """A rod with a torque at its hinge."""
     s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
     b = s.link("b", (0, 0), (0, -1) if rest else (1, 0), mass=1.0)
-    s.revolute("A", s.ground, b, at=(0, 0), torque=10 * size * f)
+    s.revolute("A", s.ground, b, at=(0, 0), torque=5 * size * f)
     return s, 6.0
 
 
@@ -195,7 +195,7 @@ def case(seed):
     plain = silent.simulate(end, **options).solution.t
     c = float(rng.uniform(0.1, 0.9)) * end
     h = float(np.diff(plain)[np.searchsorted(plain, c) - 1])
-    w, size = h * float(10 ** rng.uniform(-2, 0)), float(10 ** rng.uniform(-0.5, 1.0))
+    w, size = h * float(10 ** rng.uniform(-2, -0.1)), float(10 ** rng.uniform(-0.5, 0.7))
     s, _ = make((c, w) if make is barrier else INPUTS[kind](c, w), size, rest)
     r = s.simulate(end, **options)
     asked = accuracy if solver is None or (solver.rtol is None and not solver.fixed) else 10 * (solver.rtol or 1e-6)

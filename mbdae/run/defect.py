@@ -38,7 +38,7 @@ OUTSTANDING = 30.0  #: defect of a single point over the median of all at which 
 DEGREE = 5  #: of the polynomial that is integrated exactly; what it leaves by the trapezoidal rule
 BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, up to this part of the limit
 FELT = 0.1  #: defect over the largest of its step where it is felt
-ALIKE = 10.0  #: with constant steps: effect over the median of all steps that is no more than their usual error
+ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: effect over that of their lower quarter which is their usual error
 AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers kept
 SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
 
@@ -76,7 +76,7 @@ class Defect:
         steps = np.arange(len(self.widths)) if can_hide(self.prepared) else self._outstanding(limit)
         found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
         if self.rough and found:
-            limit = max(limit, ALIKE * float(np.median([s.effect for s in found])))
+            limit = max(limit, ALIKE * float(np.quantile([s.effect for s in found], QUARTER, method="lower")))
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
 
     def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:

@@ -5,7 +5,8 @@ The way of a run through this folder, from top to bottom:
 1. `choice`      joints, form and solver, where the user names none (`checks` says it before the run);
 2. `control`     runs of the solver until the estimated error is below the accuracy (`resolution`: what contact and friction ask);
 3. `waves`       what long steps leave out of stiff beams;
-4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`.
+4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`;
+5. `recheck`     steps whose `defect` contradicts the equations, where something can hide between their points (`hiding`).
 """
 
 from __future__ import annotations

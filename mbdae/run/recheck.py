@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from mbdae.errors import SolverError
+from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
@@ -28,29 +29,30 @@ UNCONTROLLED = 1e-6  #: accuracy below which nothing is said of runs with consta
 
 
 class Closer:
-    """Integrates steps of a run again; evaluations: of the residual so far."""
+    """Integrates steps of a run again, with Radau IIA to a tenth of what is allowed."""
 
     def __init__(self, prepared: Prepared, form: Form, run: Solution, accuracy: float) -> None:
         self.prepared, self.form, self.run = prepared, form, run
-        self.evaluations = 0
         method = RadauIIA(3)
         wanted = accuracy / FINER * method.factors[method.label][form.label]
         self.solver = RadauIIA(3, rtol=max(wanted, 10 * method.tightest.get(form.label, method.tightest[""])))
 
     def difference(self, suspect: Suspect) -> float:
         """Largest distance of the run from a closer one over a step, which starts from the state that the run had at its begin
-        and stops at every point where the equations contradict and beside it; the effect of the defect where that run fails."""
-        run, i = self.run, suspect.step
-        worst = 0.0
+        and stops at every point where the equations contradict and beside it; the effect of the defect where that run ends
+        before its step does."""
+        run, i, worst = self.run, suspect.step, 0.0
         system = self._system(float(run.t[i]), run.y[i])
-        stops = self._stops(suspect)
-        width = float(np.min(np.diff(np.r_[run.t[i], suspect.times, run.t[i + 1]])))
-        for stop in stops:
+        first = float(np.min(np.diff(np.r_[run.t[i], suspect.times, run.t[i + 1]]))) / 4
+        for stop in self._stops(suspect):
             try:
-                part = self.solver.solve(system, stop, max_residuals=BUDGET, h0=min(width / 4, stop - system.t0))
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", AccuracyWarning)
+                    part = self.solver.solve(system, stop, max_residuals=BUDGET, h0=min(first, stop - system.t0))
             except SolverError:
                 return suspect.effect
-            self.evaluations += part.stats.residuals
+            if not part.complete:
+                return suspect.effect
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
             worst = max(worst, self._distance(times, part))
             system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]
@@ -65,6 +67,7 @@ class Closer:
         return system_for(replace(p, start=start), self.form, self.solver.highest_index)
 
     def _stops(self, suspect: Suspect) -> Array:
+        """Times at which the closer run stops: points where the equations contradict, those beside them, the end of the step."""
         felt = suspect.felt | np.append(suspect.felt[1:], False) | np.append(False, suspect.felt[:-1])
         return np.append(suspect.times[felt], self.run.t[suspect.step + 1])
 
