@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import SolverError
 from mbdae.integrators.solution import Solution
 from mbdae.integrators.sundials import as_csc
-from mbdae.run.control import distance
+from mbdae.run.control import Motion, motion_distance
 from mbdae.run.hiding import can_hide
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
@@ -68,7 +68,6 @@ class Defect:
         self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
         self.random, self.evaluations, self.widths = np.random.default_rng(SEED), 0, np.diff(run.t)
         self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
-        self._sample = run.t[:: len(run.t) // SAMPLES + 1]
 
     def suspects(self, limit: float) -> list[Suspect]:
         """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
@@ -166,11 +165,18 @@ class Defect:
         return -np.asarray(moved).T.reshape(right.shape)
 
     def _distance(self, times: Array, y: Array, moved: Array) -> Array:
-        """(m,) largest distance in every step, in units of the whole run."""
-        n, here = self.system.n, self.run(self._sample)
-        a, b = (np.concatenate([part.reshape(-1, n), here]) for part in (y + moved, y))
-        apart = distance(self.prepared, np.concatenate([times.ravel(), self._sample]), a, b)
-        return np.asarray(np.max(apart[: times.size].reshape(times.shape), axis=1))
+        """(m,) largest distance in every step."""
+        t, before, after = times.ravel(), y.reshape(-1, self.system.n), (y + moved).reshape(-1, self.system.n)
+        motions = self.prepared.states(t, after)[:2], self.prepared.states(t, before)[:2]
+        return np.asarray(np.max(apart(self.prepared, self.run, *motions).reshape(times.shape), axis=1))
+
+
+def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
+    """(k,) `motion_distance` of two motions in a part of a run, with the speeds of the whole run as units."""
+    some = run.t[:: len(run.t) // SAMPLES + 1]
+    here = prepared.states(some, run(some))[:2]
+    q_a, u_a, q_b, u_b = (np.concatenate(pair) for pair in zip((*a, *b), (*here, *here), strict=True))
+    return motion_distance(prepared, (q_a, u_a), (q_b, u_b))[: len(a[0])]
 
 
 def integrals(inside: Array) -> tuple[Array, Array]:

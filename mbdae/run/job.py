@@ -190,8 +190,9 @@ class Job:
         found = Result(self.prepared, run.solution, info, times)
         judgement = judgement_of(found, run, self.form.label == "Index1")
         if judgement.reliable:
-            missed, spent = unseen(self.prepared, self.form, self._system(run.solver), run, asked)
-            info, judgement = replace(info, cpu_s=info.cpu_s + spent), judgement._replace(notes=(*judgement.notes, *missed))
+            missed = unseen(self.prepared, self.form, self._system(run.solver), run, asked)
+            info = replace(info, cpu_s=info.cpu_s + missed.cpu_s)
+            judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
         found.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -13,8 +14,8 @@ from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
-from mbdae.run.control import Controlled, motion_distance
-from mbdae.run.defect import Defect, Suspect
+from mbdae.run.control import Controlled
+from mbdae.run.defect import Defect, Suspect, apart
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
@@ -24,6 +25,7 @@ FINER = 10.0  #: accuracy over that of the closer run
 BUDGET = 3000  #: residual evaluations between two points of the step
 BETWEEN = 8  #: instants compared between two points
 JUDGED = 5  #: suspicious steps of a run that are integrated again
+SHORTER = 0.8  #: step that is proposed over the longest one that looks at what acts
 TOLD = 3.0  #: difference over what is allowed above which it is told
 UNCONTROLLED = 1e-6  #: accuracy below which nothing is said of runs with constant steps
 
@@ -72,26 +74,68 @@ class Closer:
         return np.append(suspect.times[felt], self.run.t[suspect.step + 1])
 
     def _distance(self, times: Array, part: Solution) -> float:
-        """Largest distance at some times, in units of the whole run."""
-        p, run = self.prepared, self.run
-        sample = run.t[:: len(run.t) // 20 + 1]
-        here = p.states(sample, run(sample))
-        a, b = p.states(times, part(times)), p.states(times, run(times))
-        joined = [tuple(np.concatenate([x, z]) for x, z in zip(side, here, strict=True))[:2] for side in (a, b)]
-        return float(np.max(motion_distance(p, *joined)[: len(times)]))
+        """Largest distance from the run at some times."""
+        motions = [self.prepared.states(times, solution(times))[:2] for solution in (part, self.run)]
+        return float(np.max(apart(self.prepared, self.run, motions[0], motions[1])))
 
 
-def unseen(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled,
-           asked: float | None) -> tuple[list[str], float]:  # fmt: skip
-    """A warning where the equations of motion contradict a run between the points its solver looked at; CPU time spent, s."""
+@dataclass(frozen=True)
+class Contradiction:
+    """What acts from about begin to end (s) and was not seen by a step of `step` s: the equation (name of its row) that says so,
+    the difference it makes (as `motion_distance`), and the longest step (s) that looks at it."""
+
+    begin: float
+    end: float
+    step: float
+    equation: str
+    difference: float
+    longest: float
+
+    @classmethod
+    def of(cls, run: Solution, suspect: Suspect, difference: float) -> Self:
+        """From a suspect and what its closer run showed."""
+        felt, step = suspect.times[suspect.felt], float(run.t[suspect.step + 1] - run.t[suspect.step])
+        begin, end = float(felt[0]), float(felt[-1])
+        return cls(begin, end, step, suspect.equation, difference, (end - begin + step / len(suspect.times)) / 2)
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Where the equations of motion contradict a run, worst first; how many steps were suspected; CPU time spent, s."""
+
+    contradictions: tuple[Contradiction, ...] = ()
+    suspects: int = 0
+    cpu_s: float = 0.0
+    allowed: float = 0.0  #: difference that would not be told
+
+    @property
+    def notes(self) -> list[str]:
+        """The warning, if there is anything to tell: the worst, where the others are, and what to do."""
+        if not self.contradictions:
+            return []
+        c, *others = self.contradictions
+        also = "; so it is at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
+        if self.suspects > JUDGED:
+            also += f" ({self.suspects} steps are suspect, of which {JUDGED} were followed)"
+        return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} contradicts the run, whose step of {c.step:.3g} s "
+                f"did not look there: followed closely, the motion differs by {c.difference:.1e} (allowed {self.allowed:.0e})"
+                f"{also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with mb.RadauIIA(3, "
+                f"step={SHORTER * c.longest:.2g}), or end a run at t = {(c.begin + c.end) / 2:.6g} s and continue it with "
+                f"start="]  # fmt: skip
+
+
+def unseen(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Unseen:
+    """What a run left out between the points its solver looked at; system: the equations as the solver took them."""
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
-        return [], 0.0
+        return Unseen()
     allowed = asked or _resolved(solver)
     suspects = Defect(prepared, system, solution, rough=solver.fixed).suspects(allowed)
     closer = Closer(prepared, form, solution, allowed)
-    found = [(suspect, size) for suspect in suspects[:JUDGED] if (size := closer.difference(suspect)) > TOLD * suspect.allowed]
-    return [_told(solution, found, allowed, len(suspects))] if found else [], time.process_time() - begin
+    found = [Contradiction.of(solution, suspect, difference) for suspect in suspects[:JUDGED]
+             if (difference := closer.difference(suspect)) > TOLD * suspect.allowed]  # fmt: skip
+    found.sort(key=lambda c: -c.difference)
+    return Unseen(tuple(found), len(suspects), time.process_time() - begin, TOLD * allowed)
 
 
 def _resolved(solver: Solver) -> float:
@@ -99,20 +143,3 @@ def _resolved(solver: Solver) -> float:
     if not solver.rtol:
         return UNCONTROLLED
     return max(10.0, 1 / max(solver.factors.get(solver.label, {"": 0.1}).values())) * solver.rtol
-
-
-def _told(run: Solution, found: list[tuple[Suspect, float]], allowed: float, suspects: int) -> str:
-    """The worst step found, where the others are, and what to do."""
-    found = sorted(found, key=lambda pair: -pair[1])
-    suspect, size = found[0]
-    i, felt = suspect.step, suspect.times[suspect.felt]
-    step, begin, end = run.t[i + 1] - run.t[i], float(felt[0]), float(felt[-1])
-    short = (end - begin + step / len(suspect.times)) / 2
-    others = ", ".join(f"{run.t[s.step]:.6g} s" for s, _ in found[1:])
-    also = f"; so it is in the steps from t = {others}" if others else ""
-    if suspects > JUDGED:
-        also += f" (of {suspects} suspicious steps, {JUDGED} were looked at)"
-    return (f"from about t = {begin:.6g} to {end:.6g} s {suspect.equation} contradicts the run, whose step of {step:.3g} s did not "
-            f"look there: followed closely, the motion differs by {size:.1e} (allowed {allowed:.0e}){also}. Something acts there "
-            f"for a short time: take steps below {short:.2g} s, as with mb.RadauIIA(3, step={short:.1g}), or end a run at "
-            f"t = {(begin + end) / 2:.6g} s and continue it with start=")  # fmt: skip

@@ -158,6 +158,8 @@ def test_its_cost_is_counted(monkeypatch):
     real = job.unseen
     monkeypatch.setattr(job, "unseen", lambda *given: spent.append(real(*given)) or spent[-1])
     r = pushed(box(6.8, 1.0)).simulate(20.0)
-    (_, cpu), = spent
-    assert cpu > 0
-    assert r.info.cpu_s >= cpu + r.stats.cpu_s
+    (missed,) = spent
+    assert missed.cpu_s > 0
+    assert r.info.cpu_s >= missed.cpu_s + r.stats.cpu_s
+    (found,) = missed.contradictions
+    assert found.step > 2 * found.longest
