@@ -50,11 +50,11 @@ def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
 
 def _steep(e: Any) -> bool:
     """Whether a subexpression is another function than a sine of rotations, or another power than those of distances: a symbol
-    in the exponent (symengine's exp is a power too), or 1 / (1 + ...)."""
+    in the exponent (symengine's exp is a power of e), or 1 / (1 + ...)."""
     if isinstance(e, se.Function):
         return type(e).__name__ not in OF_ROTATIONS
     if not isinstance(e, se.Pow):
         return False
     base, exponent = e.args
     falls = exponent.is_Integer and exponent.is_negative and base.is_Add
-    return bool(base == se.E or exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))
+    return bool(exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))
