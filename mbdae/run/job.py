@@ -6,7 +6,8 @@ The way of a run through this folder, from top to bottom:
 2. `control`     runs of the solver until the estimated error is below the accuracy (`resolution`: what contact and friction ask);
 3. `waves`       what long steps leave out of stiff beams;
    `verification` with verify=True: another method, and a finer `mesh` of the beams;
-4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`.
+4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`;
+5. `recheck`     steps whose `defect` contradicts the equations, where something can hide between their points (`hiding`).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from mbdae.run.choice import Choice, alternatives
 from mbdae.run.control import Controlled, cpu_of, run_controlled
 from mbdae.run.drift import drifted
 from mbdae.run.judgement import judgement_of
+from mbdae.run.recheck import unseen
 from mbdae.run.resolution import refuse_unresolved
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.run.waves import with_lost_waves
@@ -51,12 +53,13 @@ class Job:
     choice: str = ""
     continued: bool = False  #: it begins where another run ended
     begin: float = field(default_factory=time.perf_counter)
+    _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
         """One solver: to the accuracy, or as its own tolerance or step says. strict: eliminated multipliers stop at singular
         positions, where another branch may begin."""
         refuse_unresolved(self.prepared, solver)
-        system = system_for(self.prepared, self.form, solver.highest_index)
+        system = self._system(solver)
         if isinstance(system, Eliminated):
             system.strict = strict
         try:
@@ -71,6 +74,13 @@ class Job:
         except SolverError as error:
             self._attach(error, solver)
             raise
+
+    def _system(self, solver: Solver) -> SceneSystem:
+        """The equations as a solver takes them, built once."""
+        key = self.form, solver.highest_index
+        if key not in self._systems:
+            self._systems[key] = system_for(self.prepared, *key)
+        return self._systems[key]
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
         asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
@@ -170,6 +180,10 @@ class Job:
         times = self.times[self.times <= run.solution.t[-1]]
         made = Result(self.prepared, run.solution, info, times)
         judgement = judgement_of(made, run, self.form.label == "Index1")
+        if judgement.reliable:
+            missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
+            info = replace(info, cpu_s=info.cpu_s + missed.cpu_s)
+            judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
         made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)

@@ -1,0 +1,191 @@
+"""What a run left out between the points at which its solver looked at the equations of motion.
+
+A solver asks for the residual at a few points of a step; a load that acts between them is never seen, and neither an error
+estimate nor a companion run shows it. Here the residual of the dense output, its defect, is taken at further, seeded random
+points inside the accepted steps. A defect alone is no error: between its nodes a good polynomial has one too, whose integral
+vanishes. So the defect is integrated from the start of its step, and what the motion would have been moved by it,
+J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step, is measured against the accuracy. Steps in which that
+is more are suspects; `recheck` integrates them again, closely, and only what that shows is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.sparse.linalg import splu
+
+from mbdae.errors import SolverError
+from mbdae.integrators.solution import Solution
+from mbdae.integrators.sundials import as_csc
+from mbdae.run.control import Motion, motion_distance
+from mbdae.run.hiding import can_hide
+from mbdae.system.assembly import SceneSystem
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+
+SEED = 20240229
+POINTS = 12  #: points in every step of a scene in which something may act for a short time: a tenth of the step is then hit
+ALONG = 400  #: points along the whole run of such a scene, so that steps which are long compared with it get more
+JITTER = 0.5  #: part of its share of the step in which a point is random; 1 would leave gaps of twice that share
+SHARE = 0.03  #: points of all other scenes over the residual evaluations of the run
+SINGLE = 2 / 3  #: part of them that are single points; the others are left for steps that are looked at closely
+FEWEST, MOST = 4, 400  #: single points
+OUTSTANDING = 30.0  #: defect of a single point over the median of all at which its step is looked at closely
+DEGREE = 5  #: of the polynomial that is integrated exactly; what it leaves by the trapezoidal rule
+BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, up to this part of the limit
+FELT = 0.1  #: defect over the largest of its step where it is felt
+ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: effect over that of their lower quarter which is their usual error
+AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers kept
+SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A step in which the equations contradict the run.
+
+    step: its number; effect: how far the motion would be moved (as `motion_distance`); times (k,): where it was looked at;
+    felt (k,) bool: where the equations contradict; equation: the one that does most; allowed: effect of a step that is."""
+
+    step: int
+    effect: float
+    times: Array
+    felt: Any
+    equation: str
+    allowed: float = 0.0
+
+
+class Defect:
+    """The defect of one run; evaluations: of the residual so far.
+
+    rough: of a run with constant steps only what no polynomial of degree 5 over a step describes, because nothing keeps the
+    smooth part small."""
+
+    def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
+        self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
+        self.random, self.evaluations, self.widths = np.random.default_rng(SEED), 0, np.diff(run.t)
+        self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
+
+    def suspects(self, limit: float) -> list[Suspect]:
+        """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
+        more than the others."""
+        steps = np.arange(len(self.widths)) if can_hide(self.prepared) else self._outstanding(limit)
+        found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
+        if self.rough and found:
+            limit = max(limit, ALIKE * float(np.quantile([s.effect for s in found], QUARTER, method="lower")))
+        return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
+
+    def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
+        """Steps with the points of (0, 1) at which they are looked at, as many at once as are to be stored."""
+        counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
+        for count in np.unique(counts):
+            inside, alike = self._inside(int(count)), steps[counts == count]
+            size = max(BLOCK, STORED // (count * self.system.n))
+            for first in range(0, len(alike), size):
+                yield alike[first : first + size], inside
+
+    def _inside(self, count: int) -> Array:
+        """So many points of (0, 1), one in every share of it, moved at random."""
+        return np.asarray((np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count)
+
+    def _outstanding(self, limit: float) -> Any:
+        """Steps in which a single point stands out, of a scene in which hardly anything can hide: half of the points are spread
+        over the time, so that long steps get more, half over the steps."""
+        t, budget = self.run.t, SHARE * self.run.stats.residuals
+        count = min(int(budget * SINGLE), MOST)
+        if count < FEWEST:
+            return np.zeros(0, dtype=int)
+        along = self._inside(count // 2) * (t[-1] - t[0]) + t[0]
+        places = self._inside(count - count // 2) * (len(t) - 1)
+        times = np.concatenate([along, np.interp(places, np.arange(len(t)), t)])
+        steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+        F = np.abs(self._residual(times)[0]) * self.widths[steps, None]
+        ratio = np.max(F / (np.median(F, axis=0) + np.finfo(float).tiny), axis=1)
+        worst = [k for k in np.argsort(-ratio)[: max(1, int(budget * (1 - SINGLE)) // POINTS)] if ratio[k] > OUTSTANDING]
+        inside = (times - t[steps]) / self.widths[steps]
+        return np.unique([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
+                          if s.effect > limit]).astype(int)  # fmt: skip
+
+    def _residual(self, times: Array) -> tuple[Array, Array, Array]:
+        """F, y, y' (k, n) at points of the dense output; F is 0 where it is not defined."""
+        y, yp, n = self.run(times), self.run.derivative(times), self.system.n
+        out, size = np.zeros_like(y), 1 if self.system.pattern is None else int(np.clip(LARGEST // n, 4, AT_ONCE))
+        part = np.empty((size, n))
+        for first in range(0, len(times), size):
+            at = np.minimum(np.arange(first, first + size), len(times) - 1)
+            try:
+                self.system.residual_stages(times[at], y[at], yp[at], part)
+            except SolverError:
+                continue
+            out[first : first + size] = part[: len(times) - first]
+        self.evaluations += len(times)
+        return np.nan_to_num(out), y, yp
+
+    def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
+        """Effect of the defect in steps (m,) looked at in points (k,) of (0, 1)."""
+        times = self.run.t[steps, None] + inside * self.widths[steps, None]
+        F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
+        smooth, rest = integrals(inside)
+        right = (rest if self.rough else smooth + rest) @ F
+        if not self.rough or len(inside) == 1:  # rows without derivatives hold at every point
+            right[..., self._algebraic] = F[..., self._algebraic]
+        effect = np.zeros(len(steps))
+        for first in range(0, len(steps), BLOCK):
+            some = np.arange(first, min(first + BLOCK, len(steps)))
+            longest = some[np.argmax(self.widths[steps[some]])]
+            share = self.widths[steps[some]] / self.widths[steps[longest]]
+            moved = self._moved(int(steps[longest]), times[longest], y[longest], yp[longest], share[:, None, None] * right[some])
+            effect[some] = self._distance(times[some], y[some], moved)
+        for i in np.flatnonzero(effect > DOUBTFUL * limit):
+            moved = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])
+            effect[i] = self._distance(times[i : i + 1], y[i : i + 1], moved)[0]
+        return [self._suspect(*of_step) for of_step in zip(steps, effect, times, F, strict=True)]
+
+    def _suspect(self, step: int, effect: float, times: Array, F: Array) -> Suspect:
+        """What is said of one step."""
+        row = int(np.argmax(np.max(np.abs(F), axis=0)))
+        size = np.abs(F[:, row])
+        return Suspect(int(step), float(effect), times, size >= FELT * np.max(size), self.system.equations[row])
+
+    def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
+        """What the unknowns are moved by, (m, k, n): - J^-1 right with J in the middle of a step."""
+        system, k, h = self.system, len(times) // 2, float(self.widths[step])
+        if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+            return -h * right
+        J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
+        system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)
+        columns = np.ascontiguousarray(right.reshape(-1, system.n).T)
+        try:
+            moved = np.linalg.solve(J, columns) if system.sparsity is None else splu(as_csc(system, J)).solve(columns)
+        except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there, which others tell
+            return np.zeros_like(right)
+        return -np.asarray(moved).T.reshape(right.shape)
+
+    def _distance(self, times: Array, y: Array, moved: Array) -> Array:
+        """(m,) largest distance in every step."""
+        t, before, after = times.ravel(), y.reshape(-1, self.system.n), (y + moved).reshape(-1, self.system.n)
+        motions = self.prepared.states(t, after)[:2], self.prepared.states(t, before)[:2]
+        return np.asarray(np.max(apart(self.prepared, self.run, *motions).reshape(times.shape), axis=1))
+
+
+def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
+    """(k,) `motion_distance` of two motions in a part of a run, with the speeds of the whole run as units."""
+    some = run.t[:: len(run.t) // SAMPLES + 1]
+    here = prepared.states(some, run(some))[:2]
+    q_a, u_a, q_b, u_b = (np.concatenate(pair) for pair in zip((*a, *b), (*here, *here), strict=True))
+    return motion_distance(prepared, (q_a, u_a), (q_b, u_b))[: len(a[0])]
+
+
+def integrals(inside: Array) -> tuple[Array, Array]:
+    """Weights (k, k), (k, k) of values at points of (0, 1): integrals from 0 to the next point, of the last one to 1. The first
+    of a polynomial fitted to the values, exactly; the second of what it leaves, by the trapezoidal rule."""
+    degree = min(DEGREE, len(inside) // 2)
+    basis = legendre.legvander(2 * inside - 1, degree)
+    fit, to, one = np.linalg.pinv(basis), np.append(inside[1:], 1.0), np.eye(len(inside))
+    smooth = legendre.legval(2 * to - 1, legendre.legint(np.eye(degree + 1), lbnd=-1)).T / 2
+    nodes, between = np.concatenate([[0.0], inside, [1.0]]), np.pad(one, ((1, 1), (0, 0)))
+    rough = np.cumsum(np.diff(nodes)[:, None] * (between[1:] + between[:-1]) / 2, axis=0)[1:]
+    return np.asarray(smooth @ fit), np.asarray(rough @ (one - basis @ fit))

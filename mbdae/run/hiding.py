@@ -1,0 +1,60 @@
+"""Whether anything in a scene may act for a time, or over a distance, that is short against a step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.inputs.timed import TIME
+from mbdae.kernels import plan
+from mbdae.symbolic.derive import derive
+from mbdae.symbolic.outputs import loads, position
+from mbdae.system.explicit import state_rate_outputs
+from mbdae.system.prepare import Prepared
+
+STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows of joints, rates of internal states
+OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by nature (the last are parentheses)
+
+
+def can_hide(prepared: Prepared) -> bool:
+    """Inputs of time but uniform and uniformly accelerated ones, and laws with functions that switch or are steep somewhere;
+    not contacts, which solvers watch."""
+    watched = {contact.item for contact in prepared.contacts}
+    inputs = prepared.mechanics.numbering.clock.expressions
+    if any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs):
+        return True
+    return any(_switches(*group.key) for group in prepared.model.groups
+               if not all(instance.item in watched for instance in group.instances))  # fmt: skip
+
+
+@lru_cache(maxsize=512)
+def _switches(law: Any, structure: Any, sides: Any) -> bool:
+    """Whether a law between nodes of given kinds states anything steep."""
+    derived = derive(law, structure, sides)
+    return any(_steep(e) for outputs in STATED for e in _subexpressions(plan(derived, outputs).kernel.expressions))
+
+
+def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
+    """Every expression that is not a symbol or a number inside of others, once."""
+    left, seen = [se.sympify(e) for e in expressions], set()
+    while left:
+        e = left.pop()
+        if e.args and e not in seen:
+            seen.add(e)
+            left.extend(e.args)
+            yield e
+
+
+def _steep(e: Any) -> bool:
+    """Whether a subexpression is another function than a sine of rotations, or another power than those of distances: a symbol
+    in the exponent (symengine's exp is a power of e), or 1 / (1 + ...)."""
+    if isinstance(e, se.Function):
+        return type(e).__name__ not in OF_ROTATIONS
+    if not isinstance(e, se.Pow):
+        return False
+    base, exponent = e.args
+    falls = exponent.is_Integer and exponent.is_negative and base.is_Add
+    return bool(exponent.free_symbols or (falls and any(term.is_Number for term in base.args)))
