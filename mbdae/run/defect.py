@@ -72,7 +72,7 @@ class Defect:
     def suspects(self, limit: float) -> list[Suspect]:
         """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
         more than the others."""
-        steps = np.arange(len(self.widths)) if can_hide(self.prepared) else self._outstanding(limit)
+        steps = np.arange(len(self.widths)) if can_hide(self.prepared, self.system) else self._outstanding(limit)
         found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
         if self.rough and found:
             limit = max(limit, ALIKE * float(np.quantile([s.effect for s in found], QUARTER, method="lower")))

@@ -12,6 +12,7 @@ from mbdae.inputs.timed import TIME
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.outputs import loads, position
+from mbdae.system.assembly import SceneSystem
 from mbdae.system.explicit import state_rate_outputs
 from mbdae.system.prepare import Prepared
 
@@ -19,13 +20,23 @@ STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows
 OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by nature (the last are parentheses)
 
 
-def can_hide(prepared: Prepared) -> bool:
-    """Inputs of time but uniform and uniformly accelerated ones, and laws with functions that switch or are steep somewhere;
-    not contacts, which solvers watch."""
-    watched = {contact.item for contact in prepared.contacts}
+def can_hide(prepared: Prepared, system: SceneSystem) -> bool:
+    """Whether a run has inputs of time but uniform and uniformly accelerated ones, or laws with functions that switch
+    or are steep somewhere, that nothing has looked at before; not contacts, which solvers watch."""
+    return _inputs(prepared, system) or _laws(prepared, system)
+
+
+def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
+    if system.timeline is not None:
+        return False  # steps are bounded by what varies and end at every break
     inputs = prepared.mechanics.numbering.clock.expressions
-    if any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs):
-        return True
+    return any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs)
+
+
+def _laws(prepared: Prepared, system: SceneSystem) -> bool:
+    if system.switches is not None:
+        return False  # steps are taken back where an argument crosses its own width
+    watched = {contact.item for contact in prepared.contacts}
     return any(_switches(*group.key) for group in prepared.model.groups
                if not all(instance.item in watched for instance in group.instances))  # fmt: skip
 
