@@ -25,6 +25,7 @@ Numbers = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
 FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
+WHOLE = 16  #: steps of a period that may cover the whole width of an input
 RETURN = 1e-4  #: relative: departures below change the exponents by as little
 SAMPLES = 24  #: times at which the equations are compared with those of a period later
 
@@ -43,7 +44,8 @@ class Orbit:
 def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     """The motion over a period from the system's start; raises SolverError where the steps are too long."""
     h = period / steps
-    solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period)
+    share = min(1.0, WHOLE / steps)  # what inputs divide becomes finer with the steps, or their number would show no error
+    solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period, share=share)
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
     table, widths = dense.table, np.diff(solution.t)

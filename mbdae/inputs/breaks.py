@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
 from mbdae.inputs.enclosure import Enclosure
-from mbdae.inputs.timed import TIME, is_condition, nodes, sided
+from mbdae.inputs.timed import TIME, sided
+from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
-from mbdae.inputs.timed import SIDE, TIME, nodes, sided
+from mbdae.inputs.timed import SIDE, TIME, sided
+from mbdae.symbolic.rebuild import nodes
 from mbdae.symbolic.vectors import Expr
 
 Bounds = tuple[Any, Any]  #: lower and upper ends, (k,) each

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from mbdae.inputs.breaks import TooManyError
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node
-from mbdae.inputs.timed import TIME, is_condition, nodes, sided
+from mbdae.inputs.timed import TIME, sided
+from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ either side of it, and every expression is smooth up to both its ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.symbolic.rebuild import LOGIC, nodes, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
 
 TIME, SIDE = se.Symbol("t"), se.Symbol("t_of_conditions")
@@ -27,7 +27,6 @@ FUNCTIONS = (
 #: functions that are rewritten with those above, and what joins conditions
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
 HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
-LOGIC = ("And", "Or", "Not", "Xor", "ITE")
 
 
 @lru_cache(maxsize=1)
@@ -57,14 +56,14 @@ def expression(value: Any) -> Expr:
 def _canonical(value: Any) -> Expr:
     """An expression with the functions the kernels compile; refuses what has no value or no derivative."""
     if isinstance(value, se.Basic) and _plain(value):
-        return value
+        return tamed(value)
     import sympy
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise ValueError(f"{value} is not finite")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
-    unknown = sorted(used - {*FUNCTIONS, *REWRITTEN, *LOGIC})
+    unknown = sorted(used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"})
     if unknown:
         known = ", ".join(FUNCTIONS + REWRITTEN)
         raise ValueError(f"{value} contains the function {unknown[0]}; expressions of mb.t may use {known}")
@@ -74,7 +73,7 @@ def _canonical(value: Any) -> Expr:
     value = value.subs(time_symbol(), sympy.Symbol("t", real=True))  # conditions of complex numbers cannot be stated
     if value.has(sympy.I):
         raise ValueError(f"{value} is not real")
-    return _rewritten(*_exponents(_without_steps(value)))
+    return tamed(_rewritten(*_exponents(_without_steps(value))))
 
 
 def _plain(e: Expr) -> bool:
@@ -147,31 +146,11 @@ def with_fractions(e: Expr) -> Expr:
     return rebuilt(e, rule)
 
 
-def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
-    """The expression with every part, from the inside out, replaced by what rule(part, its arguments) gives; None keeps it."""
-    made: dict[Expr, Expr] = {}
-    for node in nodes(e):
-        args = [made[part] for part in node.args]
-        found = rule(node, args)
-        made[node] = found if found is not None else node if list(node.args) == args else _joined(node, args)
-    return made[e]
-
-
 def _extreme(args: list[Expr], largest: bool) -> Expr:
     found = args[0]
     for other in args[1:]:
         found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
     return found
-
-
-def _joined(node: Expr, args: list[Expr]) -> Expr:
-    """A function or a condition of other arguments."""
-    if isinstance(node, se.Piecewise):
-        return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
-    name = type(node).__name__
-    conditions: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
-                                  "And": se.And, "Or": se.Or, "Not": se.Not, "Xor": se.Xor}  # fmt: skip
-    return conditions[name](*args) if name in conditions else node.func(*args)
 
 
 def _complete(piecewise: Any) -> bool:
@@ -186,20 +165,6 @@ def _complete(piecewise: Any) -> bool:
 # ---- sides of an instant -------------------------------------------------------------------------------------------------
 
 
-def nodes(e: Expr) -> list[Expr]:
-    """Every subexpression once, what it contains before itself; conditions included."""
-    found: dict[Expr, None] = {}
-
-    def visit(node: Expr) -> None:
-        if node not in found:
-            for part in node.args:
-                visit(part)
-            found[node] = None
-
-    visit(e)
-    return list(found)
-
-
 def sided(e: Expr) -> Expr:
     """The expression with `SIDE` for the time in its conditions and floors; unchanged where it has them already."""
     if not any(isinstance(node, se.Piecewise) or type(node).__name__ == "floor" for node in nodes(e)):
@@ -212,11 +177,6 @@ def sided(e: Expr) -> Expr:
         return node.subs({TIME: SIDE}) if type(node).__name__ == "floor" else None
 
     return rebuilt(e, rule)
-
-
-def is_condition(node: Expr) -> bool:
-    """Whether a node is a relation, or conditions joined."""
-    return type(node).__name__ in ("StrictLessThan", "LessThan", "Equality", "Unequality", "BooleanTrue", "BooleanFalse", *LOGIC)
 
 
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:

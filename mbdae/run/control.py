@@ -225,7 +225,7 @@ class Probe(NamedTuple):
 def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
     """The run with its largest distance from a probe in its estimate (infinite where a probe does not come anywhere), with the
     cost of the probes, and with them beside it as other runs that tell its error."""
-    solution, left = run.solution, 0.0
+    solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
             with beginning_at(probe.system, solution, begin):
@@ -235,10 +235,11 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
             close = error.solution
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
-        left = max(left, probe.margin * float(np.max(measure(times, solution(times), close(times)))))
+        left = probe.margin * float(np.max(measure(times, solution(times), close(times))))
+        estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
         beside = other_run(probe.system, probe.prepared, close, times, probe.margin) if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
-    return replace(run, estimate=run.estimate + left)
+    return replace(run, estimate=estimate)
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:

@@ -16,6 +16,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
+from mbdae.symbolic.rebuild import tamed
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -175,7 +176,7 @@ class _Derivation:
                 undefined.append(name)
                 continue
             self._refuse(f"row '{name}'", statement)
-            c = self.variation.name(statement)
+            c = self.variation.name(tamed(statement))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
                 continue
@@ -208,7 +209,8 @@ class _Derivation:
         """Potential energy, Rayleigh function, force and torque as stated; None where the law states no force."""
         law, (k, l) = self.law, self.frames[:2]
         if isinstance(law, Force):
-            return law.energy(k, l), law.dissipation(k, l), *(law.wrench(k, l) or (ZERO, ZERO))
+            force, torque = law.wrench(k, l) or (ZERO, ZERO)
+            return tamed(law.energy(k, l)), tamed(law.dissipation(k, l)), Vec(*map(tamed, force)), Vec(*map(tamed, torque))
         wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
         return None if wrench is None else (_ZERO, _ZERO, *wrench)
 

@@ -80,7 +80,7 @@ def test_random_trigonometric_conditions_against_samples() -> None:
 def test_a_pulse_of_any_width_is_found(pulse: object, width: float) -> None:
     """Stretches at the centre are about as long as the pulse, however narrow; there are few of them."""
     e = timed.expression(pulse((t - sp.Rational(37, 8)) / sp.Float(width)))  # type: ignore[operator]
-    line = stretches([e], np.array([0.0, 10.0]))
+    line = stretches([e], np.r_[0.0, breaks([e], 0.0, 10.0), 10.0])
     i = int(np.searchsorted(line.edges, 37 / 8, side="right")) - 1
     assert np.diff(line.edges)[i] <= 6 * width
     assert len(line.edges) < 1000

@@ -75,4 +75,4 @@ def test_all_runs_are_counted(case: str, monkeypatch: Any) -> None:
     info = scene().simulate(**options).info
     assert len(spent) >= 3
     assert info.runs == len(spent)
-    assert info.cpu_s == pytest.approx(sum(spent), rel=1e-12)
+    assert info.cpu_s >= sum(spent) * (1 - 1e-12)  # what runs are compared and looked at for comes on top

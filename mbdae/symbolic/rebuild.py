@@ -1,0 +1,84 @@
+"""Expressions taken apart and put together again; functions that stay finite in a denominator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import symengine as se
+
+from mbdae.symbolic.vectors import Expr
+
+LOGIC = ("And", "Or", "Not", "Xor")  #: what joins conditions
+LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
+
+
+def nodes(e: Expr) -> list[Expr]:
+    """Every subexpression once, what it contains before itself; conditions included."""
+    found: dict[Expr, None] = {}
+
+    def visit(node: Expr) -> None:
+        if node not in found:
+            for part in node.args:
+                visit(part)
+            found[node] = None
+
+    visit(e)
+    return list(found)
+
+
+def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
+    """The expression with every part, from the inside out, replaced by what rule(part, its arguments) gives; None keeps it."""
+    made: dict[Expr, Expr] = {}
+    for node in nodes(e):
+        args = [made[part] for part in node.args]
+        found = rule(node, args)
+        made[node] = found if found is not None else node if list(node.args) == args else _joined(node, args)
+    return made[e]
+
+
+def _joined(node: Expr, args: list[Expr]) -> Expr:
+    """A function or a condition of other arguments."""
+    if isinstance(node, se.Piecewise):
+        return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
+    name = type(node).__name__
+    conditions: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
+                                  "And": se.And, "Or": se.Or, "Not": se.Not, "Xor": se.Xor}  # fmt: skip
+    if isinstance(node, se.FunctionSymbol):
+        return se.Function(node.get_name())(*args)
+    return conditions[name](*args) if name in conditions else node.func(*args)
+
+
+def is_condition(node: Expr) -> bool:
+    """Whether a node is a relation, or conditions joined."""
+    return type(node).__name__ in ("StrictLessThan", "LessThan", "Equality", "Unequality", "BooleanTrue", "BooleanFalse", *LOGIC)
+
+
+def tamed(e: Expr) -> Expr:
+    """The expression with exponentials in denominators that do not grow without end.
+
+    1/cosh(u) and 1/(1 + exp(u)) are small where u is large, but their derivatives are there the quotient of two numbers that no
+    double holds. Where the argument is above `LARGEST` in magnitude, the function keeps its value there."""
+    e = se.sympify(e)
+    if not any(_overflows(node) for node in nodes(e)):
+        return e
+
+    def bounded(node: Expr, args: list[Expr]) -> Expr | None:
+        if not _overflows(node):
+            return None
+        u = args[1] if isinstance(node, se.Pow) else args[0]
+        function = se.exp if isinstance(node, se.Pow) else node.func
+        most, least = (function(se.RealDouble(end)) for end in (LARGEST, -LARGEST))
+        return se.Piecewise((most, u > LARGEST), (least, u < -LARGEST), (function(u), True))
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        below = isinstance(node, se.Pow) and node.args[1].is_number and float(node.args[1]) < 0
+        return rebuilt(args[0], bounded) ** args[1] if below else None
+
+    return rebuilt(e, rule)
+
+
+def _overflows(node: Expr) -> bool:
+    """Whether a node is exp, cosh or sinh of something that varies; symengine's exp is a power of e."""
+    exponential = isinstance(node, se.Pow) and node.args[0] == se.E and bool(node.args[1].free_symbols)
+    return exponential or type(node).__name__ in ("cosh", "sinh")
