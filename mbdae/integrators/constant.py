@@ -55,6 +55,12 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
             return
 
 
+def first_width(system: System, loop: StepLoop, h: float) -> float:
+    """Length (s) of the first step from system.t0."""
+    bound = inf if system.longest_step is None else system.longest_step(float(system.t0))
+    return min(h, bound, loop.t_end - float(system.t0))
+
+
 def _steps(system: System, loop: StepLoop, h: float, count: int, step: Stepping) -> Iterator[tuple[float, float, bool]]:
     """(end, width, whether it is a step of h) of every step; those longer than an input of time allows are divided."""
     t0 = float(system.t0)

@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.arguments import Inside, cubic_of_step
 from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
-from mbdae.integrators.constant import constant_steps
+from mbdae.integrators.constant import constant_steps, first_width
 from mbdae.integrators.dense import Collocation, cubic
 from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
 from mbdae.integrators.halving import halved, scaled_difference
@@ -115,7 +115,7 @@ class _Alpha(Solver):
             warnings.warn(doubt, AccuracyWarning, stacklevel=4)
         rho, h = self.rho_infinity, self.step
         step = AlphaStep(system, self.coefficients, Alphas.of((3 * rho - 1) / (2 * (rho + 1)), rho / (rho + 1)), loop.stats)
-        _begin(step, h, loop.stats)
+        _begin(step, first_width(system, loop, h), loop.stats)
         algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
 
         def advance(width: float, t1: float) -> tuple[Any, ...]:
