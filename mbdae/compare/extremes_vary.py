@@ -111,8 +111,9 @@ def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]
 
     def stops(value: float) -> list[float]:
         s, factor = changed(base, name, value, t_end)
-        index, call = _call(s, s.statements, name.split(".")[0])
-        pulse = varying(_call(base, base.statements, name.split(".")[0])[1].arguments, name.split(".")[1:], t_end, name)
+        item, *keys = name.split(".")
+        index, call = _call(base, copy.deepcopy(base.statements), item)
+        pulse = varying(call.arguments, keys, t_end, name)
         if pulse is None:
             return _stops(pulses(s.statements, t_end * factor))
         others = [statement for i, statement in enumerate(s.statements) if i != index]

@@ -28,7 +28,8 @@ def pendulum(length=1.0):
 
 @pytest.mark.parametrize(("error", "told", "known", "expected"), [
     (0.9e-5, False, 1e-9, MET), (0.9e-5, True, 1e-9, MET), (2.9e-5, False, 1e-9, NEAR), (2.9e-5, True, 1e-9, TOLD),
-    (3.1e-5, False, 1e-9, SILENT), (3.1e-5, True, 1e-9, TOLD), (2e-4, False, 1e-9, SILENT), (2e-4, True, 1e-9, TOLD), (math.nan, False, 1e-9, SILENT), (math.nan, True, None, TOLD),
+    (3.1e-5, False, 1e-9, SILENT), (3.1e-5, True, 1e-9, TOLD), (2e-4, False, 1e-9, SILENT), (2e-4, True, 1e-9, TOLD),
+    (math.nan, False, 1e-9, SILENT), (math.nan, True, None, TOLD),
     (1e-9, False, None, UNKNOWN), (1e-9, True, None, UNKNOWN), (2e-3, False, 5e-5, SILENT), (2e-4, False, 1.5e-4, UNKNOWN),
     (0.1e-5, False, 0.5e-5, MET), (0.9e-5, False, 0.5e-5, UNKNOWN), (1e-9, False, 0.0, MET),
 ])  # fmt: skip
