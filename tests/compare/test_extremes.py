@@ -83,7 +83,7 @@ def test_a_silent_miss_is_found(monkeypatch):
 def test_without_trust_in_the_reference_nothing_is_judged(monkeypatch):
     module = sys.modules[mb.extremes.__module__]
     known = module.truth
-    monkeypatch.setattr(module, "truth", lambda job, accuracy: replace(known(job, accuracy), known=1.0, reference="doubtful"))
+    monkeypatch.setattr(module, "truth", lambda job, *given: replace(known(job, *given), known=1.0, reference="doubtful"))
     m = mb.extremes(pendulum, 0.5, {"accuracy": [1e-4]}, RUNS[:1])
     assert [cell.verdict for cell in m.cells] == [UNKNOWN, UNKNOWN]
     assert m.blocks[0].references == ("doubtful",)
