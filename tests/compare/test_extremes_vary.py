@@ -150,14 +150,14 @@ def test_a_pulse_of_a_scene_with_arguments():
     assert stops[-1] - stops[0] == pytest.approx(1e-5)
     top = np.max(values(expression(p.scene(1e-5)["kick"].laws[0].fx), np.linspace(stops[0], stops[-1], 1001)))
     assert top == pytest.approx(4.0, rel=1e-4)
-    with pytest.raises(mb.OptionError, match="nothing named 'drum'; arguments of scene.*bell"):
+    with pytest.raises(mb.OptionError, match=r"nothing named 'drum'; arguments of scene.*bell"):
         varied(kicked, 1.0, {"scene(drum=1).kick.width": [1e-5]})
 
 
 def test_what_is_no_pulse_is_refused():
-    with pytest.raises(mb.OptionError, match="'A.width': its inputs of time are no pulse"):
+    with pytest.raises(mb.OptionError, match=r"'A.width': its inputs of time are no pulse"):
         varied(machine, 1.0, {"A.width": [1e-3]})
-    with pytest.raises(mb.OptionError, match="'drag.width'.*there is no number 'width' stated"):
+    with pytest.raises(mb.OptionError, match=r"'drag.width'.*there is no number 'width' stated"):
         varied(kicked, 1.0, {"drag.width": [1e-3]})
 
 
