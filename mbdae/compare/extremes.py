@@ -85,7 +85,7 @@ class _Work:
         except MbdaeError as error:
             reason = " ".join(str(error).split())
             return "the scene is refused", [_refused(way, value, accuracy, t_end, reason) for way in chosen]
-        known = truth(job, accuracy)
+        known = truth(job, accuracy, p.stops(value))
         cells = []
         for way in chosen:
             self._told(p, value, way.label)

@@ -17,18 +17,18 @@ from mbdae.compare.job import Job, with_models
 from mbdae.errors import AccuracyWarning, MbdaeError
 from mbdae.results.result import Result
 
-MET, NEAR, TOLD = "met", "within 10 times", "missed and said so"
+MET, NEAR, TOLD = "met", "within 3 times", "missed and said so"
 SILENT, FAILED, UNKNOWN = "missed silently", "failed loudly", "not judged"
 #: verdict -> what it means, in the order of the legend
 VERDICTS = {
     MET: "the error is at most what was asked",
-    NEAR: "the error is 1 to 10 times what was asked, and the run did not say so",
+    NEAR: "the error is 1 to 3 times what was asked, and the run did not say so",
     TOLD: "the error is above what was asked, and the run said so",
-    SILENT: "the error is more than 10 times what was asked, without warning or error",
+    SILENT: "the error is more than 3 times what was asked, without warning or error",
     FAILED: "the run stopped, or was refused, with its reason",
     UNKNOWN: "no trustworthy reference: nobody knows the error of this run",
 }
-SILENCE = 10.0  #: error over accuracy above which nothing said is a silent miss
+SILENCE = 3.0  #: error over accuracy above which nothing said is a silent miss
 MARGIN = 10.0  #: a doubtful reference judges what is off by that many times its doubt
 
 

@@ -6,15 +6,18 @@ A scene is data (`mbdae.scene.record`): a varied one is its statements with anot
 from __future__ import annotations
 
 import copy
+import functools
 import inspect
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import symengine as se
 
+from mbdae.compare.extremes_inputs import Pulse, pulses, varying
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs import timed
 from mbdae.scene.record import replay
@@ -22,18 +25,20 @@ from mbdae.scene.scene import SceneData
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
 RUNGS = 7  #: values of a ladder between two bounds at most
-SHORTHANDS = "mass, stiffness, speed, clearance"
+SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 Statements = list[Any]
 
 
 @dataclass(frozen=True)
 class Varied:
-    """A parameter with its values. scene(value): the scene at that value; t_end: the end of its run, s."""
+    """A parameter with its values. scene(value): the scene at that value; t_end: the end of its run, s; stops: times at which
+    a run that is to see every pulse of its inputs starts anew, s."""
 
     name: str
     values: tuple[float, ...]
     scene: Callable[[float], SceneData]
     t_end: Callable[[float], float]
+    stops: Callable[[float], list[float]] = lambda value: []
 
 
 def varied(scene: Any, t_end: float, vary: Mapping[str, Any]) -> list[Varied]:
@@ -82,16 +87,44 @@ def _values(name: Any, asked: Any) -> tuple[float, ...]:
 
 
 def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
+    inside = re.fullmatch(r"scene\((\w+)=([^)]+)\)\.(.+)", name)
+    if inside:
+        own, number, rest = inside.groups()
+        _refuse_unknown_argument(scene, own)
+        there = functools.partial(scene, **{own: _values(name, [number])[0]})
+        return replace(_one(there, t_end, rest, values), name=name)
     if name in OPTIONS:
         base = stated(scene)
-        return Varied(name, values, lambda value: base, lambda value: value if name == "t_end" else t_end)
-    if "." not in name:
+        found = Varied(name, values, lambda value: base, lambda value: value if name == "t_end" else t_end)
+    elif "." not in name:
         _refuse_unknown_argument(scene, name)
-        return Varied(name, values, lambda value: stated(scene(**{name: value})), lambda value: t_end)
-    base = stated(scene)
+        found = Varied(name, values, lambda value: stated(scene(**{name: value})), lambda value: t_end)
+    else:
+        return _of_item(stated(scene), t_end, name, values)
+    return replace(found, stops=lambda value: _stops(pulses(found.scene(value).statements, found.t_end(value))))
+
+
+def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
+    """An argument of a statement, or a number of the pulse its inputs of time make."""
     for value in values:
-        changed(base, name, value)  # refuses what cannot be varied before anything runs
-    return Varied(name, values, lambda value: changed(base, name, value)[0], lambda value: t_end * changed(base, name, value)[1])
+        changed(base, name, value, t_end)  # refuses what cannot be varied before anything runs
+
+    def stops(value: float) -> list[float]:
+        s, factor = changed(base, name, value, t_end)
+        item, *keys = name.split(".")
+        index, call = _call(base, copy.deepcopy(base.statements), item)
+        pulse = varying(call.arguments, keys, t_end, name)
+        if pulse is None:
+            return _stops(pulses(s.statements, t_end * factor))
+        others = [statement for i, statement in enumerate(s.statements) if i != index]
+        return _stops([pulse.at(value), *pulses(others, t_end)])
+
+    return Varied(name, values, lambda value: changed(base, name, value, t_end)[0],
+                  lambda value: t_end * changed(base, name, value, t_end)[1], stops)  # fmt: skip
+
+
+def _stops(found: list[Pulse]) -> list[float]:
+    return sorted({t for pulse in found for t in pulse.stops})
 
 
 def _refuse_unknown_argument(scene: Any, name: str) -> None:
@@ -105,21 +138,31 @@ def _refuse_unknown_argument(scene: Any, name: str) -> None:
 # -- arguments of statements
 
 
-def changed(scene: SceneData, name: str, value: float) -> tuple[SceneData, float]:
+def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
     """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
-    the factor on the length of its run: faster drives run for as many turns, not for as many seconds."""
+    the factor on the length of its run: faster drives run for as many turns, not for as many seconds. Pulses of inputs are
+    sought in t_end s."""
     item, *keys = name.split(".")
     statements = copy.deepcopy(scene.statements)
-    index = _statement(scene, statements, item)
-    method, args, kwargs = statements[index]
-    call = inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
-    factor = _set(call.arguments, method, keys, value, name)
-    statements[index] = [method, list(call.args[1:]), dict(call.kwargs)]
+    index, call = _call(scene, statements, item)
+    pulse, factor = varying(call.arguments, keys, t_end, name), 1.0
+    if pulse is not None:
+        pulse.set(call.arguments, value)
+    else:
+        factor = _set(call.arguments, statements[index][0], keys, value, name)
+    statements[index] = [statements[index][0], list(call.args[1:]), dict(call.kwargs)]
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
         return replay(data, type(scene)), factor
     except MbdaeError as error:
         raise OptionError(f"vary: {name} = {value:g}: {error}") from error
+
+
+def _call(scene: SceneData, statements: Statements, item: str) -> tuple[int, inspect.BoundArguments]:
+    """Where the statement of an item is, and its arguments by name."""
+    index = _statement(scene, statements, item)
+    method, args, kwargs = statements[index]
+    return index, inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
 
 
 def _statement(scene: SceneData, statements: Statements, item: str) -> int:
@@ -233,8 +276,8 @@ def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
         size = np.max(np.abs(np.asarray(old, dtype=float)))
         holder[key] = (np.asarray(old, dtype=float) * _ratio(value, float(size), name)).tolist()
     elif isinstance(old, bool | str | dict):
-        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', an object by "
-                          f"'item.argument.field'")
+        raise OptionError(f"vary: '{name}' is not a number; a motion is varied by its 'speed', a pulse by its "
+                          f"'begin', 'width' or 'strength', an object by 'item.argument.field'")
     else:
         holder[key] = int(value) if isinstance(old, int) and value == int(value) else value
     return None
@@ -266,8 +309,8 @@ FEW = 4  #: items of a kind that are varied where the user names none
 
 def current(scene: SceneData, item: str, kind: str) -> float | None:
     """The mass, stiffness or speed an item states; None where it states none."""
-    method, args, kwargs = scene.statements[_statement(scene, scene.statements, item)]
-    call = inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs).arguments
+    index, bound = _call(scene, scene.statements, item)
+    method, call = scene.statements[index][0], bound.arguments
     if kind == "mass":
         body = next((b for b in scene.bodies if b.name == item), None)
         return body.mass if body is not None and method != "beam" else None

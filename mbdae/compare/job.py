@@ -159,14 +159,15 @@ class Job:
         spread = max(seconds) - min(seconds) if len(seconds) > 1 else None
         return Timed(solution, min(seconds), spread, peak_bytes() if told else None)
 
-    def values(self, solution: Solution, equations: Equations | None = None) -> Array:
-        """What is compared, (nt, ...) at `times`: the sensor, or the positions and velocities (all unknowns of a System)."""
-        own = equations or self.stated
+    def values(self, solution: Solution, equations: Equations | None = None, times: Array | None = None) -> Array:
+        """What is compared, (nt, ...) at times (nt,), by default `times`: the sensor, or the positions and velocities (all
+        unknowns of a System)."""
+        own, t = equations or self.stated, self.times if times is None else times
         if self.scene is None:
-            return solution(self.times)
+            return solution(t)
         if self.measure is not None:
-            return own.sensor(solution, self.measure, self.times)
-        return own.motion_as_in(self.yardstick, self.times, solution(self.times))
+            return own.sensor(solution, self.measure, t)
+        return own.motion_as_in(self.yardstick, t, solution(t))
 
     def error(self, values: Any, reference: Any) -> float:
         """Largest difference over the run."""

@@ -1,9 +1,9 @@
 """From the accuracy a user asks for to a run that has it: companion runs measure the error instead of trusting rtol.
 
-Every controlled run is made twice, at a multiple of the tolerance and at the tolerance itself; their difference, times
-the ratio by which the error falls, estimates the error of the second. Where that is above what was asked, the run is
-repeated with a tighter tolerance. The measured factors between accuracy and rtol (`Solver.factors`) only choose where
-to begin.
+Every controlled run is made twice, at a multiple of the tolerance and at the tolerance itself (with contacts three times);
+their differences and the law by which the error falls estimate the error of the last (`estimate`). Where that is above what
+was asked, the run is repeated with a tighter tolerance. The measured factors between accuracy and rtol (`Solver.factors`)
+only choose where to begin.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun, states_of
+from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.assembly import SceneSystem
@@ -31,12 +32,14 @@ from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 
 LOOSEST = 1e-2
-ATTEMPTS = 5
+ATTEMPTS = 5  #: runs at tolerances below that of the first companions, and one
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
-#: runs with contact whose estimate falls by less than CHAOTIC from one tolerance to the next are not repeated any more
+#: runs with contact whose estimate has fallen by less than CHAOTIC after two repeats are not repeated any more
 CHAOTIC = 2.0
-CHAOS = ("a tighter tolerance changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
+CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
+#: tolerance of a repeated run over that of the run before, at least and at most
+FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
 COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
 SAMPLES = 200  #: times at which reactions of two runs are compared
 FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
@@ -160,11 +163,11 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
-    tight = _with_rtol(tight, min(tight.tolerance, max(ceiling, limit)))
-    loose = _with_rtol(tight, min(solver.companion * tight.tolerance, LOOSEST))
-    coarse = loose.solve(system, t_end, begin=begin, **options)
-    best = Controlled(coarse, loose, float("inf"), 1, coarse.stats.cpu_s)
-    while coarse.complete and best.runs < ATTEMPTS:
+    tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
+    best, made = _companions_of(system, tight, t_end, begin=begin, **options)
+    most, estimates = ATTEMPTS - 1 + best.runs, list[float]()
+    while made[-1][1].complete and best.runs < most:
+        loose, coarse = made[-1]
         try:
             fine = tight.solve(system, t_end, max_residuals=CRAWL * coarse.stats.residuals + 10000, begin=begin, **options)
         except WallClockError as error:
@@ -174,30 +177,52 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 error.time, error.culprit, best.solution) from error  # fmt: skip
         except SolverError as error:
             best = _after_failure(best, error)
-            tight = _with_rtol(tight, (tight.tolerance * loose.tolerance) ** 0.5)
-            if tight.tolerance > 0.5 * loose.tolerance:
+            tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
+            if tight.tolerance > 0.5 * loose:
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
         if not fine.complete:
             return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
-        times, ratio = check_times(coarse, outputs), tight.tolerance / loose.tolerance
-        gap = float(np.max(measure(times, coarse(times), fine(times))))
-        share = max(ratio**solver.error_fall, 0.05)
-        others = other_run(system, prepared, coarse, times, share)
-        before, best = best.estimate, Controlled(fine, tight, gap * share, runs, cpu, best.notes, others)
+        made.append((tight.tolerance, fine))
+        estimates.append(estimated(system, solver, made, measure, outputs))
+        share = share_of(system, solver, tight.tolerance / loose)
+        others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
+        best = Controlled(fine, tight, estimates[-1], runs, cpu, best.notes, others)
         ceiling = max(resolving(prepared, solver, fine, ceiling), limit)
         too_coarse = tight.tolerance > COARSE * ceiling
         if (best.estimate <= accuracy and not too_coarse) or tight.tolerance <= limit * (1 + 1e-9):
             return best
         if too_coarse:
-            loose, coarse, tight = tight, fine, _with_rtol(tight, ceiling)
+            tight = _with_rtol(tight, ceiling)
             continue
-        if system.guards is not None and best.estimate > before / CHAOTIC:
-            return replace(best, notes=(*best.notes, CHAOS.format(before, best.estimate)))
-        wanted = tight.tolerance * float(np.clip((0.5 * accuracy / best.estimate) ** (1 / 0.9), 1e-3, 0.3))
-        loose, coarse, tight = tight, fine, _with_rtol(tight, max(wanted, limit))
+        if system.guards is not None and len(estimates) > 2 and best.estimate > max(estimates[:-1]) / CHAOTIC:
+            return replace(best, notes=(*best.notes, CHAOS.format(max(estimates[:-1]), best.estimate)))
+        least = (0.5 * accuracy / best.estimate) ** (1 / 0.9)
+        wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
+        tight = _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def _companions_of(system: System, tight: Solver, t_end: float, **options: Any) -> tuple[Controlled, list[Run]]:
+    """The last of the runs with which the first at a tolerance is compared, and all of them, the loosest first. Those but the
+    last may fail, and are left out then."""
+    rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
+    made: list[Run] = []
+    cpu = 0.0
+    for rtol in dict.fromkeys(rtols):
+        solver = _with_rtol(tight, rtol)
+        try:
+            run = solver.solve(system, t_end, **options)
+        except SolverError as error:
+            if rtol == rtols[-1] or isinstance(error, WallClockError):
+                raise
+            continue
+        cpu += run.stats.cpu_s
+        made.append((rtol, run))
+        if not run.complete:
+            break
+    return Controlled(run, solver, float("inf"), len(made), cpu), made
 
 
 def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,

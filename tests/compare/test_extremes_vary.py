@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import sympy
+from mbdae.scene.timed import expression, values
 
 import mbdae as mb
+from mbdae.compare.extremes_truth import truth
 from mbdae.compare.extremes_vary import changed, default_vary, ladder, varied
+from mbdae.compare.job import new_job
 from mbdae.forces import PointSpring
 
 
@@ -109,3 +113,61 @@ def test_a_scene_offers_what_it_states():
     assert len(offered) == 2 + 2 + 4 + 3  # four of a kind at most: the rope is left out
     assert offered["C.stiffness"] == [1e9, 1e12, 1e15]
     assert offered["A.speed"] == pytest.approx([5.0, 50.0, 500.0])
+
+
+def kicked(bell=0):
+    """A block that rests, and is pushed for 0.1 s from 0.3 s on."""
+    x = (mb.t - 0.3) / 0.1
+    push = 4 * sympy.exp(-((12 * x - 6) ** 2)) if bell else sympy.Piecewise((1, mb.t < 0.3), (5, x < 1), (1, True))
+    s = mb.Scene("kicked")
+    block = s.rigid_body("block", 2.0, 1.0, at=(0, 0))
+    s.force("kick", block, (push, 2 * push, 0))
+    s.force("drag", block, (-1, -2, 0))
+    return s
+
+
+@pytest.mark.parametrize(("number", "value", "expected"), [
+    ("width", 1e-6, (0.3, 0.3 + 1e-6, 8.0)), ("begin", 0.7, (0.7, 0.8, 8.0)), ("strength", 2.0, (0.3, 0.4, 2.0)),
+    ("value.0.width", 1e-3, (0.3, 0.301, 4.0)),
+])  # fmt: skip
+def test_a_pulse_is_varied_by_its_numbers(number, value, expected):
+    """The first of two inputs, the smaller by half, jumps from 1 where the pulse says, and back."""
+    (p,) = varied(kicked, 1.0, {f"kick.{number}": [value]})
+    law = p.scene(value)["kick"].laws[0]
+    begin, end, strength = expected
+    inside, outside = [begin + 1e-9, end - 1e-9], [0.0, begin - 1e-9, end + 1e-9, 1.0]
+    size = strength if number.startswith("value") else strength / 2
+    np.testing.assert_allclose(values(expression(law.fx), np.array(inside)), 1 + size, rtol=1e-12)
+    np.testing.assert_allclose(values(expression(law.fx), np.array(outside)), 1.0, rtol=1e-12)
+    assert min(abs(np.array(p.stops(value)) - begin)) < 1e-15
+    assert min(abs(np.array(p.stops(value)) - end)) < 1e-15
+
+
+def test_a_pulse_of_a_scene_with_arguments():
+    """A bell is as wide as it departs by 1e-12 of its height: 5.26 of its scale to both sides."""
+    (p,) = varied(kicked, 1.0, {"scene(bell=1).kick.width": [1e-5]})
+    stops = p.stops(1e-5)
+    assert stops[-1] - stops[0] == pytest.approx(1e-5)
+    top = np.max(values(expression(p.scene(1e-5)["kick"].laws[0].fx), np.linspace(stops[0], stops[-1], 1001)))
+    assert top == pytest.approx(4.0, rel=1e-4)
+    with pytest.raises(mb.OptionError, match=r"nothing named 'drum'; arguments of scene.*bell"):
+        varied(kicked, 1.0, {"scene(drum=1).kick.width": [1e-5]})
+
+
+def test_what_is_no_pulse_is_refused():
+    with pytest.raises(mb.OptionError, match=r"'A.width': its inputs of time are no pulse"):
+        varied(machine, 1.0, {"A.width": [1e-3]})
+    with pytest.raises(mb.OptionError, match=r"'drag.width'.*there is no number 'width' stated"):
+        varied(kicked, 1.0, {"drag.width": [1e-3]})
+
+
+@pytest.mark.parametrize("width", [1e-6, 1e-2])
+def test_a_reference_sees_every_pulse(width):
+    """A block of 2 kg that F pushes for w leaves with F w / m; two methods that run on without a stop agree on 0."""
+    (p,) = varied(kicked, 1.0, {"kick.width": [width]})
+    job = new_job(p.scene(width), 1.0, "block.velocity", None)
+    known = truth(job, 1e-9, p.stops(width))
+    assert known.known < 1e-9 / 3
+    np.testing.assert_allclose(known.values[-1, :2], [4 * width / 2, 8 * width / 2], rtol=1e-6)
+    if width < 1e-3:
+        assert np.max(np.abs(truth(job, 1e-9).values)) < 1e-9

@@ -95,7 +95,7 @@ def test_a_singular_position_is_told(delta):
 def test_a_jump_to_the_other_branch_is_never_silent():
     """A crank shorter by 1e-8 m makes the rocker swing back at every flat position; long steps pass over that, both companion
     runs alike, and go on as a parallelogram."""
-    r = parallelogram(1e-8).recursive().simulate(4.0, 1e-5, solver=mb.RadauIIA(3))
+    r = parallelogram(1e-8).recursive().simulate(4.0, 1e-4, solver=mb.RadauIIA(3))
     exact = parallelogram(1e-8).simulate(4.0, solver=mb.RadauIIA(3, rtol=1e-9))
     assert is_parallelogram(exact) > 1
     assert is_parallelogram(r) < 1e-3  # it did jump: else this test shows nothing

@@ -1,4 +1,4 @@
-"""Five scenes at the extremes of their parameters: no run is silently wrong."""
+"""Six scenes at the extremes of their parameters: no run is silently wrong."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "stiff_beam": {"rod.stiffness": [1e10]},
     "contact": {"B.clearance": [1e-8]},
     "near_singular": {"delta": [1e-8], "tilt": [1e-7]},
+    "kicked": {"kick.width": [2e-6, 2e-3], "scene(bump=1).A.width": [2e-2]},
 }
 RUNS = (mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3)), mb.Run(mb.RadauIIA(3), model=mb.Recursive()))
 

@@ -1,0 +1,51 @@
+"""What companion runs at larger tolerances say of the error of a run.
+
+Where a tolerance smaller by r makes the error smaller by r**fall at least, the errors e of a run and E of its companion obey
+e <= x E with x = r**fall. They differ by E - e or more, so that e <= x / (1 - x) times their difference.
+
+Impacts that follow one another spoil that law: the time of each depends on all before, errors of neighbouring tolerances happen
+to be alike, and at loose tolerances they hardly fall at all. Measured on a slider-crank with play at tolerances from 1e-4 to
+3e-10, errors from 3e-6 to 2e-2: with one companion, ten apart, and the fall of smooth motion the estimate of Radau IIA is more
+than three times too small in 11 % of 104 pairs, by 13 at worst. With the fall below and two companions it was so never in 94
+(3 and 30 apart; 2.2 at worst), in 2 % of 83 (10 and 100 apart; 4.0 at worst), and that of IDA never in 28.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbdae.integrators.base import Solver
+from mbdae.integrators.distance import Measure, check_times
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import Array, System
+
+FALL_WITH_IMPACTS = 0.5
+LEAST = 0.05  #: part of a difference that is taken for the error at least, however far apart the tolerances are
+
+Run = tuple[float, Solution]  #: tolerance and solution
+
+
+def companions(system: System, solver: Solver) -> list[float]:
+    """Tolerances of the runs a first run is compared with, over its own, the loosest first."""
+    powers = (1.0,) if system.guards is None else (1.5, 0.5)
+    return [float(solver.companion**power) for power in powers]
+
+
+def share_of(system: System, solver: Solver, ratio: float) -> float:
+    """Error of a run over its difference from one at a tolerance larger by 1 / ratio."""
+    fall = solver.error_fall if system.guards is None else min(solver.error_fall, FALL_WITH_IMPACTS)
+    x = ratio**fall
+    return float(max(x / (1 - x), LEAST))
+
+
+def estimated(system: System, solver: Solver, runs: Sequence[Run], measure: Measure, outputs: Array) -> float:
+    """Error of the last of several runs with falling tolerances: the largest that as many before it as `companions` tell."""
+    tolerance, fine = runs[-1]
+    found = 0.0
+    for before, coarse in runs[-1 - len(companions(system, solver)) : -1]:
+        times = check_times(coarse, outputs)
+        gap = float(np.max(measure(times, coarse(times), fine(times))))
+        found = max(found, gap * share_of(system, solver, tolerance / before))
+    return found

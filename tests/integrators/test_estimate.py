@@ -1,0 +1,42 @@
+"""The estimate of a run's error from companion runs, on errors that are known."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.run.estimate import companions, estimated
+
+SMOOTH, TOUCHING = SimpleNamespace(guards=None), SimpleNamespace(guards=object())
+
+
+def run_that_is_off(error):
+    """A solution that is 0 but for its error."""
+    made = SimpleNamespace(t=np.linspace(0.0, 1.0, 11))
+    return type("Run", (), {"t": made.t, "__call__": lambda self, t: np.full((len(t), 1), error)})()
+
+
+def told(system, solver, errors):
+    """The estimate from runs with errors by tolerance."""
+    runs = [(rtol, run_that_is_off(e)) for rtol, e in errors.items()]
+    return estimated(system, solver, runs, lambda t, a, b: np.abs(a - b)[:, 0], np.zeros(0))
+
+
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3), mb.IDA(), mb.CVODE()])
+@pytest.mark.parametrize("ratio", [0.3, 0.1, 1 / 30])
+def test_errors_that_fall_by_the_law_are_estimated_exactly(solver, ratio):
+    """Runs that are off to the same side differ by less than the error of the looser one: that counts."""
+    fine = 1e-5
+    coarse = fine * ratio**-solver.error_fall
+    assert told(SMOOTH, solver, {1e-6 / ratio: coarse, 1e-6: fine}) == pytest.approx(fine, rel=1e-9)
+
+
+def test_errors_that_happen_to_be_alike_are_not_trusted_with_impacts():
+    """Errors measured on a slider-crank with play at three tolerances: the last two agree to a third of what both are off."""
+    solver, errors = mb.RadauIIA(3), {5.3e-5: 7.4e-2, 5.3e-6: 3.4e-4, 1.7e-6: 4.8e-4}
+    assert told(TOUCHING, solver, errors) > 4.8e-4
+    assert told(SMOOTH, solver, errors) < 4.8e-4 / 3
+    assert [len(companions(system, solver)) for system in (SMOOTH, TOUCHING)] == [1, 2]
