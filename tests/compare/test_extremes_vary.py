@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import sympy
-from mbdae.scene.timed import expression, values
 
 import mbdae as mb
 from mbdae.compare.extremes_truth import truth
 from mbdae.compare.extremes_vary import changed, default_vary, ladder, varied
 from mbdae.compare.job import new_job
 from mbdae.forces import PointSpring
+from mbdae.inputs.timed import expression, values
 
 
 def machine(length=1.0):
