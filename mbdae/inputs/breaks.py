@@ -12,7 +12,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import MbdaeError
-from mbdae.inputs.enclosure import Enclosure
+from mbdae.inputs.enclosure import Enclosure, halves
 from mbdae.inputs.timed import TIME, sided
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
@@ -106,8 +106,7 @@ def _isolated(u: Expr, edges: Array) -> Array:
             break
         if len(low) > MOST:
             raise TooManyError(f"a condition on {u} changes more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
-        middle = (low + high) / 2
-        low, high, side = np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
+        low, high, side = halves(low, high, side)
     a, b, side = (np.concatenate(parts) for parts in zip(*brackets, strict=True))
     return np.concatenate([*found, _bisected(Enclosure(inside), a, b, side)])
 

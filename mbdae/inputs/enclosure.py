@@ -6,8 +6,9 @@ two switching instants (`timed.sided`), where they do not change. Values outside
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,13 +52,15 @@ class Enclosure:
                     self.nodes.append(Node(node, type(node).__name__, tuple(at[part] for part in node.args)))
         self.roots = [at[e] for e in expressions]
 
-    def all(self, low: Any, high: Any, side: Any) -> list[Any]:
-        """Bounds of every node over the intervals [low, high] (k,) at sides (k,); truth (k,) of conditions."""
+    def all(self, low: Any, high: Any, side: Any,
+            tighter: Mapping[int, Callable[..., Bounds]] = MappingProxyType({})) -> list[Any]:  # fmt: skip
+        """Bounds of every node over the intervals [low, high] (k,) at sides (k,); truth (k,) of conditions. tighter: by number of
+        a node, a function of its bounds, low, high and side that gives better ones."""
         found: list[Any] = []
         with np.errstate(all="ignore"):
-            for node in self.nodes:
-                args = [found[i] for i in node.args]
-                found.append(self._one(node, args, low, high, side))
+            for i, node in enumerate(self.nodes):
+                bounds = self._one(node, [found[j] for j in node.args], low, high, side)
+                found.append(tighter[i](bounds, low, high, side) if i in tighter else bounds)
         return found
 
     def __call__(self, low: Any, high: Any, side: Any) -> list[Bounds]:
@@ -85,6 +88,12 @@ class Enclosure:
         if not isinstance(found, tuple):
             return found
         return np.where(np.isnan(found[0]), -np.inf, found[0]), np.where(np.isnan(found[1]), np.inf, found[1])
+
+
+def halves(low: Any, high: Any, side: Any) -> tuple[Any, Any, Any]:
+    """Ends and sides of both halves of intervals (k,)."""
+    middle = (low + high) / 2
+    return np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
 
 
 # ---- rules: one for every function ---------------------------------------------------------------------------------------

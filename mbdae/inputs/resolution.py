@@ -15,7 +15,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs.breaks import TooManyError
-from mbdae.inputs.enclosure import Bounds, Enclosure, Node
+from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.timed import TIME, sided
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
@@ -76,8 +76,7 @@ def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
             break
         if len(low) > MOST:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
-        middle = (low + high) / 2
-        low, high, side = np.r_[low, middle], np.r_[middle, high], np.r_[side, side]
+        low, high, side = halves(low, high, side)
     return Stretches(np.unique(np.append(np.concatenate(done), edges[-1])), tuple(poles))
 
 
@@ -94,20 +93,19 @@ class _Tree:
                 if not is_condition(node.expression) and not is_condition(self.nodes[child].expression):
                     self.parents[child].append(i)
         self.arguments = {i: _Argument(self.nodes[i].expression) for i in self.functions}
+        self.inner = {i: self.nodes[i].args[argument.place] for i, argument in self.arguments.items()}
+        self.tighter = {self.inner[i]: argument.bounds for i, argument in self.arguments.items() if argument.cancels}
         self.size: list[Any] = []
 
     def measure(self, low: Array, high: Array, side: Array) -> None:
         """The largest magnitude of every node over the run; 0 where it is not bounded."""
-        for node, bounds in zip(self.nodes, self.enclosure.all(low, high, side), strict=True):
+        for node, bounds in zip(self.nodes, self.enclosure.all(low, high, side, self.tighter), strict=True):
             size = 0.0 if is_condition(node.expression) else float(np.max(np.maximum(np.abs(bounds[0]), np.abs(bounds[1]))))
             self.size.append(size if np.isfinite(size) else 0.0)
 
     def coarse(self, low: Array, high: Array, side: Array) -> NDArray[np.bool_]:
         """(k,) whether an interval is too long for some function in it."""
-        bounds = self.enclosure.all(low, high, side)
-        for i, argument in self.arguments.items():
-            inner = self.nodes[i].args[argument.place]
-            bounds[inner] = argument.bounds(bounds[inner], low, high, side)
+        bounds = self.enclosure.all(low, high, side, self.tighter)
         live: list[Any] = [np.zeros(len(low), dtype=bool) for _ in self.nodes]
         coarse = np.zeros(len(low), dtype=bool)
         for i in reversed(range(len(self.nodes))):
@@ -118,7 +116,7 @@ class _Tree:
                 changes = ~(b - a <= FLAT * self.size[i])
             live[i] = changes & (np.logical_or.reduce([live[p] for p in self.parents[i]]) if self.parents[i] else True)
             if i in self.arguments:
-                coarse |= live[i] & ~(self.arguments[i].widths(bounds[self.nodes[i].args[self.arguments[i].place]]) <= WIDTHS)
+                coarse |= live[i] & ~(self.arguments[i].widths(bounds[self.inner[i]]) <= WIDTHS)
         return coarse
 
 
@@ -129,20 +127,18 @@ class _Argument:
         self.place = 1 if _is_exponential(function) else 0
         u = function.args[self.place]
         slope = se.diff(u, TIME)
-        self.affine = bool(slope.is_number) or bool(_functions_inside(u))
-        self._slope = None if self.affine else Enclosure(slope, u)
+        self.cancels = not slope.is_number and not _functions_inside(u)  # terms of it may cancel
+        self._slope = Enclosure(slope, u) if self.cancels else None
         self._stretched = _stretch(function)
 
     def bounds(self, natural: Bounds, low: Array, high: Array, side: Array) -> Bounds:
         """The bounds of u, with those by its slope about the middle, which are tight where terms cancel."""
-        if self._slope is None:
-            return natural
+        assert self._slope is not None
         middle = (low + high) / 2
         slope, _ = self._slope(low, high, side)
         centre = self._slope(middle, middle, side)[1][0]
         reach = np.maximum(np.abs(slope[0]), np.abs(slope[1])) * (high - low) / 2
-        below, above = centre - reach, centre + reach
-        return np.fmax(natural[0], below), np.fmin(natural[1], above)
+        return np.fmax(natural[0], centre - reach), np.fmin(natural[1], centre + reach)
 
     def widths(self, u: Bounds) -> Array:
         """(k,) change of the function in its own widths while its argument goes through u."""
