@@ -165,6 +165,7 @@ def _complete(piecewise: Any) -> bool:
 # ---- sides of an instant -------------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
     """The expression with `SIDE` for the time in its conditions and floors; unchanged where it has them already."""
     if not any(isinstance(node, se.Piecewise) or type(node).__name__ == "floor" for node in nodes(e)):
@@ -179,6 +180,7 @@ def sided(e: Expr) -> Expr:
     return rebuilt(e, rule)
 
 
+@lru_cache(maxsize=512)
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
     """The expression and its first two time derivatives, with sides."""
     e = sided(e)
