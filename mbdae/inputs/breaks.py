@@ -20,7 +20,8 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 MOST = 200_000  #: instants, and intervals at a time: an input that switches more often cannot be followed
-SAME = 4 * float(np.finfo(float).eps)  #: instants nearer to each other, relative to the times of the run, are one
+#: instants nearer to each other, relative to the times of the run, are one: no step is as short
+SAME = 1e3 * float(np.finfo(float).eps)
 LEVELS = 60
 
 
