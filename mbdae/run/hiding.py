@@ -21,9 +21,9 @@ OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by
 
 
 def can_hide(prepared: Prepared, system: SceneSystem) -> bool:
-    """Whether a run has inputs of time but uniform and uniformly accelerated ones, or laws with functions that switch
-    or are steep somewhere, that nothing has looked at before; not contacts, which solvers watch."""
-    return _inputs(prepared, system) or _laws(prepared, system)
+    """Whether a run has inputs of time that were not resolved before (but uniform and uniformly accelerated ones), or laws with
+    functions that switch or are steep somewhere; not contacts, which solvers watch."""
+    return _inputs(prepared, system) or _laws(prepared)
 
 
 def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
@@ -33,9 +33,7 @@ def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
     return any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs)
 
 
-def _laws(prepared: Prepared, system: SceneSystem) -> bool:
-    if system.switches is not None:
-        return False  # steps are taken back where an argument crosses its own width
+def _laws(prepared: Prepared) -> bool:
     watched = {contact.item for contact in prepared.contacts}
     return any(_switches(*group.key) for group in prepared.model.groups
                if not all(instance.item in watched for instance in group.instances))  # fmt: skip
