@@ -24,7 +24,7 @@ MATTERS = 0.25
 #: an extremum nearer to a kink than this part of the argument's change over the step may cross it
 MARGIN = 1e-2
 #: points of one round of a search in an interval, most rounds for an extremum and for a place; each is 4 or 8 times finer
-SECTIONS, ROUNDS, PLACES = 9, 14, 9
+SECTIONS, ROUNDS, PLACES = 9, 20, 9
 #: part of its distance from the start of the step to which a place is found, at least
 EXACT = 1e-3
 SMALL = 1e-3  #: part of the step over which a rate of PHI is taken
@@ -73,6 +73,9 @@ def cubic_weights(part: Array) -> Array:
 
 
 AT_NODES = cubic_weights(NODES)
+#: weights of the values at `NODES` in the last two Chebyshev coefficients of their polynomial: how well it describes the argument
+TO_TAIL = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * NODES - 1, 7))[-2:]
+POOR = 1e-3  #: of an argument's change over the step: above, the argument itself is evaluated at the fine points
 
 
 def cubic_of_step(h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Inside:
@@ -115,7 +118,26 @@ class StepArguments:
         self.t, self.h, self.inside = t, h, inside
         self.at_nodes = self.at(NODES)
         self._rise = TO_RISES @ self.at_nodes
+        self._fine = self._true_values() if self._poor() else None
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
+
+    def _poor(self) -> bool:
+        """Whether the polynomial through the values at `NODES` is no good picture of some argument."""
+        tail = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0)
+        return bool(np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * np.abs(self.at_nodes).max(axis=0)))
+
+    def _true_values(self) -> Array:
+        """Arguments (33, na) at the fine points, and their differences in place of those of the polynomial."""
+        fine = self.at(FINE)
+        self._rise[1:-1] = np.diff(fine, axis=0)
+        return fine
+
+    @property
+    def fine(self) -> Array:
+        """Arguments (33, na) at the fine points."""
+        if self._fine is None:
+            self._fine = TO_FINE @ self.at_nodes
+        return self._fine
 
     def at(self, parts: Array) -> Array:
         """Arguments (k, na) after parts (k,) of the step."""
@@ -155,7 +177,7 @@ class StepArguments:
 
     def _turning(self, turns: Any, limit: float) -> Any:
         """`suspects` of a step within which arguments turn; turns (33, na): at which points."""
-        F, rise = TO_FINE @ self.at_nodes, self._rise
+        F, rise = self.fine, self._rise
         steps, negative, stretched = np.abs(rise[1:-1]), F < 0, self.stretched(F)
         height = np.maximum(np.vstack([steps[:1], steps]), np.vstack([steps, steps[-1:]]))
         farther = F + BEYOND * height * np.where((rise[:-1] > 0) | (rise[1:] < 0), 1.0, -1.0)
@@ -168,7 +190,7 @@ class StepArguments:
 
     def course(self, i: int) -> Course:
         """Argument i at the points of the step and at its extrema between them."""
-        s, u, rise, last = FINE.tolist(), (TO_FINE @ self.at_nodes[:, i]).tolist(), self._rise[:, i], len(FINE) - 1
+        s, u, rise, last = FINE.tolist(), self.fine[:, i].tolist(), self._rise[:, i], len(FINE) - 1
         turns = self._turns()
         for j in reversed(np.flatnonzero(turns[:, i])) if turns is not None else ():
             sign = 1.0 if rise[j] > 0 or rise[j + 1] < 0 else -1.0
@@ -188,8 +210,12 @@ class StepArguments:
             s = np.linspace(a, b, SECTIONS)
             u = self.at(s)[:, i]
             best = int(np.argmax(sign * u))
+            part, value = float(s[best]), float(u[best])
+            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # it lies beside the interval: the fine points are
+                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # of a polynomial, not of the argument itself
+                continue
             low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
-            part, value, a, b = float(s[best]), float(u[best]), float(s[low]), float(s[high])
+            a, b = float(s[low]), float(s[high])
             if self._settled(i, value, sign * float(np.ptp(u[low : high + 1]))):
                 break
         return part, value

@@ -319,3 +319,26 @@ def test_arguments_between_points():
     course = arguments.course(0)
     lowest = (2 / 7) ** 0.2
     assert course.u.min() == pytest.approx(lowest**7 - lowest**2, abs=1e-4)
+
+
+class Ring(mb.Force):
+    """A potential well of 0.2 J in the distance from a point, 0.54 m away and 0.3 mm wide."""
+
+    params = mb.params(width=("m", "width"))
+
+    def energy(self, k, l):
+        d = l.r - k.r
+        return -0.2 * se.exp(-(((se.sqrt(d @ d) - 0.54) / self.width) ** 2))
+
+
+def test_a_distance_that_falls_and_rises_within_a_long_step():
+    """A point mass flies past the centre in three steps: the distance is no polynomial of low degree over one of them. Beyond the
+    ring it is late by what it gains inside, and speed comes back."""
+    s = mb.Scene("ring")
+    bead = s.point_mass("b", 1.0, at=(-1, 0.0975, 0), velocity=(1.1, 0, 0))
+    s.add(Ring("ring", s.ground, bead, at=(0, 0, 0), at_l=(-1, 0.0975, 0), width=3e-4))
+    for solver in (None, mb.CVODE(), mb.RadauIIA(3), mb.IDA()):
+        r = s.simulate(1.15, accuracy=1e-5, solver=solver)
+        assert r.stats.retaken > 0
+        assert abs(np.linalg.norm(r["b"].velocity[-1]) - 1.1) < 1e-4
+        assert np.max(np.abs(r.energy.balance)) < 1e-4
