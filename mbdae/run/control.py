@@ -34,8 +34,8 @@ from mbdae.system.prepare import Prepared
 LOOSEST = 1e-2
 ATTEMPTS = 5  #: runs at tolerances below that of the first companions, and one
 #: part of the width of an input of time that a step may cover, over that of the run before: where this width alone bounds the
-#: steps of both, they would be the same and their difference would say nothing
-HALF = 0.5
+#: steps of both, equal steps would make their difference say nothing. Neighbouring widths differ by 2: it is less than half
+CLOSER = 0.4
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
 #: runs with contact whose estimate has fallen by less than CHAOTIC after two repeats are not repeated any more
 CHAOTIC = 2.0
@@ -173,7 +173,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000
-            fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=HALF ** len(made), **options)
+            fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER ** len(made), **options)
         except WallClockError as error:
             raise WallClockError(
                 f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: the run attached "
@@ -217,7 +217,7 @@ def _companions_of(system: System, tight: Solver, t_end: float, **options: Any) 
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)
         try:
-            run = solver.solve(system, t_end, share=HALF ** len(made), **options)
+            run = solver.solve(system, t_end, share=CLOSER ** len(made), **options)
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, WallClockError):
                 raise

@@ -45,7 +45,8 @@ def expected(law: Any, u: Array, K: Array, L: Array, drive: float, own: float) -
     rows = dict(zip("xyz", u, strict=True)) | {"offset_x": along[0], "offset_y": along[1], "axial": along[2]}
     rows |= {"tilt_y": S[2, 0], "tilt_x": S[2, 1], "twist": S[0, 1], "length": float(np.linalg.norm(u)) - OWN["length"]}
     turned = S @ np.array([np.sin(drive), np.cos(drive), 0])  # the direction of l that is k.y where l is turned by the drive
-    rows["drive"] = own - drive if law.coordinates else along[2] - drive if law is joints.Prismatic else turned[0]
+    coordinate = drive - own if law is joints.ClassicalRevolute else own - drive
+    rows["drive"] = coordinate if law.coordinates else along[2] - drive if law is joints.Prismatic else turned[0]
     rows |= {"angle": float((S @ np.array([np.sin(own), np.cos(own), 0]))[0]), "displacement": along[2] - own}
     return rows
 
