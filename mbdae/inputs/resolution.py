@@ -116,7 +116,7 @@ class _Tree:
                 changes = ~(b - a <= FLAT * self.size[i])
             live[i] = changes & (np.logical_or.reduce([live[p] for p in self.parents[i]]) if self.parents[i] else True)
             if i in self.arguments:
-                coarse |= live[i] & ~(self.arguments[i].widths(bounds[self.inner[i]]) <= WIDTHS)
+                coarse |= live[i] & ~(self.arguments[i].widths(bounds[self.inner[i]], self.size[self.inner[i]]) <= WIDTHS)
         return coarse
 
 
@@ -130,6 +130,8 @@ class _Argument:
         self.cancels = not slope.is_number and not _functions_inside(u)  # terms of it may cancel
         self._slope = Enclosure(slope, u) if self.cancels else None
         self._stretched = _stretch(function)
+        exponent = function.args[1] if isinstance(function, se.Pow) else None
+        self._root = float(exponent) if exponent is not None and exponent.is_number and 0 < float(exponent) < 1 else 0.0
 
     def bounds(self, natural: Bounds, low: Array, high: Array, side: Array) -> Bounds:
         """The bounds of u, with those by its slope about the middle, which are tight where terms cancel."""
@@ -140,10 +142,15 @@ class _Argument:
         reach = np.maximum(np.abs(slope[0]), np.abs(slope[1])) * (high - low) / 2
         return np.fmax(natural[0], centre - reach), np.fmin(natural[1], centre + reach)
 
-    def widths(self, u: Bounds) -> Array:
-        """(k,) change of the function in its own widths while its argument goes through u."""
+    def widths(self, u: Bounds, size: float) -> Array:
+        """(k,) change of the function in its own widths while its argument goes through u; size: largest argument of the run.
+        None for a root near 0, where its slope is infinite but its value small."""
         with np.errstate(all="ignore"):
-            return np.asarray(self._stretched(*u))
+            found = np.asarray(self._stretched(*u))
+            if self._root:
+                small = np.maximum(np.abs(u[0]), np.abs(u[1])) ** self._root <= ROOT * size**self._root
+                found = np.where(small, 0.0, found)
+        return found
 
 
 def _varies(node: Node) -> bool:
@@ -201,11 +208,4 @@ def _stretch(function: Expr) -> Callable[[Any, Any], Any]:
     if _is_exponential(function):
         return _difference(lambda u: u)
     n = float(function.args[1])
-    return (lambda a, b: POWERS * abs(n) * _logarithmic(a, b)) if not 0 < n < 1 else (lambda a, b: _root(n, a, b))
-
-
-def _root(n: float, a: Any, b: Any) -> Any:
-    """Change of |u|^n, 0 < n < 1, in widths: none near 0, where its slope is infinite but its value is small."""
-    size = np.max(np.maximum(np.abs(a), np.abs(b)), initial=0.0) ** n
-    small = np.maximum(np.abs(a), np.abs(b)) ** n <= ROOT * size
-    return np.where(small, 0.0, POWERS * n * _logarithmic(a, b))
+    return lambda a, b: POWERS * abs(n) * _logarithmic(a, b)

@@ -15,7 +15,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.symbolic.rebuild import LOGIC, nodes, rebuilt, tamed
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
 
 TIME, SIDE = se.Symbol("t"), se.Symbol("t_of_conditions")
@@ -55,8 +55,8 @@ def expression(value: Any) -> Expr:
 
 def _canonical(value: Any) -> Expr:
     """An expression with the functions the kernels compile; refuses what has no value or no derivative."""
-    if isinstance(value, se.Basic) and _plain(value):
-        return tamed(value)
+    if isinstance(value, se.Basic) and _known(value):
+        return tamed(one_sided(value))
     import sympy
 
     value = sympy.sympify(value)
@@ -70,17 +70,19 @@ def _canonical(value: Any) -> Expr:
     for piecewise in value.atoms(sympy.Piecewise):
         if not _complete(piecewise):
             raise ValueError(f"{piecewise} has no value where none of its conditions holds; end it with (value, True)")
-    value = value.subs(time_symbol(), sympy.Symbol("t", real=True))  # conditions of complex numbers cannot be stated
     if value.has(sympy.I):
         raise ValueError(f"{value} is not real")
     return tamed(_rewritten(*_exponents(_without_steps(value))))
 
 
-def _plain(e: Expr) -> bool:
-    """Whether a symengine expression contains nothing that has to be rewritten or refused."""
-    names = {type(node).__name__ for node in nodes(e)}
+def _known(e: Expr) -> bool:
+    """Whether a symengine expression contains nothing that SymPy has to rewrite or to refuse."""
+    parts = nodes(e)
+    if not all(part.args[-1] == se.true for part in parts if isinstance(part, se.Piecewise)):
+        return False
     numbers = {"Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half", "Pi", "Exp1"}
-    return names <= {*FUNCTIONS, "Add", "Mul", "Pow", "Symbol", *numbers} - {"Piecewise"}
+    names = {type(part).__name__ for part in parts if not is_condition(part)}
+    return names <= {*FUNCTIONS, *ONE_SIDED, "Add", "Mul", "Pow", "Symbol", *numbers}
 
 
 def _without_steps(e: Any) -> Any:
@@ -119,22 +121,15 @@ def _exponents(e: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def _rewritten(value: Any, exponents: dict[str, Any]) -> Expr:
-    """In symengine, with Piecewise for Abs, sign, Max and Min."""
+    """In symengine, with the exponentials in their places and Piecewise for one-sided functions."""
 
-    def rule(node: Expr, args: list[Expr]) -> Expr | None:
-        name = type(node).__name__
+    def rule(node: Expr, _: list[Expr]) -> Expr | None:
         if isinstance(node, se.Symbol) and str(node) in exponents:
             rest, number = exponents[str(node)]
             return se.exp(_rewritten(rest, exponents) + number)
-        if name in ("Max", "Min"):
-            return _extreme(args, largest=name == "Max")
-        if name == "Abs":
-            return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
-        if name == "sign":
-            return se.Piecewise((se.Integer(1), args[0] > 0), (se.Integer(-1), args[0] < 0), (se.Integer(0), True))
         return None
 
-    return rebuilt(se.sympify(value), rule)
+    return one_sided(rebuilt(se.sympify(value), rule))
 
 
 def with_fractions(e: Expr) -> Expr:
@@ -144,13 +139,6 @@ def with_fractions(e: Expr) -> Expr:
         return se.Rational(*float(node).as_integer_ratio()) if type(node).__name__ == "RealDouble" else None
 
     return rebuilt(e, rule)
-
-
-def _extreme(args: list[Expr], largest: bool) -> Expr:
-    found = args[0]
-    for other in args[1:]:
-        found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
-    return found
 
 
 def _complete(piecewise: Any) -> bool:
@@ -198,14 +186,19 @@ def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | Non
         return np.asarray(_compiled(sided(e))(inputs)).reshape(-1)
 
 
+def after(t: Any) -> Any:
+    """Times just after t: where conditions are read at the start of a run, which belongs to what comes after it."""
+    return t + 4 * np.spacing(np.abs(t))
+
+
 def value_at(e: Any, t: float) -> float:
-    """An input, a number or an expression, at one time."""
-    return float(values(se.sympify(e), np.array([t]))[0])
+    """An input, a number or an expression, at the start t of a run."""
+    return float(values(se.sympify(e), np.array([t]), np.array([after(t)]))[0])
 
 
 def rate_at(e: Any, t: float) -> float:
-    """The time derivative of an input at one time."""
-    return float(values(derivatives(se.sympify(e))[1], np.array([t]))[0])
+    """The time derivative of an input at the start t of a run."""
+    return float(values(derivatives(se.sympify(e))[1], np.array([t]), np.array([after(t)]))[0])
 
 
 @lru_cache(maxsize=256)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import csc_matrix
 
-from mbdae.errors import MbdaeError
+from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.scene.scene import SceneData
@@ -154,6 +154,11 @@ class Rates:
         pattern = system.pattern
         values = system.jacobian_values(system.t0, system.y0, system.yp0)
         fy, fyp = (csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
+        finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
+        if not finite.all():
+            worst = system.equations[int(np.argmin(finite))]
+            raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
+                              f"laws and parameters it contains")  # fmt: skip
         return np.asarray(scipy.linalg.eigvals(-fy, fyp))
 
     @property

@@ -182,7 +182,7 @@ class Job:
         judgement = judgement_of(made, run, self.form.label == "Index1")
         if judgement.reliable:
             missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
-            info = replace(info, cpu_s=info.cpu_s + missed.cpu_s)
+            info = replace(info, cpu_s=info.cpu_s + missed.cpu_s, accuracy=missed.within(known))
             judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
         made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:

@@ -14,6 +14,7 @@ from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
+from mbdae.results.accuracy import Accuracy
 from mbdae.run.control import Controlled
 from mbdae.run.defect import Defect, Suspect, apart
 from mbdae.system.assembly import SceneSystem
@@ -107,6 +108,12 @@ class Unseen:
     suspects: int = 0
     cpu_s: float = 0.0
     allowed: float = 0.0  #: difference that would not be told
+
+    def within(self, known: Accuracy) -> Accuracy:
+        """What is known of the errors with what was found here."""
+        if not self.contradictions or known.estimated is None:
+            return known
+        return replace(known, estimated=max(known.estimated, self.contradictions[0].difference))
 
     @property
     def notes(self) -> list[str]:

@@ -26,6 +26,8 @@ def with_lost_waves(prepared: Prepared, resolving: SceneSystem, run: Controlled)
     solution = run.solution
     t0, t1 = float(solution.t[0]), float(solution.t[-1])
     span = WINDOW * (t1 - t0) / max(solution.stats.steps, 1)
-    close = replace(run.solver, rtol=run.solver.companion * run.solver.tolerance)  # type: ignore[type-var]
+    close = run.solver
+    if not close.by_steps:
+        close = replace(close, rtol=close.companion * close.tolerance)  # type: ignore[type-var]
     probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
     return with_left_out(run, probe, lambda t, a, b: distance(prepared, t, a, b))

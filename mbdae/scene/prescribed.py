@@ -42,12 +42,12 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
 
 
-def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float) -> list[str]:
-    """What is wrong with the inputs of a scene in [t0, t_end], one sentence each."""
-    return [text for one in inputs(connections, loads) for text in _of_one(one, t0, t_end)]
+def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float, continued: bool = False) -> list[str]:
+    """What is wrong with the inputs of a scene in [t0, t_end], one sentence each; continued: a run before ended at t0."""
+    return [text for one in inputs(connections, loads) for text in _of_one(one, t0, t_end, continued)]
 
 
-def _of_one(one: Input, t0: float, t_end: float) -> list[str]:
+def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
     parts = list(timed.derivatives(one.expression)) if one.moves else [timed.sided(one.expression)]
     for part, name in zip(parts, ("value", "rate", "second derivative"), strict=False):
         start = float(timed.values(part, np.array([t0]))[0])
@@ -66,7 +66,8 @@ def _of_one(one: Input, t0: float, t_end: float) -> list[str]:
         first = f"t = {float(np.min(poles)):.6g} s"
         return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else
                 f"{one.what} is not finite near {first}"]  # fmt: skip
-    return _jumps(one, parts, values, edges) if one.moves else []
+    before = [2 * t0 - timed.after(t0)] if continued else []
+    return _jumps(one, parts, values, edges, before) if one.moves else []
 
 
 def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
@@ -79,14 +80,15 @@ def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
     return np.r_[low, middle, high], np.r_[side, side, side]
 
 
-def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any) -> list[str]:
-    """Breaks at which a prescribed motion, or its rate, jumps."""
-    middle = (edges[1:] + edges[:-1]) / 2
+def _jumps(one: Input, parts: list[Expr], values: list[Any], edges: Any, before: list[float]) -> list[str]:
+    """Breaks at which a prescribed motion, or its rate, jumps; before: a time just before the start, where that counts too."""
+    middle = np.r_[before, (edges[1:] + edges[:-1]) / 2]
+    edges = edges if before else edges[1:]
     for order, consequence in ((0, "the bodies cannot follow"), (1, "that takes an infinite force")):
         size = float(np.nanmax(np.abs(values[order][np.isfinite(values[order])]), initial=0.0))
         steep = float(np.nanmax(np.abs(values[order + 1][np.isfinite(values[order + 1])]), initial=0.0))
-        for t, before, after in zip(edges[1:-1], middle[:-1], middle[1:], strict=True):
-            by = jump(parts[order], t, before, after)
+        for t, left, right in zip(edges[:-1], middle[:-1], middle[1:], strict=True):
+            by = jump(parts[order], t, left, right)
             if abs(by) > max(JUMP * size, 1e-300) + 8 * float(np.spacing(t)) * steep:
                 if order:
                     return [f"{one.what}: its rate jumps by {by:.4g} {one.unit}/s at t = {t:.6g} s; {consequence}{_RAMP}"]

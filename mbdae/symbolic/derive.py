@@ -16,7 +16,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
-from mbdae.symbolic.rebuild import tamed
+from mbdae.symbolic.rebuild import one_sided, tamed
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -99,6 +99,8 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
         setattr(law, name, frames[2].q[0])
     return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
+_TIME = se.Symbol("t")
+
 
 def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
     clock: dict[Expr, Expr] = {}
@@ -141,7 +143,11 @@ class _Derivation:
         return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
     def _refuse(self, what: str, e: Any) -> None:
-        """Raise LawError where an expression reads what its nodes cannot give."""
+        """Raise LawError where an expression reads what its nodes cannot give, or the time itself."""
+        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
+        if _TIME in symbols and str(_TIME) not in self.law.params:
+            raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
+                           f"give that an expression of mb.t")  # fmt: skip
         for frame, quantity in self._undefined(e):
             law = type(self.law).__name__
             if frame.kind.oriented:
@@ -176,7 +182,7 @@ class _Derivation:
                 undefined.append(name)
                 continue
             self._refuse(f"row '{name}'", statement)
-            c = self.variation.name(tamed(statement))
+            c = self.variation.name(tamed(one_sided(statement)))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
                 continue
@@ -210,7 +216,9 @@ class _Derivation:
         law, (k, l) = self.law, self.frames[:2]
         if isinstance(law, Force):
             force, torque = law.wrench(k, l) or (ZERO, ZERO)
-            return tamed(law.energy(k, l)), tamed(law.dissipation(k, l)), Vec(*map(tamed, force)), Vec(*map(tamed, torque))
+            parts = law.energy(k, l), law.dissipation(k, l), *force, *torque
+            energy, rayleigh, *applied = (tamed(one_sided(part)) for part in parts)
+            return energy, rayleigh, Vec(*applied[:3]), Vec(*applied[3:])
         wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
         return None if wrench is None else (_ZERO, _ZERO, *wrench)
 

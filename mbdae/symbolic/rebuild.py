@@ -10,6 +10,7 @@ import symengine as se
 from mbdae.symbolic.vectors import Expr
 
 LOGIC = ("And", "Or", "Not", "Xor")  #: what joins conditions
+ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
 LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
 
 
@@ -54,6 +55,30 @@ def is_condition(node: Expr) -> bool:
     return type(node).__name__ in ("StrictLessThan", "LessThan", "Equality", "Unequality", "BooleanTrue", "BooleanFalse", *LOGIC)
 
 
+def one_sided(e: Expr) -> Expr:
+    """The expression with Piecewise for Abs, sign, Max and Min, and floor for ceiling: functions that have derivatives."""
+
+    def rule(node: Expr, args: list[Expr]) -> Expr | None:
+        name = type(node).__name__
+        if name in ("Max", "Min"):
+            return _extreme(args, largest=name == "Max")
+        if name == "Abs":
+            return se.Piecewise((args[0], args[0] >= 0), (-args[0], True))
+        if name == "sign":
+            return se.Piecewise((se.Integer(1), args[0] > 0), (se.Integer(-1), args[0] < 0), (se.Integer(0), True))
+        return -se.floor(-args[0]) if name == "ceiling" else None
+
+    e = se.sympify(e)
+    return rebuilt(e, rule) if any(type(node).__name__ in ONE_SIDED for node in nodes(e)) else e
+
+
+def _extreme(args: list[Expr], largest: bool) -> Expr:
+    found = args[0]
+    for other in args[1:]:
+        found = se.Piecewise((found, found >= other if largest else found <= other), (other, True))
+    return found
+
+
 def tamed(e: Expr) -> Expr:
     """The expression with exponentials in denominators that do not grow without end.
 
@@ -64,6 +89,8 @@ def tamed(e: Expr) -> Expr:
         return e
 
     def bounded(node: Expr, args: list[Expr]) -> Expr | None:
+        if isinstance(node, se.Piecewise) and se.RealDouble(LARGEST) in node.args[1].args:
+            return node  # it is bounded already
         if not _overflows(node):
             return None
         u = args[1] if isinstance(node, se.Pow) else args[0]

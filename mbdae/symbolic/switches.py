@@ -29,6 +29,8 @@ KINDS = {
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
+LOCAL_POWER = 8  #: powers from this on act where their base is largest alone, as cos(x)^2000 does
+TINIEST = se.RealDouble(1e-300)  #: keeps logarithms finite
 
 
 class Switch(NamedTuple):
@@ -133,6 +135,9 @@ class _Search:
         if not base.free_symbols:  # exp(u), 2^u
             if exponent.free_symbols:
                 yield Switch("decaying", exponent * (ONE if base == se.E else se.log(base)))
+            return
+        if base.free_symbols and exponent.is_number and float(exponent) >= LOCAL_POWER:  # u^n = exp(n ln|u|)
+            yield Switch("decaying", exponent / 2 * se.log(base**2 + TINIEST))
             return
         whole = isinstance(exponent, se.Integer)
         if exponent.free_symbols or not whole or int(exponent) < 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -51,9 +52,11 @@ class Group:
 
 @dataclass
 class ConditionTime:
-    """Between two breaks of its inputs a run reads their conditions at `time`, in the middle; None: at every time itself."""
+    """Between two breaks of its inputs a run reads their conditions at `time`, in the middle; None: just after every time asked
+    for, and just before `end`, that of the run."""
 
     time: float | None = None
+    end: float = inf
 
 
 @dataclass(frozen=True)

@@ -172,6 +172,12 @@ class Numbering:
         """Time at which conditions of inputs are read while a run is between two breaks; None: where they are evaluated."""
         return self.model.conditions.time
 
+    def _sides(self, t: Array) -> Array:
+        """Times (count,) at which conditions are read outside of a run."""
+        end = self.model.conditions.end
+        times: Array = timed.after(t)
+        return np.minimum(times, 2 * end - timed.after(end)) if end < np.inf else times
+
     def fill_clock(self, W: Array, t: Array) -> None:
         """Prescribed values at times t (count,)."""
         if not self._clock_values:
@@ -180,7 +186,7 @@ class Numbering:
             x, out = np.empty((len(t), 2)), np.empty((len(t), len(self._clock_values)))
             self._clock_calls[len(t)] = x, out, self.clock.bound(x, out)
         x, out, call = self._clock_calls[len(t)]
-        x[:, 0], x[:, 1] = t, t if self.side is None else self.side
+        x[:, 0], x[:, 1] = t, self._sides(t) if self.side is None else self.side
         call()
         W[:, self.carried : self.carried + len(self._clock_values)] = out
 

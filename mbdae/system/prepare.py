@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbdae.errors import SceneError, StartError
+from mbdae.inputs.timed import after
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.assembly import FormSpec, SceneSystem
@@ -79,7 +80,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     Prescribed values are followed to t_end, or for `FORESIGHT` seconds where no end is known."""
     begin_time = start.t if start is not None else t0
     end = t_end if t_end is not None and t_end > begin_time else begin_time + FORESIGHT
-    problems = scene.problems + prescribed.problems(scene.connections, scene.line_loads, begin_time, end)
+    problems = scene.problems + prescribed.problems(scene.connections, scene.line_loads, begin_time, end, start is not None)
     if problems:
         raise SceneError(problems)
     if not scene.bodies:
@@ -88,6 +89,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
+    model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
     expansion = Expansion(model, carried)
     if not expansion.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
@@ -104,7 +106,9 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     mechanics = mechanics_of(model, rank.kept, expansion)
     begin = (_continued(mechanics, start) if start is not None else
              Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
-    problems = _contradictions(everything, rank, begin) or _later_contradictions(everything, mechanics, rank, begin, end)
+    problems = _contradictions(everything, rank, begin)
+    model.conditions.time = None
+    problems = problems or _later_contradictions(everything, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
     T = characteristic_time(mechanics, begin)

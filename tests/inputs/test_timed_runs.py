@@ -177,3 +177,49 @@ def test_constant_steps_say_where_they_are_shorter() -> None:
     r = slider(box).simulate(1.0, solver=mb.RadauIIA(3, step=0.01))
     assert r.stats.shortened > 0
     assert "shortened" in repr(r)
+
+
+@pytest.mark.parametrize("model", [None, mb.Kinematic(), mb.Classical(), mb.Recursive()])
+@pytest.mark.parametrize("motion", [sp.Piecewise((0, t <= 0), (t, True)), sp.Max(0, t), t * sp.Heaviside(t), sp.Abs(t)])
+def test_a_run_begins_with_what_comes_after_its_start(model: object, motion: object) -> None:
+    """However x = t for t > 0 is written: it starts with rate 1, in every joint model, and no energy comes from nowhere."""
+    s = mb.Scene("driven")
+    body, other = s.rigid_body("b", 1.0, 1.0, at=(0, 0)), s.rigid_body("c", 1.0, 1.0, at=(1, 0))
+    s.prismatic("p", s.ground, body, at=(0, 0), axis=(1, 0, 0), position=motion, model=model)
+    s.prismatic("q", body, other, at=(1, 0), axis=(0, 1, 0))
+    r = s.simulate(1.0)
+    np.testing.assert_allclose(r["p"].rate, 1.0, atol=1e-9)
+    np.testing.assert_allclose(r["p"].displacement, r.t, atol=1e-9)
+    assert np.max(np.abs(r.energy.balance)) < 1e-9
+
+
+@pytest.mark.parametrize(("motion", "text"), [
+    (sp.Piecewise((0, t < 0.5), (t - 0.5, True)), "its rate jumps by 1 m/s at t = 0.5 s"),
+    (sp.Piecewise((0, t < 0.5), (0.3, True)), r"jumps by 0.3 m at t = 0.5 s"),
+])  # fmt: skip
+def test_a_jump_where_a_run_is_continued_is_refused(motion: object, text: str) -> None:
+    s = mb.Scene("driven")
+    body, other = s.rigid_body("b", 1.0, 1.0, at=(0, 0)), s.rigid_body("c", 1.0, 1.0, at=(1, 0))
+    s.prismatic("p", s.ground, body, at=(0, 0), axis=(1, 0, 0), position=motion)
+    s.prismatic("q", body, other, at=(1, 0), axis=(0, 1, 0))
+    first = s.simulate(0.5)
+    with pytest.raises(mb.SceneError, match=text):
+        s.simulate(1.0, start=first)
+
+
+@pytest.mark.parametrize(("force", "speed"), [
+    (sp.ceiling(5 * t), 3.0), (sp.sqrt(t), 2 / 3), (sp.Min(sp.sin(t), sp.sin(2 * t) + 1, sp.sin(3 * t) + 2), 1 - np.cos(1)),
+    (sp.Abs(sp.Abs(sp.Abs(sp.Abs(t - 0.5) - 0.25) - 0.125) - 0.0625), 0.03125),
+])  # fmt: skip
+def test_impulses_of_odd_inputs(force: object, speed: float) -> None:
+    """Integrals from 0 to 1 in closed form; nested functions take no time to prepare."""
+    assert abs(slider(force).simulate(1.0, accuracy=1e-6)["m"].velocity[-1, 0] - speed) < 3e-6
+
+
+def test_constant_steps_from_an_accuracy_on_a_beam() -> None:
+    s = mb.Scene("cantilever")
+    b = s.beam("b", (0, 0), (1, 0), section=mb.Section.rectangular(0.02, 0.02, E=1e7, nu=0.3, rho=1000), elements=2)
+    s.weld("A", s.ground, b, at=(0, 0))
+    s.line_load("q", b, (0, sp.sin(t), 0))
+    r = s.simulate(0.2, accuracy=1e-3, solver=mb.HHT())
+    assert r.accuracy.met

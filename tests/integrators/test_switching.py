@@ -342,3 +342,57 @@ def test_a_distance_that_falls_and_rises_within_a_long_step():
         assert r.stats.retaken > 0
         assert abs(np.linalg.norm(r["b"].velocity[-1]) - 1.1) < 1e-4
         assert np.max(np.abs(r.energy.balance)) < 1e-4
+
+
+class Comb(mb.Force):
+    """Force along k.x at x = 0.5 m alone, as a high power."""
+
+    def wrench(self, k, l):
+        x = k.x @ (l.r - k.r)
+        return 100 * se.cos(se.pi * (x - se.Rational(1, 2))) ** 2000 * k.x, 0 * k.x
+
+
+class OneSided(mb.Force):
+    """Force by functions without derivatives as they are."""
+
+    def wrench(self, k, l):
+        x = k.x @ (l.r - k.r)
+        return -(se.Max(0, x - 0.25) + se.Abs(x - 0.5) + se.sign(x + 1)) * k.x, 0 * k.x
+
+
+class Clocked(mb.Force):
+    """A law that reads the time itself."""
+
+    def wrench(self, k, l):
+        return se.sin(mb.t) * k.x, 0 * k.x
+
+
+def on_a_rail(law, rate):
+    s = mb.Scene("rail")
+    b = s.rigid_body("b", 1.0, 1.0, at=(0, 0))
+    s.prismatic("p", s.ground, b, at=(0, 0), axis=(1, 0, 0), rate0=rate)
+    s.add(law("f", s.ground, b, at=(0, 0, 0), at_l=(0, 0, 0)))
+    return s
+
+
+def test_a_high_power_acts_where_its_base_is_largest_alone():
+    """Speed by the work of each tooth: 100 J times the integral of cos(pi u)^2000 over one, by quadrature."""
+    from scipy.integrate import quad
+
+    work = 100 * quad(lambda u: np.cos(np.pi * u) ** 2000, -0.5, 0.5, points=[0.0], epsabs=1e-14)[0]
+    for solver in (None, mb.RadauIIA(3), mb.IDA()):
+        r = on_a_rail(Comb, 1.0).simulate(0.6, accuracy=1e-6, solver=solver)
+        assert r["p"].displacement[-1] < 1.2
+        assert abs(r["p"].rate[-1] - np.sqrt(1 + 2 * work)) < 1e-5
+
+
+def test_laws_take_functions_without_derivatives():
+    """At x from 0 to 0.25: x'' = -(0.5 - x) - 1, closed."""
+    r = on_a_rail(OneSided, 0.5).simulate(0.3, accuracy=1e-8)
+    x = 1.5 - 1.5 * np.cosh(0.3) + 0.5 * np.sinh(0.3)
+    assert abs(r["p"].displacement[-1] - x) < 1e-7
+
+
+def test_a_law_that_reads_the_time_says_how_to_give_it():
+    with pytest.raises(mb.SceneError, match=r"contains mb\.t: state a parameter"):
+        on_a_rail(Clocked, 0.0).simulate(1.0)
