@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import SHARE, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
@@ -258,17 +258,25 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
     for begin, end in windows(probe.system, solution, probe.span):
         try:
             with beginning_at(probe.system, solution, begin):
-                close = probe.solver.solve(probe.system, end, max_residuals=10 * solution.stats.residuals + 10000)
+                most = 10 * solution.stats.residuals + 10000
+                close = probe.solver.solve(probe.system, end, max_residuals=most, share=SHARE)
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))
             close = error.solution
         times = np.linspace(begin, float(close.t[-1]), probe.samples)
-        left = probe.margin * float(np.max(measure(times, solution(times), close(times))))
+        left = probe.margin * _apart(solution, close, times, measure)
         estimate = max(estimate, left + (run.estimate if begin == solution.t[0] else 0.0))
         beside = other_run(probe.system, probe.prepared, close, times, probe.margin) if run.others else ()
         run = replace(run, others=(*run.others, *beside)).after(1, close.stats.cpu_s)
     return replace(run, estimate=estimate)
+
+
+def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> float:
+    """Largest distance of two runs at some times, with the speeds of the whole first one as units."""
+    steps = run.t[:: len(run.t) // SAMPLES + 1]
+    both = np.concatenate([times, steps])
+    return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:
