@@ -27,7 +27,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
 
 DEFAULT_ACCURACY = 1e-6
-SHARE = 0.1  #: part of the width of an input of time that a constant step may cover
+SHARE = 0.04  #: part of the width of an input of time that a constant step may cover
 
 
 class Solver(ABC):
