@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from mbdae.integrators.base import Solver
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.balance import drift_of_energy
@@ -32,7 +33,7 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
 
 
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
-    notes = _missed(known)
+    notes = _missed(known, run.solver)
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
     notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
@@ -41,15 +42,16 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool
     return notes + doubts(prepared)
 
 
-def _missed(known: Accuracy) -> list[str]:
+def _missed(known: Accuracy, solver: Solver) -> list[str]:
     """Errors of the motion, in time and of the mesh, that are above the accuracy asked."""
     asked, notes = known.asked, []
     if asked is None:
         return []
     if known.motion is not None and not known.motion <= asked:
         found = f"about {known.motion:.1e}" if math.isfinite(known.motion) else "not known: every tighter run failed"
-        notes.append(f"accuracy {asked:g} was asked, the error is {found}: allow a smaller accuracy with RadauIIA(3), "
-                     f"or a shorter run if the motion is chaotic")  # fmt: skip
+        other = "" if solver.label == "RadauIIA(3)" else " and solver=mb.RadauIIA(3)"
+        notes.append(f"accuracy {asked:g} was asked, the error is {found}: accuracy={asked / 10:g}{other} may come nearer; where "
+                     f"the motion is chaotic, only a shorter run does")  # fmt: skip
     if known.mesh is not None and not known.mesh <= asked:
         notes.append(f"accuracy {asked:g} was asked, the mesh of the beams is off by about {known.mesh:.1e}: give them more "
                      f"elements or a higher order")  # fmt: skip
