@@ -180,7 +180,7 @@ class Job:
         times = self.times[self.times <= run.solution.t[-1]]
         made = Result(self.prepared, run.solution, info, times)
         judgement = judgement_of(made, run, self.form.label == "Index1")
-        if judgement.reliable:
+        if judgement.reliable and not judgement.singular:  # else it is told already
             missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
             info = replace(info, cpu_s=info.cpu_s + missed.cpu_s, accuracy=missed.within(known))
             judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))

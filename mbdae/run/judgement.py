@@ -27,9 +27,10 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
     times = run.solution.t if timed else found.t  # a short input lies between outputs
     judgement = judged(found if times is found.t and len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
-    notes = [*_warnings(found.prepared, run, known, drifts), *doubts_of_steps(run), *judgement.notes,
-             *passages(found, known.asked), *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
-    return Judgement(tuple(notes), judgement.reliable)
+    singular = passages(found, known.asked)
+    notes = [*_warnings(found.prepared, run, known, drifts), *doubts_of_steps(run), *judgement.notes, *singular,
+             *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
+    return Judgement(tuple(notes), judgement.reliable, bool(singular))
 
 
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:

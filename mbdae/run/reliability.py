@@ -32,6 +32,7 @@ class Judgement(NamedTuple):
 
     notes: tuple[str, ...] = ()
     reliable: bool = True
+    singular: bool = False  #: it passes a singular position, where two motions meet
 
 
 def judged(result: Result, run: Controlled) -> Judgement:
