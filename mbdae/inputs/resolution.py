@@ -23,7 +23,7 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
-SMOOTH = 2.5  #: share of a stretch from break to break that a step may cover, over that of one in which a function varies
+SMOOTH = 0.7  #: exponent that makes the share of a stretch from break to break of that of one in which a function varies
 FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
@@ -53,7 +53,7 @@ class Stretches:
         same share of that; it may end behind the run."""
         i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
         a, b = float(self.edges[i]), float(self.edges[i + 1])
-        share = min(1.0, SMOOTH * share) if self.whole[i] else share
+        share = share**SMOOTH if self.whole[i] else share
         if i + 2 >= len(self.edges):
             return share * (b - a)
         return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(self.edges[i + 2]) - b))
