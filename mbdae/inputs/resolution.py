@@ -23,7 +23,6 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
-SMOOTH = 0.7  #: exponent that makes the share of a stretch from break to break of that of one in which a function varies
 FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
@@ -34,11 +33,9 @@ FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher one
 
 @dataclass(frozen=True)
 class Stretches:
-    """Consecutive stretches of time: `edges` (n+1,); whole (n,): which reach from one break to the next, so that no function in
-    them varies by its width; poles: times near which an input is not finite."""
+    """Consecutive stretches of time: `edges` (n+1,); poles: times near which an input is not finite."""
 
     edges: Array
-    whole: NDArray[np.bool_]
     poles: tuple[float, ...] = ()
 
     @property
@@ -53,7 +50,6 @@ class Stretches:
         same share of that; it may end behind the run."""
         i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
         a, b = float(self.edges[i]), float(self.edges[i + 1])
-        share = share**SMOOTH if self.whole[i] else share
         if i + 2 >= len(self.edges):
             return share * (b - a)
         return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(self.edges[i + 2]) - b))
@@ -81,9 +77,7 @@ def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
         if len(low) > MOST:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
-    found = np.unique(np.append(np.concatenate(done), edges[-1]))
-    breaks = np.isin(found, edges)
-    return Stretches(found, breaks[:-1] & breaks[1:], tuple(poles))
+    return Stretches(np.unique(np.append(np.concatenate(done), edges[-1])), tuple(poles))
 
 
 class _Tree:
