@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.inputs.breaks import TooManyError
+from mbdae.inputs.breaks import TooManyError, breaks
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.timed import TIME, sided
 from mbdae.symbolic.rebuild import is_condition, nodes
@@ -78,6 +79,13 @@ def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
             raise TooManyError(f"varies by more than {MOST} times its own width between {edges[0]:g} and {edges[-1]:g} s")
         low, high, side = halves(low, high, side)
     return Stretches(np.unique(np.append(np.concatenate(done), edges[-1])), tuple(poles))
+
+
+@lru_cache(maxsize=64)
+def resolved(expressions: tuple[Expr, ...], t0: float, t1: float) -> tuple[Array, Stretches]:
+    """Edges (start, breaks, end) and stretches of expressions over a run from t0 to t1; raises TooManyError."""
+    edges = np.r_[t0, breaks(expressions, t0, t1), t1]
+    return edges, stretches(expressions, edges)
 
 
 class _Tree:

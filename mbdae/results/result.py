@@ -57,7 +57,6 @@ class Result:
     def __init__(self, prepared: Prepared, solution: Solution, info: RunInfo, t: Array) -> None:
         self.prepared, self.solution, self.info = prepared, solution, info
         self.t = np.asarray(t, dtype=float)
-        prepared.model.conditions.end = float(solution.t[-1])
         self._sensors: dict[str, Any] = {}
 
     # -- how it went

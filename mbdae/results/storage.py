@@ -55,6 +55,7 @@ def load(path: Any) -> Result:
     header, arrays = _read(Path(path))
     start = Start(**header["start"], **{name: arrays[f"start_{name}"] for name in _START})  # type: ignore[arg-type]
     prepared = _prepared(header, start)
+    prepared.model.conditions.end = float(arrays["steps"][-1])
     run, info = header["run"], header["info"]
     solver = _solver(info["solver"])
     stats = Stats(**info["stats"])

@@ -9,8 +9,8 @@ import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, breaks, jump
-from mbdae.inputs.resolution import Stretches, stretches
+from mbdae.inputs.breaks import TooManyError, jump
+from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.scene.beams import BeamLoad
 from mbdae.scene.components import Connection
 from mbdae.symbolic.law import Joint
@@ -54,8 +54,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         if not np.isfinite(start):
             return [f"{one.what}: its {name} is {start} at the start t = {t0:g} s"]
     try:
-        edges = np.r_[t0, breaks([one.expression], t0, t_end), t_end]
-        found = stretches([one.expression], edges)
+        edges, found = resolved((one.expression,), t0, t_end)
     except TooManyError as error:
         return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
     times, sides = _looked_at(edges, found)

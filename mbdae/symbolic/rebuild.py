@@ -10,6 +10,9 @@ import symengine as se
 from mbdae.symbolic.vectors import Expr
 
 LOGIC = ("And", "Or", "Not", "Xor")  #: what joins conditions
+#: name of a relation, or of what joins conditions -> how it is made
+_CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
+                               **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
 LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
 
@@ -42,17 +45,16 @@ def _joined(node: Expr, args: list[Expr]) -> Expr:
     """A function or a condition of other arguments."""
     if isinstance(node, se.Piecewise):
         return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
-    name = type(node).__name__
-    conditions: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
-                                  "And": se.And, "Or": se.Or, "Not": se.Not, "Xor": se.Xor}  # fmt: skip
     if isinstance(node, se.FunctionSymbol):
         return se.Function(node.get_name())(*args)
-    return conditions[name](*args) if name in conditions else node.func(*args)
+    make = _CONDITIONS.get(type(node).__name__)
+    return make(*args) if make is not None else node.func(*args)
 
 
 def is_condition(node: Expr) -> bool:
     """Whether a node is a relation, or conditions joined."""
-    return type(node).__name__ in ("StrictLessThan", "LessThan", "Equality", "Unequality", "BooleanTrue", "BooleanFalse", *LOGIC)
+    name = type(node).__name__
+    return name in _CONDITIONS or name in ("BooleanTrue", "BooleanFalse")
 
 
 def one_sided(e: Expr) -> Expr:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
-import numpy as np
 import symengine as se
 
-from mbdae.inputs.breaks import breaks, switches
-from mbdae.inputs.resolution import Stretches, stretches
+from mbdae.inputs.breaks import switches
+from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model import Model
@@ -65,12 +64,6 @@ def timeline(model: Model, t0: float, t1: float) -> Timeline | None:
     expressions = expressions_of(model)
     if not expressions:
         return None
-    found = _timeline(expressions, t0, t1)
+    found = Timeline(*resolved(expressions, t0, t1))
     switching = any(switches(e) for e in expressions)
     return found if switching or found.varies else None
-
-
-@lru_cache(maxsize=64)
-def _timeline(expressions: tuple[Expr, ...], t0: float, t1: float) -> Timeline:
-    edges = np.r_[t0, breaks(expressions, t0, t1), t1]
-    return Timeline(edges, stretches(expressions, edges))

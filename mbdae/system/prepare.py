@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 
 import numpy as np
 
@@ -90,6 +91,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
+    model.conditions.end = t_end if t_end is not None else inf
     expansion = Expansion(model, carried)
     if not expansion.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
