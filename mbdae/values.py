@@ -1,0 +1,132 @@
+"""Plain Python values from what users write: numbers, whole numbers, switches, words, names, arrays.
+
+Every function returns a plain `float`, `int`, `bool`, `str` or float array, or raises `BadValueError` with one sentence about the
+value. The caller knows the item and the option and puts them before it: `option` does so for options of functions, a scene
+collects the sentences as problems.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Callable, Iterable
+from decimal import Decimal
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+#: magnitudes between which products of a few quantities neither overflow nor vanish in double precision
+LARGEST, SMALLEST = 1e100, 1e-100
+SHOWN = 60  #: characters of a value in a message
+
+
+class BadValueError(ValueError):
+    """A value that cannot be used; the text is a sentence that begins with the value."""
+
+
+def shown(value: Any) -> str:
+    """A value in a message: its repr, cut where it is long, and never an error of its own."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a repr of the user's own may raise anything
+        text = f"an object of class {type(value).__name__}"
+    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+
+
+def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf) -> float:
+    """A finite number within bounds: Python's, NumPy's, fractions, decimals, and numbers of SymPy and symengine."""
+    found = _float(value)
+    if math.isnan(found) or math.isinf(found):
+        raise BadValueError(f"{shown(value)} is not finite")
+    if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
+        raise BadValueError(f"{shown(value)} is beyond what can be calculated with: 0, or {SMALLEST:g} to {LARGEST:g} in magnitude")
+    if found < least or found <= above or found > most:
+        raise BadValueError(f"{shown(value)} is not {_range(least, above, most)}")
+    return found
+
+
+def whole(value: Any, *, least: int | None = None, most: int | None = None) -> int:
+    """A whole number within bounds; 3.0 counts as 3."""
+    found = _float(value)
+    if not found.is_integer():
+        raise BadValueError(f"{shown(value)} is not a whole number")
+    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    if not low <= found <= high:
+        raise BadValueError(f"{shown(value)} is not {_range(low, -math.inf, high)}")
+    return int(found)
+
+
+def flag(value: Any) -> bool:
+    """True or False, NumPy's too."""
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    raise BadValueError(f"{shown(value)} is neither True nor False")
+
+
+def word(value: Any, words: Iterable[str]) -> str:
+    """One of some words."""
+    known = list(words)
+    if isinstance(value, str) and value in known:
+        return str(value)
+    raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(w) for w in known)}")
+
+
+def array(value: Any, *shapes: tuple[int, ...]) -> Array:
+    """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
+    try:
+        found = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
+        if found.dtype.kind in "iuf":
+            plain: Array = found.astype(float)
+        else:
+            plain = np.array([_float(entry) for entry in found.flat], dtype=float).reshape(found.shape)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadValueError(f"{shown(value)} is not an array of numbers") from error
+    if shapes and plain.shape not in shapes:
+        raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
+    for entry in plain.flat:
+        number(float(entry))
+    return plain
+
+
+def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
+    """An option as `read` returns it; OptionError with name, value and what to give."""
+    try:
+        return read(value, **bounds)
+    except BadValueError as refused:
+        raise OptionError(f"{name} = {refused}: {remedy}") from None
+
+
+def _float(value: Any) -> float:
+    """The nearest double of a real number of any kind."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating) or not _is_number(value):
+        raise BadValueError(f"{shown(value)} is not a number")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError, ArithmeticError) as error:
+        raise BadValueError(f"{shown(value)} is not a finite real number") from error
+
+
+def _is_number(value: Any) -> bool:
+    """Real numbers of Python and NumPy, and expressions without symbols."""
+    if isinstance(value, numbers.Real | Decimal | np.integer | np.floating):
+        return True
+    return hasattr(value, "free_symbols") and not value.free_symbols and hasattr(value, "__float__")
+
+
+def _range(least: float, above: float, most: float) -> str:
+    """"positive", "0 or more", "between 0 and 1" and the like."""
+    if math.isinf(most):
+        if above == 0:
+            return "positive"
+        return f"more than {above:g}" if above > least else f"{least:g} or more"
+    if math.isinf(least) and math.isinf(above):
+        return f"{most:g} or less"
+    return f"more than {above:g}, at most {most:g}" if above > least else f"between {least:g} and {most:g}"
