@@ -45,7 +45,8 @@ def number(value: Any, *, least: float = -math.inf, above: float = -math.inf, mo
     if math.isnan(found) or math.isinf(found):
         raise BadValueError(f"{shown(value)} is not finite")
     if abs(found) > LARGEST or 0 < abs(found) < SMALLEST:
-        raise BadValueError(f"{shown(value)} is beyond what can be calculated with: 0, or {SMALLEST:g} to {LARGEST:g} in magnitude")
+        raise BadValueError(f"{shown(value)} is beyond what can be calculated with: 0, or {SMALLEST:g} "
+                            f"to {LARGEST:g} in magnitude")  # fmt: skip
     if found < least or found <= above or found > most:
         raise BadValueError(f"{shown(value)} is not {_range(least, above, most)}")
     return found
