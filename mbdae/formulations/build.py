@@ -8,7 +8,8 @@ from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
 from mbdae.system.assembly import SceneSystem
-from mbdae.system.prepare import Prepared, make_system
+from mbdae.system.equations import make_system
+from mbdae.system.prepare import Prepared
 
 
 def default_form(prepared: Prepared, highest_index: int = 1) -> Form:

@@ -140,29 +140,38 @@ class Solver(ABC):
         times = check_run(system, t_end, outputs, max_wall, h0)
         self.check(system)
         with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals, begin) as loop:
-            self._between_breaks(system, loop, h0, share)
+            self._between_breaks(loop, h0, share)
         return loop.solution()
 
-    def _between_breaks(self, system: System, loop: StepLoop, h0: float | None, share: float | None) -> None:
+    def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
-        line = system.timeline(loop.run_end) if system.timeline is not None else None
-        if line is None:
-            self.integrate(system, loop, h0)
-            return
+        system = loop.system
         start = system.t0, system.y0, system.yp0
-        system.longest_step = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
+        line = system.timeline(loop.run_end) if system.timeline is not None else None
         try:
+            if line is None:
+                self._part(loop, h0)
+                return
+            system.longest_step = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
             for a, b in pairwise(line.edges.tolist()):
-                loop.t_end = b
-                system.t0, system.y0, system.yp0 = a, *system.enter(a, loop.state[0], (a + b) / 2)
-                loop.restart(system.y0, system.yp0)
-                self.integrate(system, loop, h0 if a == start[0] else None)
+                loop.t_end, now = b, loop.system
+                now.t0, now.y0, now.yp0 = a, *now.enter(a, loop.state[0], (a + b) / 2)
+                loop.restart(now.y0, now.yp0)
+                self._part(loop, h0 if a == start[0] else None)
                 if loop.t < b or loop.interrupted:
                     return
         finally:
             system.t0, system.y0, system.yp0 = start
             system.longest_step = None
-            system.leave()
+            if line is not None:
+                system.leave()
+
+    def _part(self, loop: StepLoop, h0: float | None) -> None:
+        """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""
+        loop.renew()
+        self.integrate(loop.system, loop, h0)
+        while loop.renew() and loop.t < loop.t_end and not loop.interrupted:
+            self.integrate(loop.system, loop, None)
 
 
 def check_run(

@@ -51,6 +51,8 @@ class StepLoop:
         self._y = [np.array(system.y0, dtype=float)]
         self._yp = [np.array(system.yp0, dtype=float)]
         self._pieces: list[Any] = []
+        self._renewed: System | None = None  # what takes over from the system
+        self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
         self._handler: Any = None
 
@@ -112,7 +114,19 @@ class StepLoop:
         self._yp.append(yp)
         self._pieces.append(piece)
         self.system.accept(t, y)
-        return self.guard() and t < self.t_end
+        self._renewed = self.system.renewed(t, y) if self.system.renewed is not None else None
+        return self.guard() and t < self.t_end and self._renewed is None
+
+    def renew(self) -> bool:
+        """Go on with other equations where those of the system are about to depend on each other; whether that is so."""
+        if self._renewed is None and len(self._t) == 1 and self.system.renewed is not None:
+            self._renewed = self.system.renewed(self.t, self.state[0])
+        if self._renewed is None:
+            return False
+        self.system, self._renewed = self._renewed, None
+        self._systems.append((self.t, self.system))
+        self.restart(self.system.y0, self.system.yp0)
+        return True
 
     def restart(self, y: Array, yp: Array) -> None:
         """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
@@ -155,8 +169,8 @@ class StepLoop:
             times = self._output_times[self._output_times <= t[-1]]
             outputs = Outputs(times, interpolant.value(times), interpolant.derivative(times))
         complete = bool(t[-1] >= self.run_end)
-        names = tuple(self.system.names)
-        return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant)
+        names = tuple(self._systems[0][1].names)
+        return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
     def _interpolant(self, t: Array, y: Array, yp: Array) -> Interpolant:
         """The polynomials of all steps; those before a break end with the values from before it."""

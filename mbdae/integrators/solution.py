@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 
 
 @dataclass
@@ -85,6 +85,7 @@ class Solution:
 
     t (m+1,) start and accepted times; y, yp (m+1, n) unknowns and their derivatives there;
     outputs: values at the times asked for, or None; complete: False where it was stopped before its end.
+    systems: the equations that were integrated, each with the time (s) from which on; none where it is not known.
     """
 
     t: Array
@@ -96,6 +97,7 @@ class Solution:
     names: tuple[str, ...]
     complete: bool
     interpolant: Interpolant
+    systems: tuple[tuple[float, System], ...] = ()
 
     def __call__(self, t: float | Sequence[float] | Array) -> Array:
         """y at the time or times t, shape t.shape + (n,)."""

@@ -23,7 +23,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
-from mbdae.system.redundancy import unit_rows
+from mbdae.system.rows import smallest, unit_rows
 from mbdae.system.start import Start
 
 
@@ -136,7 +136,7 @@ class Result:
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.mechanics.accelerations(self.t, *self._states, self.stresses(self.t))
+        return self.prepared.everything.accelerations(self.t, *self._states, self.stresses(self.t))
 
     @property
     def acceleration(self) -> Array:
@@ -145,13 +145,14 @@ class Result:
 
     @property
     def multipliers(self) -> Array:
-        """Constraint multipliers (nt, m), from the equations of motion at q, u; names in `multiplier_names`."""
+        """Constraint multipliers (nt, m), from the equations of motion at q, u; names in `multiplier_names`. Where redundant rows
+        leave them open, those of least norm (`Mechanics.accelerations`)."""
         return self._dynamics[1]
 
     @property
     def multiplier_names(self) -> tuple[str, ...]:
         """"joint.row" of every multiplier."""
-        return tuple(row.name for row in self.prepared.mechanics.rows)
+        return tuple(row.name for row in self.prepared.everything.rows)
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
         """The same run read at other times (dense output)."""
@@ -184,7 +185,7 @@ class Result:
         """(nt, width) outputs summed over the laws of one item; multipliers included."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
-        for g, _, values in self.prepared.mechanics.evaluate(outputs, self.t, q, u, s, self.multipliers):
+        for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
                 if instance.item == item.name:
                     total += values[:, i]
@@ -236,10 +237,10 @@ class Result:
 
     @cached_property
     def smallest_singular_value(self) -> Array:
-        """(nt,) of the constraint rows, each of unit length: near zero, positions are singular and reactions uncertain."""
-        m = self.prepared.mechanics
-        G = m.constraint_jacobian(self.t, self.q)
-        return np.array([np.linalg.svd(unit_rows(m, g), compute_uv=False)[-1] if m.m else 1.0 for g in G])
+        """(nt,) of all constraint rows, each of unit length, those that redundant rows make zero left out: near zero, positions
+        are singular and reactions uncertain."""
+        m, rank = self.prepared.everything, len(self.prepared.rank.kept)
+        return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
 
     # -- output
 

@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.redundancy import unit_rows
+from mbdae.system.rows import smallest, unit_rows
 
 SAMPLES, CHOSEN, REFINED = 200, 5, 40  #: positions looked at, minima among them that are followed, and in how many positions
 NEAR = 0.3  #: smallest singular value, over its median, below which a minimum is followed
@@ -65,6 +65,6 @@ def _followed(result: Result, a: float, b: float) -> tuple[float, float]:
 
 
 def _singular_values(result: Result, t: Array) -> Array:
-    m = result.prepared.mechanics
+    m, rank = result.prepared.everything, len(result.prepared.rank.kept)
     G = m.constraint_jacobian(t, result.states(t)[0])
-    return np.array([np.linalg.svd(unit_rows(m, g), compute_uv=False)[-1] for g in G])
+    return np.array([smallest(unit_rows(m, g), rank) for g in G])

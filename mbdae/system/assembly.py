@@ -66,9 +66,11 @@ class FormSpec:
 
 
 class SceneSystem(System):
-    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with."""
+    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with.
+    determined: (t, y) -> smallest singular value that counts of all rows of unit length, where some are redundant; else None."""
 
     restarted: Callable[[float, Array], tuple[Array, Array]]
+    determined: Callable[[float, Array], float] | None = None
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  carried: Carried | None = None) -> None:  # fmt: skip
@@ -257,6 +259,11 @@ class SceneSystem(System):
     def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
         self.model.conditions.time = side
         return self.restarted(t, y)
+
+    def go_on_from(self, other: SceneSystem, t: float, y: Array) -> None:
+        """Begin at a state y (n,) of another system of the same scene and form."""
+        self.t0, (self.y0, self.yp0) = t, self.restarted(t, y)
+        self.longest_step = other.longest_step
 
     def leave(self) -> None:
         self.model.conditions.time = None

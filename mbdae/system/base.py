@@ -85,6 +85,10 @@ class System:
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
+    #: (t, y) -> a system of the same unknowns to go on with from there, because some of its equations are about to depend on each
+    #: other; None: go on with this one. Asked after every accepted step
+    renewed: Callable[[float, Array], System | None] | None = None
+
     #: end of a run (s) -> where its inputs of time break, and how long steps may be (`system.inputs.Timeline`); None: they are
     #: smooth and slow
     timeline: Callable[[float], Any] | None = None

@@ -30,6 +30,7 @@ SETTLED = 1e-10  #: change of a rate or multiplier over its largest value: the n
 NEAR = 1e-7  #: part of a constraint row that the others do not hold, below which reactions and accelerations are uncertain
 #: how near what is found beyond a singular position is to the straight line that goes through it
 PASSED = 0.3
+SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
 
 
 class Rates:
@@ -143,6 +144,11 @@ class Eliminated(SceneSystem):
         self._rates.multipliers = self.multipliers
         return self._rates.jacobian(t, y, self._rate)
 
+    def go_on_from(self, other: SceneSystem, t: float, y: Array) -> None:
+        super().go_on_from(other, t, y)
+        assert isinstance(other, Eliminated)
+        self.strict, self._told, self._seen = other.strict, other._told, ((-inf, 1.0), (-inf, 1.0))
+
     def accept(self, t: float, y: Array) -> None:
         """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
         shares = self._fast.shares() if self._fast is not None else self._rates.shares()
@@ -156,7 +162,7 @@ class Eliminated(SceneSystem):
             return
         self._rates.matrices(t, y, self._rate)
         weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
-        if expected < 0 or self._rates.shares()[weakest] < NEAR:
+        if (expected < 0 or self._rates.shares()[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
                 raise singular(t, self.full.numbering.rows[weakest].name)
             self._told = True
@@ -164,6 +170,12 @@ class Eliminated(SceneSystem):
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
                     f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
+
+    def _determined(self, t: float, y: Array) -> bool:
+        """Whether the rows that were left out determine the motion where those in force are about to fail."""
+        if self.determined is None:
+            return False
+        return self.determined(t, y) > SOUND * self.determined(self.t0, self.y0)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.rhs(t, y, out)

@@ -9,7 +9,8 @@ import numpy as np
 
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, slot_of
-from mbdae.system.mechanics import Mechanics, solve_constrained
+from mbdae.system.constrained import solve_constrained
+from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
 from mbdae.system.numbering import Row
@@ -117,8 +118,8 @@ def _first(node: Node, head: str) -> int:
 class TreeMechanics(Mechanics):
     """Mechanics of a model with recursive joints: accelerations from the joint coordinates, reactions from leaf to root."""
 
-    def __init__(self, model: Model, rows: list[Row], expansion: Expansion) -> None:
-        super().__init__(model, rows)
+    def __init__(self, model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> None:
+        super().__init__(model, rows, redundant)
         self.expansion = expansion
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
@@ -130,12 +131,12 @@ class TreeMechanics(Mechanics):
         G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
         Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
         mass, rows = Tt @ (M @ T), G[:, closing] @ T
-        right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
+        right, E = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias), self.unique(rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
             inner = None if slope is None else slope[:, :, closing]  # joints with friction of their own are never recursive
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
-            ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner)
+            ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
             left = f - acceleration @ M - np.einsum("tij,ti->tj", G[:, closing], lam)
             if inner is not None:

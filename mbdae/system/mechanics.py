@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from mbdae.kernels import linearised_plan, plan
@@ -18,6 +20,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import acceleration, dynamics, jacobian_G, loads, position, velocity
 from mbdae.system import pressed
 from mbdae.system.base import Array
+from mbdae.system.constrained import solve_constrained, unique_multipliers
 from mbdae.system.lines import Batch, batches, nodal_inputs, sparse_mass
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
@@ -25,7 +28,7 @@ from mbdae.system.numbering import Numbering, Row
 from mbdae.system.rotations import quaternion_product, turned
 from mbdae.threads import one_thread
 
-AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
+Index = NDArray[np.intp]
 
 
 def _inertia(d: Derived) -> Any:
@@ -37,12 +40,14 @@ def _loads(d: Derived) -> Any:
 
 
 class Mechanics:
-    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns); rows: the constraint rows in force."""
+    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns); rows: the constraint rows that count; redundant:
+    how many of them follow from the others (which ones differs from position to position)."""
 
-    def __init__(self, model: Model, rows: list[Row]) -> None:
-        self.model, self.rows = model, rows
+    def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
+        self.model, self.rows, self.redundant = model, rows, redundant
         self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
+        self._places: dict[int, tuple[Index, Index, Index]] = {}
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -176,12 +181,21 @@ class Mechanics:
         """G (nt, m, nu)."""
         G = np.zeros((len(t), self.m, self.nu))
         for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu))):
-            for i in range(values.shape[1]):
-                for o, (_, r, side, column) in enumerate(p.targets):
-                    row = self.numbering.row(g, i, r)
-                    if row is not None:
-                        G[:, row, self.numbering.velocity(("u", side, column), g, i)] += values[:, i, o]
+            taken, rows, columns = self._places_in_G(g, p)
+            places: Any = slice(None), rows, columns
+            np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
         return G
+
+    def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
+        """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
+        if g not in self._places:
+            found = []
+            for n, (i, (_, r, side, column)) in enumerate(product(range(len(self.model.groups[g].instances)), p.targets)):
+                row = self.numbering.row(g, i, r)
+                if row is not None:
+                    found.append((n, row, self.numbering.velocity(("u", side, column), g, i)))
+            self._places[g] = tuple(np.array(found, dtype=np.intp).reshape(-1, 3).T)  # type: ignore[assignment]
+        return self._places[g]
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
         out = np.zeros((len(t), self.m))
@@ -217,7 +231,8 @@ class Mechanics:
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
                       z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; least norm where not unique.
+        """u' (nt, nu) and lambda (nt, m) from M u' + G^T lambda = f, G u' = -gamma; where lambda is not unique the one of least
+        norm, every row in the unit of its work in a unit displacement (the scene's length, 1 rad).
 
         With friction that follows from reactions f depends on lambda: see `pressed.py`."""
         f = self.load(t, q, u, s, z)
@@ -232,17 +247,28 @@ class Mechanics:
         if not self.m:
             return lambda f, _: (np.linalg.lstsq(self.mass, f.T, rcond=1e-13)[0].T, np.zeros((len(t), 0)))
         G, gamma = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
-        return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope)
+        E = self.unique(G)
+        return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
+
+    def unique(self, G: Array, units: Array | None = None) -> Array | None:
+        """E (nt, m, m), see `unique_multipliers`, where rows of G (nt, m, nu) follow from others; None where all are needed.
+        units (nu,): of the displacements, by default those of all nodes."""
+        if not self.redundant:
+            return None
+        mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
+        return unique_multipliers(G * (self.velocity_units if units is None else units), self.redundant, mass)
 
     def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array, slope: Array | None) -> tuple[Array, Array]:
         out = np.empty((len(t), self.nu + self.m))
         G, gamma, M = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), sp.coo_matrix(self.mass)
+        E = self.unique(G)
+        a, b = np.indices((self.m, self.m)).reshape(2, -1) if E is not None else np.zeros((2, 0), dtype=int)
         columns = G.transpose(0, 2, 1) if slope is None else G.transpose(0, 2, 1) - slope
         r, c = np.nonzero(np.any(G != 0, axis=0))
         d, e = np.nonzero(np.any(columns != 0, axis=0))
-        places = np.r_[M.row, self.nu + r, d], np.r_[M.col, c, self.nu + e]
+        places = np.r_[M.row, self.nu + r, d, self.nu + a], np.r_[M.col, c, self.nu + e, self.nu + b]
         for i in range(len(t)):
-            values = np.r_[M.data, G[i, r, c], columns[i, d, e]]
+            values = np.r_[M.data, G[i, r, c], columns[i, d, e], () if E is None else -E[i].ravel()]
             out[i] = splu(sp.csc_matrix((values, places), shape=(out.shape[1],) * 2)).solve(np.r_[f[i], -gamma[i]])
         return out[:, : self.nu], out[:, self.nu :]
 
@@ -283,44 +309,3 @@ class Mechanics:
 def _largest(values: Array, otherwise: float) -> float:
     largest = float(np.max(values, initial=0.0))
     return largest if largest > 0 else otherwise
-
-
-def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array,
-                      slope: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
-    """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' = -gamma (nt, m); M (nu, nu) or one per
-    state."""
-    nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
-    M = np.broadcast_to(M, (len(f), nu, nu))
-    scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
-    size = max(1, AT_ONCE // n**2)
-    for part in (slice(i, i + size) for i in range(0, len(f), size)):
-        K = np.zeros((len(f[part]), n, n))
-        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M[part], G[part].transpose(0, 2, 1), G[part]
-        if slope is not None:
-            K[:, :nu, nu:] -= slope[part]
-        out[part] = _solved(K, right[part], scale)
-    return out[:, :nu], out[:, nu:]
-
-
-def _solved(K: Array, right: Array, scale: Array) -> Array:
-    """Solutions (nt, n) of K x = right, all at once where none is singular."""
-    try:
-        x = np.linalg.solve(K, right[:, :, None])
-    except np.linalg.LinAlgError:
-        return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
-    missed = np.linalg.norm((K @ x)[:, :, 0] - right, axis=1) > 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300)
-    x = x[:, :, 0]
-    for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
-        x[i] = _solve(K[i], right[i], scale)
-    return np.asarray(x)
-
-
-def _solve(K: Array, right: Array, scale: Array) -> Array:
-    """Solution of K x = right; least norm in scaled unknowns where K is singular."""
-    try:
-        x = np.asarray(np.linalg.solve(K, right), dtype=float)
-        if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
-            return x
-    except np.linalg.LinAlgError:
-        pass
-    return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 
@@ -13,30 +13,22 @@ from mbdae.errors import SceneError, StartError
 from mbdae.inputs.timed import after
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
-from mbdae.system.assembly import FormSpec, SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, too_large
-from mbdae.system.contacts import Contacts, Expected, expected_contacts
-from mbdae.system.displacements import Displacements
-from mbdae.system.eliminated import Eliminated
+from mbdae.system.contacts import Expected, expected_contacts
 from mbdae.system.expansion import Expansion, TreeMechanics
-from mbdae.system.explicit import partition_of, rhs_of, state_rates
 from mbdae.system.ideal import ideal_start
-from mbdae.system.inputs import timeline
+from mbdae.system.inertia import massless_coordinates, massless_motions
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
 from mbdae.system.pressed import undecided
-from mbdae.system.redundancy import RankReport, analyse, massless_coordinates, massless_motions
-from mbdae.system.scaling import characteristic_time, multiplier_scales, position_scale, state_scale, stress_scale
+from mbdae.system.redundancy import RankReport, analyse
+from mbdae.system.scaling import characteristic_time
 from mbdae.system.start import Start, Starter
-from mbdae.system.switches import switches_of_model
 from mbdae.system.trees import find_trees
-from mbdae.system.vibrations import fastest_vibration
 from mbdae.threads import single_threaded
 
-#: False: runs look neither at inputs of time nor at laws that switch; to measure what is found between their points alone
-RESOLVING = True
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
 
@@ -45,7 +37,7 @@ class Prepared:
     """A checked scene: its model, the constraints in force, its start and its scales."""
 
     model: Model
-    mechanics: Mechanics  #: of all nodes and rows, those of recursive joints included
+    mechanics: Mechanics  #: of all nodes and of the rows in force, those of recursive joints included
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
@@ -54,8 +46,20 @@ class Prepared:
 
     @cached_property
     def everything(self) -> Mechanics:
-        """With the redundant rows too: what a run is checked against."""
-        return Mechanics(self.model, constraint_rows(self.model))
+        """With the redundant rows too: what a run is checked against, and what its reactions are read from."""
+        if not self.rank.dropped:
+            return self.mechanics
+        return mechanics_of(self.model, constraint_rows(self.model), self.expansion, len(self.rank.dropped))
+
+    def mechanics_with(self, rows: list[Row]) -> Mechanics:
+        """The mechanics of all nodes with other rows in force."""
+        return mechanics_of(self.model, rows, self.expansion)
+
+    def with_rows(self, rows: list[Row], start: Start) -> Prepared:
+        """The same from another state, with other rows in force."""
+        dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in set(rows)]
+        rank = replace(self.rank, kept=rows, dropped=dropped)
+        return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
@@ -101,7 +105,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     ideal = ideal_start(scene, model.kept, t0) if loose else None
     starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
     q = start.q if start is not None else ideal.q if ideal else starter.close(starter.placed())
-    rank = analyse(everything, starter, q)
+    always = {row for row in everything.rows if not carried.keeps(row)}
+    rank = analyse(everything, starter, q, always)
     problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
@@ -130,10 +135,10 @@ def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, sta
     return massless_motions(everything, rank, starter.t, q)
 
 
-def mechanics_of(model: Model, rows: list[Row], expansion: Expansion) -> Mechanics:
-    """The mechanics of all nodes with the rows in force."""
+def mechanics_of(model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> Mechanics:
+    """The mechanics of all nodes with some rows, of which so many are redundant."""
     reduced = expansion.carried.trees and not model.lines  # with beams the constrained equations are sparse, these are not
-    return TreeMechanics(model, rows, expansion) if reduced else Mechanics(model, rows)
+    return TreeMechanics(model, rows, expansion, redundant) if reduced else Mechanics(model, rows, redundant)
 
 
 def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, Carried]:
@@ -193,83 +198,3 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])
     return Start(start.t, start.q, start.u, s, a[0], multipliers[0])
-
-
-@single_threaded
-def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
-    """The System of a prepared scene in a form, with start and scales."""
-    mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
-    kind = Eliminated if spec.eliminated and prepared.rows else SceneSystem
-    system = kind(prepared.model, mechanics.rows, spec, sparse, prepared.expansion.carried)
-    nb = system.numbering
-    system.partition = None if mechanics.reactive else partition_of(mechanics, prepared.expansion)
-    system.displaced = Displacements(nb)
-    system.rhs = system.rhs or (None if nb.m else rhs_of(system))
-    z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in prepared.model.lines if nb.stresses)])
-    system.y0, system.yp0 = _values(prepared, system, start, z)
-    system.scale = _scales(prepared, system)
-    system.t0 = start.t
-    if not prepared.model.lines:  # of beams the step over a second was measured
-        system.time = T
-    if prepared.contacts:
-        system.guards = Contacts(system, {contact.item: contact.mass for contact in prepared.contacts})
-        system.guard_names = system.guards.names
-    if RESOLVING:
-        system.switches = switches_of_model(prepared.model, prepared.expansion.carried)
-        system.timeline = lambda t_end: timeline(prepared.model, system.t0, t_end)
-    if prepared.model.lines:
-        system.vibration = lambda: _vibration(prepared)
-    system.restarted = lambda t, y: _restarted(prepared, system, t, y)
-    assert len(system.y0) == nb.n
-    return system
-
-
-def _values(prepared: Prepared, system: SceneSystem, state: Start, z: Array) -> tuple[Array, Array]:
-    """y and y' (n,) of a form at a consistent state, with stresses z of beams; multipliers that are derivatives start at 0."""
-    mechanics, nb, spec = prepared.mechanics, system.numbering, system.spec
-    q, u = nb.of_positions, nb.of_velocities
-    rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
-    blocks = {
-        "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
-        "s": (state.s, rate), "z": (z, np.zeros_like(z)),
-    }  # fmt: skip
-    if "lambda" in spec.blocks:
-        zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()
-        blocks["lambda"] = (zero, multipliers) if spec.derivatives else (multipliers, zero)
-        blocks["mu"] = (zero, zero)
-    parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-
-
-def _scales(prepared: Prepared, system: SceneSystem) -> Array:
-    """(n,) typical magnitude of every unknown."""
-    mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
-    q, u = nb.of_positions, nb.of_velocities
-    blocks = {
-        "q": position_scale(mechanics)[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
-        "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
-    }  # fmt: skip
-    if "lambda" in spec.blocks:
-        kept = nb.rows_among(mechanics.rows)
-        force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
-        force = force / nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
-        blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
-    return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
-
-
-def _restarted(prepared: Prepared, system: SceneSystem, t: float, y: Array) -> tuple[Array, Array]:
-    """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers that are derivatives go on."""
-    nb, times = system.numbering, np.array([t])
-    (q,), (u,), (s,) = prepared.states(times, y[None])
-    z = y[nb.start["z"] : nb.start["z"] + len(nb.stresses)]
-    of_beams = z[None] if len(z) else None
-    a, multipliers = prepared.mechanics.accelerations(times, q[None], u[None], s[None], of_beams)
-    fresh, rates = _values(prepared, system, Start(t, q, u, s, a[0], multipliers[0]), z)
-    kept = system.n if system.spec.derivatives else nb.start["lambda"]
-    return np.concatenate([y[:kept], fresh[kept:]]), rates
-
-
-def _vibration(prepared: Prepared) -> tuple[str, float]:
-    """The beam that vibrates fastest, and how far in the characteristic time (rad)."""
-    name, frequency = fastest_vibration(prepared.model.lines, prepared.start.q)
-    return name, frequency * prepared.time

@@ -48,7 +48,7 @@ def differenced(f: Callable[[float], Array]) -> Array:
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("sparse", [False, True])
 def test_jacobian_is_exact(scene: Callable[[], mb.Scene], sparse: bool) -> None:
-    from mbdae.system.prepare import make_system
+    from mbdae.system.equations import make_system
 
     prepared = prepare(scene())
     system = make_system(prepared, GGL(algebraic=True).spec(), sparse)

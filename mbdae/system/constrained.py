@@ -1,0 +1,63 @@
+"""Accelerations and multipliers of constrained equations of motion, many states at once, also where some rows are redundant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.system.base import Array
+
+AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
+
+
+def unique_multipliers(B: Array, redundant: int, mass: float) -> Array:
+    """E (nt, m, m) of G u' - E lambda = -gamma, for rows G of which so many follow from the others.
+
+    With E the equations have one solution: the accelerations are those without it, and lambda is the one of least norm, every
+    row in the unit of its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement."""
+    lengths = np.linalg.norm(B, axis=2, keepdims=True)
+    lengths[lengths == 0] = 1.0
+    null = np.linalg.svd(B / lengths)[0][:, :, B.shape[1] - redundant :] * lengths
+    return np.asarray(null @ null.transpose(0, 2, 1) / mass)
+
+
+def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,
+                      E: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
+    """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' - E lambda = -gamma (nt, m); M (nu, nu) or
+    one per state; E: see `Mechanics.unique`."""
+    nu, n = f.shape[1], f.shape[1] + gamma.shape[1]
+    M = np.broadcast_to(M, (len(f), nu, nu))
+    scale, right, out = np.r_[units, np.ones(n - nu)], np.hstack([f, -gamma]), np.empty((len(f), n))
+    size = max(1, AT_ONCE // n**2)
+    for part in (slice(i, i + size) for i in range(0, len(f), size)):
+        K = np.zeros((len(f[part]), n, n))
+        K[:, :nu, :nu], K[:, :nu, nu:], K[:, nu:, :nu] = M[part], G[part].transpose(0, 2, 1), G[part]
+        if slope is not None:
+            K[:, :nu, nu:] -= slope[part]
+        if E is not None:
+            K[:, nu:, nu:] = -E[part]
+        out[part] = _solved(K, right[part], scale)
+    return out[:, :nu], out[:, nu:]
+
+
+def _solved(K: Array, right: Array, scale: Array) -> Array:
+    """Solutions (nt, n) of K x = right, all at once where none is singular."""
+    try:
+        x = np.linalg.solve(K, right[:, :, None])
+    except np.linalg.LinAlgError:
+        return np.array([_solve(k, b, scale) for k, b in zip(K, right, strict=True)]).reshape(right.shape)
+    missed = np.linalg.norm((K @ x)[:, :, 0] - right, axis=1) > 1e-8 * (np.linalg.norm(right, axis=1) + 1e-300)
+    x = x[:, :, 0]
+    for i in np.flatnonzero(missed | ~np.isfinite(x).all(axis=1)):
+        x[i] = _solve(K[i], right[i], scale)
+    return np.asarray(x)
+
+
+def _solve(K: Array, right: Array, scale: Array) -> Array:
+    """Solution of K x = right; least norm in scaled unknowns where K is singular."""
+    try:
+        x = np.asarray(np.linalg.solve(K, right), dtype=float)
+        if np.all(np.isfinite(x)) and np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
+            return x
+    except np.linalg.LinAlgError:
+        pass
+    return np.asarray(scale * np.linalg.lstsq(K * scale, right, rcond=1e-12)[0], dtype=float)
