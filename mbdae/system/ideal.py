@@ -33,7 +33,7 @@ def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
     everything = _mechanics(scene, kept | closed)
     starter = Starter(everything, t0)
-    q = starter.close(starter.placed())
+    q = starter.close_or_bend(starter.placed())
     starter.check_branches(q)
     moving = {name: why for name, why in closed.items() if not _has_velocity(scene[name])}
     together = starter if moving == closed else Starter(_mechanics(scene, kept | moving), t0, changes=starter.changes)

@@ -166,6 +166,15 @@ class Line:
         rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
         return rows.ravel(), columns.ravel(), self.blocks.ravel()
 
+    def stiffness(self, q: Array) -> Array:
+        """(elements, k, k) derivatives of the internal forces of every element by displacements of its nodes, at q (nq,)."""
+        kernel, u = self.displacement, np.zeros((1, 1 + max(node.u + node.kind.sizes[1] for node in self.nodes)))
+        x = nodal_inputs(kernel, [self], q[None], u, np.zeros((1, 0)))
+        nodes, count = kernel.nodes, kernel.nodes.count
+        by_position = kernel.full_jacobian(x)[:, : count * nodes.nu, : count * nodes.nq].transpose(1, 2, 0)
+        at = x[:, : count * nodes.nq].reshape(len(x), count, nodes.nq)
+        return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
+
     def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
         """Elastic energy (nt,), J, and dissipated power (nt,), W."""
         kernel = self.displacement

@@ -169,6 +169,14 @@ class Mechanics:
         values = batch.kernel.values(x)[:, [o for o, _, _ in momentum]]
         np.add.at(f.T, at, -values.reshape(len(t), -1).T)
 
+    def elastic_force(self, q: Array) -> Array:
+        """Forces (nu,) by which the beams resist their deformation at positions q (nq,)."""
+        f = np.zeros((1, self.nu))
+        for batch in self._batches[False]:
+            if not batch.is_load:
+                self._add_batch(f, batch, np.zeros(1), q[None], np.zeros((1, self.nu)))
+        return np.asarray(f[0])
+
     def power_of_loads(self, t: Array, q: Array, u: Array) -> Array:
         """Power (nt,) of following and timed loads on beams, W."""
         f = np.zeros((len(t), self.nu))

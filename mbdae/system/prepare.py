@@ -104,7 +104,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     loose = start is None and any(c.loose for c in scene.joints)
     ideal = ideal_start(scene, model.kept, t0) if loose else None
     starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
-    q = start.q if start is not None else ideal.q if ideal else starter.close(starter.placed())
+    q = start.q if start is not None else ideal.q if ideal else starter.close_or_bend(starter.placed())
     always = {row for row in everything.rows if not carried.keeps(row)}
     rank = analyse(everything, starter, q, always)
     problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbdae.system.base import Array
-from mbdae.system.lines import Line, nodal_inputs
+from mbdae.system.lines import Line
 
 
 def fastest_vibration(lines: list[Line], q: Array) -> tuple[str, float]:
@@ -20,10 +20,4 @@ def fastest_vibration(lines: list[Line], q: Array) -> tuple[str, float]:
 
 def _of_elements(line: Line, q: Array) -> float:
     """Largest angular frequency of an element that nothing holds, rad/s."""
-    kernel, u = line.displacement, np.zeros((1, 1 + max(node.u + node.kind.sizes[1] for node in line.nodes)))
-    x = nodal_inputs(kernel, [line], q[None], u, np.zeros((1, 0)))
-    nodes, count = kernel.nodes, kernel.nodes.count
-    by_position = kernel.full_jacobian(x)[:, : count * nodes.nu, : count * nodes.nq].transpose(1, 2, 0)
-    at = x[:, : count * nodes.nq].reshape(len(x), count, nodes.nq)
-    stiffness = nodes.velocity_columns(by_position, at).transpose(2, 0, 1)
-    return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(line.blocks, stiffness))))))
+    return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(line.blocks, line.stiffness(q)))))))
