@@ -15,7 +15,7 @@ from mbdae.system.explicit import partition_of, rhs_of, state_rates
 from mbdae.system.inputs import timeline
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.rows import RowsInForce
+from mbdae.system.rows import Rows, RowsInForce
 from mbdae.system.scaling import multiplier_scales, position_scale, state_scale, stress_scale
 from mbdae.system.start import Start
 from mbdae.system.switches import switches_of_model
@@ -28,7 +28,7 @@ RESOLVING = True
 
 @single_threaded
 def make_system(prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
-                made: dict[tuple[str, ...], SceneSystem] | None = None) -> SceneSystem:  # fmt: skip
+                made: dict[Rows, SceneSystem] | None = None) -> SceneSystem:  # fmt: skip
     """The System of a prepared scene in a form, with start and scales; made: see `Renewed`."""
     mechanics, start, T = prepared.mechanics, prepared.start, prepared.time
     kind = Eliminated if spec.eliminated and prepared.rows else SceneSystem
@@ -117,13 +117,14 @@ def _stresses(system: SceneSystem, y: Array) -> Array:
 
 class Renewed:
     """(t, y) -> the same equations with other constraint rows in force, to go on with from there; None while those in force are
-    good enough. make: equations of a prepared scene; made: those for choices of rows that a run had before, by their names."""
+    good enough. make: equations of a prepared scene; made: those for choices of rows that a run had before."""
 
     def __init__(self, prepared: Prepared, system: SceneSystem, make: Callable[[Prepared], SceneSystem],
-                 made: dict[tuple[str, ...], SceneSystem]) -> None:  # fmt: skip
+                 made: dict[Rows, SceneSystem]) -> None:  # fmt: skip
         self._prepared, self._system, self._make, self._made = prepared, system, make, made
         always = [i for i, row in enumerate(prepared.everything.rows) if not prepared.expansion.carried.keeps(row)]
-        self._choice = RowsInForce(prepared.everything, len(prepared.rank.kept), always, prepared.rank.kept)
+        self._choice = RowsInForce(prepared.everything, len(prepared.rank.kept), always,
+                                   tuple(prepared.rank.kept), made)  # fmt: skip
 
     def determined(self, t: float, y: Array) -> float:
         """Smallest singular value that counts of all rows of unit length: 0 in a singular position."""
@@ -133,11 +134,10 @@ class Renewed:
         rows = self._choice.better(t, self._prepared.states(np.array([t]), y[None])[0][0])
         if rows is None:
             return None
-        names = tuple(row.name for row in rows)
-        if names not in self._made:
-            state = _state(self._prepared.mechanics_with(rows), self._prepared, self._system, t, y)
-            self._made[names] = self._make(self._prepared.with_rows(rows, state))
-        other = self._made[names]
+        if rows not in self._made:
+            state = _state(self._prepared.mechanics_with(list(rows)), self._prepared, self._system, t, y)
+            self._made[rows] = self._make(self._prepared.with_rows(list(rows), state))
+        other = self._made[rows]
         other.go_on_from(self._system, t, y)
         return other
 

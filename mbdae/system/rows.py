@@ -7,7 +7,7 @@ in force are chosen from the geometry of the present position, and chosen again 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.linalg import qr
@@ -19,7 +19,9 @@ from mbdae.system.scaling import position_scale
 
 DEPENDENT = 2e-6  #: part of a row of unit length that is new, beside the rows before it: it depends on them below
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
-WORN = 0.3  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
+Rows = tuple[Row, ...]
+GOOD = 0.5  #: smallest singular value of a choice over that of the best one, from which it is taken again
+WORN = 0.2  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
 SHARE = 0.5  #: of the slack until then by which the motion may go on before the rows are looked at again
 
 
@@ -97,12 +99,13 @@ class RowsInForce:
     """The rows that are integrated of an over-constrained mechanism, and when others have to be.
 
     everything: all rows; rank: of all of them; always: numbers of the rows that recursive joints and shared displacements
-    satisfy, which stay; rows: those in force."""
+    satisfy, which stay; rows: those in force; known: choices that were made before and are taken again where they are good,
+    because equations are at hand for them."""
 
-    def __init__(self, everything: Mechanics, rank: int, always: Sequence[int], rows: list[Row]) -> None:
-        self.everything, self.rank, self.always = everything, rank, list(always)
-        number = {row.name: i for i, row in enumerate(everything.rows)}
-        self.numbers = [number[row.name] for row in rows]
+    def __init__(self, everything: Mechanics, rank: int, always: Sequence[int], rows: Rows, known: Iterable[Rows] = ()) -> None:
+        self.everything, self.rank, self.always, self.known = everything, rank, list(always), known
+        self._number = {row: i for i, row in enumerate(everything.rows)}
+        self.numbers = self._numbers(rows)
         self._units = position_scale(everything)
         self._seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
 
@@ -110,7 +113,10 @@ class RowsInForce:
         """Smallest singular value that counts of all rows: 0 in a singular position, whichever rows are in force."""
         return smallest(self._unit_rows(t, q), self.rank)
 
-    def better(self, t: float, q: Array) -> list[Row] | None:
+    def _numbers(self, rows: Rows) -> list[int]:
+        return [self._number[row] for row in rows]
+
+    def better(self, t: float, q: Array) -> Rows | None:
         """Rows to go on with from positions q (nq,) of all nodes; None where those in force are good enough."""
         if self._seen is not None and self._distance(q) < SHARE * self._seen[1]:
             return None
@@ -121,7 +127,10 @@ class RowsInForce:
         if slack >= 0 or reached <= DEPENDENT:  # the second: a singular position, where no choice is good
             self._seen = q.copy(), max(slack, 0.0)
             return None
-        return [self.everything.rows[i] for i in sorted(others)]
+        for rows in self.known:
+            if smallest(B[self._numbers(rows)], self.rank) >= GOOD * reached:
+                return rows
+        return tuple(self.everything.rows[i] for i in sorted(others))
 
     def _unit_rows(self, t: float, q: Array) -> Array:
         return unit_rows(self.everything, self.everything.constraint_jacobian(np.array([t]), q[None])[0])
