@@ -22,6 +22,7 @@ from mbdae.results.result import Result, RunInfo
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
+from mbdae.system.constrained import least_norm
 from mbdae.system.prepare import prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
@@ -97,7 +98,12 @@ class Equilibrium(Result):
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
         """u' and multipliers under the loads times their load factor, not under the full ones."""
-        return self.prepared.start.acceleration[None], self.prepared.start.multipliers[None]
+        p, q, t = self.prepared, self.prepared.start.q[None], np.array([self.prepared.start.t])
+        multipliers, units = p.start.multipliers, p.mechanics.velocity_units
+        if p.rank.dropped:
+            force = p.mechanics.constraint_jacobian(t, q)[0].T @ multipliers
+            multipliers = least_norm(p.everything.constraint_jacobian(t, q)[0] * units, force * units)
+        return p.start.acceleration[None], multipliers[None]
 
     def _start_value(self, item: Connection) -> float:
         """Where whole turns are counted from: what a spring of the joint has followed, else the start."""
@@ -140,6 +146,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     soft = statics.soft_motions(statics.tangent(point))
     if soft:
         raise EquilibriumError(f"the state at rest is not determined: {soft[0]} meets no stiffness; {REMEDY}", result)
+    _refuse_other_branch(result)
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
@@ -148,6 +155,15 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
                                f"in that frame with time; take another frame", result)  # fmt: skip
     return result
+
+
+def _refuse_other_branch(found: Equilibrium) -> None:
+    """Raises where a redundant row is not satisfied: the rows in force allow motions that all rows together do not."""
+    m, q, t = found.prepared.everything, found.prepared.start.q[None], np.array([found.prepared.start.t])
+    off = np.abs(m.position_residual(t, q)[0])
+    if m.redundant and np.max(off) > 1e-6 * max(1.0, found.prepared.length):
+        raise EquilibriumError(f"the search for a state at rest came to a position in which row {m.rows[int(np.argmax(off))].name} is "
+                               f"off by {np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)  # fmt: skip
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:

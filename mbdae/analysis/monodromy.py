@@ -80,9 +80,9 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
 def carried(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
     solve = _sparse_step if system.sparsity is not None else _dense_step
-    for i, stages in enumerate(orbit.t):
-        with system.within(float(np.mean(stages))):
-            dy = dy + solve(system, orbit, i, dy)
+    for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):
+        with own.within(float(np.mean(stages))):
+            dy = dy + solve(own, orbit, i, dy)
     return dy
 
 

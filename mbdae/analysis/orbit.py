@@ -32,9 +32,11 @@ SAMPLES = 24  #: times at which the equations are compared with those of a perio
 
 @dataclass(frozen=True)
 class Orbit:
-    """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages."""
+    """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages, and
+    the system (steps,) that every step is of."""
 
     h: Array
+    systems: list[SceneSystem]
     table: RadauTable
     t: Array
     y: Array
@@ -51,7 +53,13 @@ def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     table, widths = dense.table, np.diff(solution.t)
     Z = np.concatenate([dense.inner, (dense.ends - solution.y[:-1])[:, None]], axis=1)
     yp = np.einsum("ij,kjn->kin", table.A_inv, Z) / widths[:, None, None]
-    return Orbit(widths, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
+    systems = _systems(solution, system, solution.t[:-1])
+    return Orbit(widths, systems, table, solution.t[:-1, None] + widths[:, None] * table.c, solution.y[:-1, None] + Z, yp)
+
+
+def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
+    """The system (k,) at every time of a run."""
+    return run.systems_at(t, system)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     """Raises SteadyError where state or equations do not repeat after the period. Whole turns are a return."""
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
-    acting = acting_states(system, run.t, run.y, run.yp)
+    acting = acting_states(system, run)
     off, what = _departure(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
     remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
               "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
@@ -82,13 +90,15 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     return Return(off, acting, run.stats.steps, sign)
 
 
-def acting_states(system: SceneSystem, t: Array, y: Array, yp: Array) -> Numbers:
+def acting_states(system: SceneSystem, run: Solution) -> Numbers:
     """Numbers of the internal states something depends on along a motion; one that only follows it has no multiplier."""
     first = system.numbering.nq + system.numbering.nu
     keep = first + np.arange(len(system.numbering.states))
     if not len(keep):
         return keep
-    size = sum(abs(derivatives(system, t[i], y[i], yp[i])[0]) for i in _some(len(t)))
+    some = _some(len(run.t))
+    size = sum(abs(derivatives(of, run.t[i], run.y[i], run.yp[i])[0])
+               for i, of in zip(some, _systems(run, system, run.t[some]), strict=True))  # fmt: skip
     while len(keep):
         rows = np.setdiff1d(np.arange(system.n), np.setdiff1d(first + np.arange(len(system.numbering.states)), keep))
         acts = np.asarray(size[rows][:, keep].sum(axis=0)).ravel() > 0
@@ -141,7 +151,8 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
     sign, turns = later
     scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
     rates, F = scale * (2 * np.pi / period), np.empty(system.n)
-    for i in _some(len(run.t)):
+    some = _some(len(run.t))
+    for i, system in zip(some, _systems(run, system, run.t[some]), strict=True):  # noqa: B020
         there = run.t[i] + period, sign * run.y[i] + turns, sign * run.yp[i]
         step = min(i, len(run.t) - 2)
         inside = float(run.t[step] + run.t[step + 1]) / 2  # an input may jump at the ends of the step

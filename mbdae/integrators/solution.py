@@ -107,6 +107,13 @@ class Solution:
         """dy/dt at the time or times t, shape t.shape + (n,)."""
         return self._evaluate(t, self.interpolant.derivative)
 
+    def systems_at(self, t: Array, otherwise: System) -> list[System]:
+        """The system (k,) that was integrated at times t (k,), at an instant of renewal the new one; otherwise: where all are one."""
+        begins = np.array([begin for begin, _ in self.systems])
+        if len(begins) < 2:
+            return [otherwise] * len(t)
+        return [self.systems[max(i, 0)][1] for i in np.searchsorted(begins, t, side="right") - 1]
+
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
         times = np.asarray(t, dtype=float)
         first, last = self.t[0], self.t[-1]

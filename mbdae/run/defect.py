@@ -24,7 +24,7 @@ from mbdae.integrators.sundials import as_csc
 from mbdae.run.control import Motion, motion_distance
 from mbdae.run.hiding import can_hide
 from mbdae.system.assembly import SceneSystem
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 SEED = 20240229
@@ -116,21 +116,16 @@ class Defect:
         part = np.empty((size, n))
         for first in range(0, len(times), size):
             at = np.minimum(np.arange(first, first + size), len(times) - 1)
-            for system, own in self._systems_at(times[at]):
+            systems = self.run.systems_at(times[at], self.system)
+            for system in dict.fromkeys(systems):
                 try:
                     system.residual_stages(times[at], y[at], yp[at], part)
                 except SolverError:
                     continue
+                own = np.array([other is system for other in systems])
                 out[at[own]] = part[own]
         self.evaluations += len(times)
         return np.nan_to_num(out), y, yp
-
-    def _systems_at(self, times: Array) -> list[tuple[System, Any]]:
-        """The systems that were integrated at some times, each with which of the times (k,) bool are its own."""
-        begins = np.array([t for t, _ in self.run.systems])
-        number = np.maximum(np.searchsorted(begins, times) - 1, 0)
-        return [(self.run.systems[i][1], number == i) for i in np.unique(number)] if len(begins) > 1 else [
-            (self.system, np.ones(len(times), dtype=bool))]  # fmt: skip
 
     def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
         """Effect of the defect in steps (m,) looked at in points (k,) of (0, 1)."""
@@ -161,7 +156,7 @@ class Defect:
     def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
         """What the unknowns are moved by, (m, k, n): - J^-1 right with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
-        system = self._systems_at(times[k : k + 1])[0][0]
+        system = self.run.systems_at(times[k : k + 1], self.system)[0]
         if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
             return -h * right
         J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)

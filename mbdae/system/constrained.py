@@ -20,6 +20,14 @@ def unique_multipliers(B: Array, redundant: int, mass: float) -> Array:
     return np.asarray(null @ null.transpose(0, 2, 1) / mass)
 
 
+def least_norm(B: Array, force: Array) -> Array:
+    """Multipliers lambda (m,) of least norm, as in `unique_multipliers`, with B^T lambda = force (nu,); B (m, nu): G over unit
+    displacements, force: times them."""
+    lengths = np.linalg.norm(B, axis=1)
+    lengths[lengths == 0] = 1.0
+    return np.asarray(np.linalg.lstsq((B / lengths[:, None]).T, force, rcond=1e-9)[0] / lengths)
+
+
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,
                       E: Array | None = None) -> tuple[Array, Array]:  # fmt: skip
     """u' (nt, nu), lambda (nt, m) of M u' + (G^T - slope) lambda = f (nt, nu), G u' - E lambda = -gamma (nt, m); M (nu, nu) or
