@@ -12,7 +12,7 @@ LAYERS = [
     {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"run"},
     {"results"}, {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
     {"joints", "elements", "forces", "contact", "friction"}, {"inputs"}, {"symbolic"}, {"values"},
-    {"notation", "errors", "threads"},
+    {"notation", "errors", "threads", "ties"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
