@@ -1,20 +1,55 @@
-"""What tests of pages read them with: a parser, and Chromium over chromedriver's own protocol."""
+"""How the tests run: on several processors, the quick part by its list. What tests of pages read them with: a parser, and
+Chromium over chromedriver's own protocol."""
 
 from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import socket
 import subprocess
 import time
 import urllib.request
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
+HERE = Path(__file__).resolve().parent
+MOST = 4  #: workers: each holds some hundred MB
+os.environ.setdefault("MPLBACKEND", "Agg")  # no window, also where there is a display
+if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: workers with several BLAS threads each wait for each other
+    os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+
+
+def pytest_xdist_auto_num_workers(config):
+    """Workers for folders of tests; a file or a single test runs in this process, where it starts at once."""
+    named = [Path(str(argument).split("::")[0]) for argument in config.args]
+    if not any(path.is_dir() for path in named):
+        return 0
+    return min(MOST, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def pytest_collection_modifyitems(items):
+    """The marker `quick` for what tests/quick.txt lists; a line that names no test of a file that was collected is an error."""
+    lines = (HERE / "quick.txt").read_text(encoding="utf-8").splitlines()
+    listed = {line.strip() for line in lines if line.strip() and not line.startswith("#")}
+    found, files = set(), set()
+    for item in items:
+        file = item.path.relative_to(HERE).as_posix() if HERE in item.path.parents else ""
+        names = {f"{file}::{item.name}", f"{file}::{item.name.split('[')[0]}"}
+        files.add(file)
+        found |= names
+        if names & listed:
+            item.add_marker(pytest.mark.quick)
+    whole = not any("::" in argument for argument in items[0].config.args) if items else False
+    absent = sorted(name for name in listed - found if whole and name.split("::")[0] in files)
+    if absent:
+        raise pytest.UsageError(f"tests/quick.txt names tests that do not exist: {', '.join(absent)}")
 
 
 class Reader(HTMLParser):
