@@ -100,7 +100,8 @@ def test_json_stands_alone(checkout, capsys):
 
 def test_pages_carry_everything_and_refer_to_nothing(checkout, capsys):
     assert main(["validate", "--out", "pages"]) == 1
-    markdown, html = ((checkout / "below/pages" / f"validation.{ending}").read_text(encoding="utf-8") for ending in ("md", "html"))
+    pages = checkout / "below" / "pages"
+    markdown, html = ((pages / f"validation.{ending}").read_text(encoding="utf-8") for ending in ("md", "html"))
     for page in (markdown, html):
         assert "1 of 2 do not hold: wrong" in page
         assert "one: first" in page
