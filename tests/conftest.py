@@ -26,30 +26,22 @@ FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "-
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
 
 
-def pytest_xdist_auto_num_workers(config):
-    """Workers for folders of tests; a file or a single test runs in this process, where it starts at once."""
-    named = [Path(str(argument).split("::")[0]) for argument in config.args]
-    if not any(path.is_dir() for path in named):
-        return 0
-    return min(MOST, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Folders of tests run on several processors, unless -n says how many; a file or a single test in this process, at once."""
+    option, named = config.option, [Path(str(argument).split("::")[0]) for argument in config.args]
+    if getattr(option, "numprocesses", 0) is None and any(path.is_dir() for path in named) and "PYTEST_XDIST_WORKER" not in os.environ:
+        processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        option.numprocesses = 0 if option.usepdb or option.collectonly else min(MOST, processors)
+        option.dist = "worksteal"
 
 
 def pytest_collection_modifyitems(items):
-    """The marker `quick` for what tests/quick.txt lists; a line that names no test of a file that was collected is an error."""
-    lines = (HERE / "quick.txt").read_text(encoding="utf-8").splitlines()
-    listed = {line.strip() for line in lines if line.strip() and not line.startswith("#")}
-    found, files = set(), set()
+    """The marker `quick` for what tests/quick.txt lists."""
+    listed = set((HERE / "quick.txt").read_text(encoding="utf-8").splitlines())
     for item in items:
-        file = item.path.relative_to(HERE).as_posix() if HERE in item.path.parents else ""
-        names = {f"{file}::{item.name}", f"{file}::{item.name.split('[')[0]}"}
-        files.add(file)
-        found |= names
-        if names & listed:
+        if HERE in item.path.parents and f"{item.path.relative_to(HERE).as_posix()}::{item.originalname}" in listed:
             item.add_marker(pytest.mark.quick)
-    whole = not any("::" in argument for argument in items[0].config.args) if items else False
-    absent = sorted(name for name in listed - found if whole and name.split("::")[0] in files)
-    if absent:
-        raise pytest.UsageError(f"tests/quick.txt names tests that do not exist: {', '.join(absent)}")
 
 
 class Reader(HTMLParser):
