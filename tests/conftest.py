@@ -1,20 +1,47 @@
-"""What tests of pages read them with: a parser, and Chromium over chromedriver's own protocol."""
+"""How the tests run: on several processors, the quick part by its list. What tests of pages read them with: a parser, and
+Chromium over chromedriver's own protocol."""
 
 from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import socket
 import subprocess
 import time
 import urllib.request
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
+HERE = Path(__file__).resolve().parent
+MOST = 4  #: workers: each holds some hundred MB
+os.environ.setdefault("MPLBACKEND", "Agg")  # no window, also where there is a display
+if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: workers with several BLAS threads each wait for each other
+    os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
          "--disable-background-networking", "--disable-component-update"]  # fmt: skip
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Folders of tests run on several processors, unless -n says how many; a file or a single test in this process, at once."""
+    option, named = config.option, [Path(str(argument).split("::")[0]) for argument in config.args]
+    if getattr(option, "numprocesses", 0) is None and any(path.is_dir() for path in named) and "PYTEST_XDIST_WORKER" not in os.environ:
+        processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        option.numprocesses = 0 if option.usepdb or option.collectonly else min(MOST, processors)
+        option.dist = "worksteal"
+
+
+def pytest_collection_modifyitems(items):
+    """The marker `quick` for what tests/quick.txt lists."""
+    listed = set((HERE / "quick.txt").read_text(encoding="utf-8").splitlines())
+    for item in items:
+        if HERE in item.path.parents and f"{item.path.relative_to(HERE).as_posix()}::{item.originalname}" in listed:
+            item.add_marker(pytest.mark.quick)
 
 
 class Reader(HTMLParser):

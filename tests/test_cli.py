@@ -101,10 +101,10 @@ def test_compare_writes_pictures_page_and_the_json_it_prints(file, tmp_path, cap
     data = json.loads(said(capsys)[0])
     assert data["t_end"] == 0.2
     assert data["accuracies"] == [1e-3, 1e-4]
-    assert json.loads((tmp_path / "out/swing_work_precision.json").read_text()) == data
+    assert json.loads((tmp_path / "out/swing_work_precision.json").read_text(encoding="utf-8")) == data
     assert (tmp_path / "out/swing_work_precision.png").read_bytes().startswith(b"\x89PNG")
-    assert "<svg" in (tmp_path / "out/swing_work_precision.svg").read_text()
-    assert "<title>Solvers compared: pendulum</title>" in (tmp_path / "out/swing_work_precision.html").read_text()
+    assert "<svg" in (tmp_path / "out/swing_work_precision.svg").read_text(encoding="utf-8")
+    assert "<title>Solvers compared: pendulum</title>" in (tmp_path / "out/swing_work_precision.html").read_text(encoding="utf-8")
     assert len(list((tmp_path / "out").iterdir())) == 4
 
 
@@ -118,8 +118,9 @@ def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys)
     slow = "\nruns = [mb.Run(mb.RadauIIA(3)), mb.Run(mb.RadauIIA(2, step=1e-5), label='slow')]\n"
     command = ["compare", file(PENDULUM + slow, "slow.py"), "--accuracies", "1e-3", "--resume", "kept.json"]
     process = subprocess.Popen([sys.executable, "-m", "mbdae", *command], stderr=subprocess.PIPE, text=True)
+    kept = tmp_path / "kept.json"
     for _ in range(300):
-        if (tmp_path / "kept.json").exists() and len(json.loads((tmp_path / "kept.json").read_text())["rows"]) == 1:
+        if kept.exists() and len(json.loads(kept.read_text(encoding="utf-8"))["rows"]) == 1:
             break
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
@@ -127,7 +128,7 @@ def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys)
     assert process.returncode == 1
     assert "interrupted: 1 of 2 runs are done and kept in kept.json" in err
     assert "Traceback" not in err
-    assert len(json.loads((tmp_path / "kept.json").read_text())["rows"]) == 1
+    assert len(json.loads(kept.read_text(encoding="utf-8"))["rows"]) == 1
     assert main([*command, "--t-end", "0.1"]) == 2
     assert "t_end is 0.5 there and 0.1 here" in said(capsys)[1]
 

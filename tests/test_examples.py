@@ -22,7 +22,7 @@ def _examples_importable(monkeypatch):
 
 
 def reference(name):
-    return json.loads((HERE.parent / "validation" / name / "reference.json").read_text())
+    return json.loads((HERE.parent / "validation" / name / "reference.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -12,7 +12,7 @@ LAYERS = [
     {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"run"},
     {"results"}, {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
     {"joints", "elements", "forces", "contact", "friction"}, {"inputs"}, {"symbolic"}, {"values"},
-    {"notation", "errors", "threads"},
+    {"notation", "errors", "threads", "ties"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
@@ -22,7 +22,7 @@ ALONE = {"sksundae": {"integrators/ida.py", "integrators/cvode.py"}, "matplotlib
 
 def imports(path: Path) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

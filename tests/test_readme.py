@@ -37,7 +37,8 @@ def test_python_blocks_run(text, line, tmp_path, monkeypatch):
 
 def test_laws_of_the_contributing_guide_work(monkeypatch):
     """Each block is a file; its laws are exported, keep the contract, and the tests among the blocks pass."""
-    for text in (text for language, text, _ in blocks((ROOT / "CONTRIBUTING.md").read_text()) if language == "python"):
+    guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    for text in (text for language, text, _ in blocks(guide) if language == "python"):
         space = {"__name__": "contributing"}
         exec(compile(text, text.splitlines()[0], "exec"), space)
         for name, value in space.items():

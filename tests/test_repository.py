@@ -96,3 +96,14 @@ def test_source_archives_hold_everything() -> None:
     named = set((ROOT / "MANIFEST.in").read_text(encoding="utf-8").split())
     top = {path.relative_to(ROOT).parts[0] for path in kept_files()}
     assert top - named <= {"mbdae", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"}
+
+
+def test_the_quick_part_names_tests_that_exist() -> None:
+    lines = (ROOT / "tests" / "quick.txt").read_text(encoding="utf-8").splitlines()
+    listed = [line for line in lines if line and not line.startswith("#")]
+    assert len(set(listed)) == len(listed)
+    absent = [line for line in listed if line.split("::")[1] not in
+              {f.name for f in functions(ROOT / "tests" / line.split("::")[0])}]  # fmt: skip
+    assert not absent
+    covered = {line.split("/")[0] for line in listed if "/" in line}
+    assert covered == {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")} - {"reference", "fuzz"}

@@ -61,16 +61,16 @@ def test_claim_says_what_it_is(name: str) -> None:
     claim = CHECKS[name].claim
     assert all((claim.statement, claim.unit, claim.origin))
     assert claim.tolerance >= 0
-    readme = (FOLDER / name / "README.md").read_text()
+    readme = (FOLDER / name / "README.md").read_text(encoding="utf-8")
     assert readme.startswith(f"# {name}\n")
     for heading in ("Problem", "Reference", "Tolerance", "How it is checked"):
         assert f"## {heading}\n" in readme, heading
-    assert f"[{name}]({name}/README.md)" in (FOLDER / "README.md").read_text()
+    assert f"[{name}]({name}/README.md)" in (FOLDER / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*/reference.json")), ids=lambda path: path.parent.name)
 def test_reference_says_where_it_comes_from(path: Path) -> None:
-    assert {"title", "tolerance"} & set(json.loads(path.read_text()))
+    assert {"title", "tolerance"} & set(json.loads(path.read_text(encoding="utf-8")))
     assert path.parent.name in NAMES
 
 
@@ -100,7 +100,8 @@ def test_json_stands_alone(checkout, capsys):
 
 def test_pages_carry_everything_and_refer_to_nothing(checkout, capsys):
     assert main(["validate", "--out", "pages"]) == 1
-    markdown, html = ((checkout / "below/pages" / f"validation.{ending}").read_text() for ending in ("md", "html"))
+    pages = checkout / "below" / "pages"
+    markdown, html = ((pages / f"validation.{ending}").read_text(encoding="utf-8") for ending in ("md", "html"))
     for page in (markdown, html):
         assert "1 of 2 do not hold: wrong" in page
         assert "one: first" in page
@@ -145,9 +146,9 @@ def test_a_case_that_fails_is_a_row_with_its_reason():
 
 
 def test_the_wheel_does_not_carry_or_need_validation():
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]["find"]
     assert settings["include"] == ["mbdae*"]
     shared = {path.stem for path in FOLDER.glob("*.py")}
     for path in (ROOT / "mbdae").rglob("*.py"):
-        used = set(re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(), re.MULTILINE))
+        used = set(re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE))
         assert not used & {"validation", *shared}, path

@@ -14,7 +14,7 @@ import mbdae as mb
 
 def data(claim: str) -> Any:
     """The reference of a claim as it stands."""
-    return json.loads((Path(__file__).parent / claim / "reference.json").read_text())
+    return json.loads((Path(__file__).parent / claim / "reference.json").read_text(encoding="utf-8"))
 
 
 def a01(space: str = "auto") -> mb.Scene:

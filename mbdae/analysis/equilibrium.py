@@ -36,6 +36,7 @@ REMEDY = "stop that motion with a joint, or give it a spring"
 ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked for, in the scene's length and rad
 FAR = 30.0  #: way in the scene's lengths and rad after which a search has run away
 SEARCHES = 200  #: corrections of that search
+OFF = 1e-6  #: of the scene's length, or rad: a redundant row that is off by more is not satisfied
 SOLVED = "no error is estimated: the equations are solved to the residual that the state at rest has"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
            "mesh": "not measured: the same beams with one order more show it"}  #: of its accuracy  # fmt: skip
@@ -161,9 +162,10 @@ def _refuse_other_branch(found: Equilibrium) -> None:
     """Raises where a redundant row is not satisfied: the rows in force allow motions that all rows together do not."""
     m, q, t = found.prepared.everything, found.prepared.start.q[None], np.array([found.prepared.start.t])
     off = np.abs(m.position_residual(t, q)[0])
-    if m.redundant and np.max(off) > 1e-6 * max(1.0, found.prepared.length):
-        raise EquilibriumError(f"the search for a state at rest came to a position in which row {m.rows[int(np.argmax(off))].name} is "
-                               f"off by {np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)  # fmt: skip
+    if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
+        row = m.rows[int(np.argmax(off))].name
+        raise EquilibriumError(f"the search for a state at rest came to a position in which row {row} is off by "
+                               f"{np.max(off):.2g} (m or rad): start the scene nearer to its state at rest", found)  # fmt: skip
 
 
 def as_result(statics: Statics, point: Point) -> Equilibrium:

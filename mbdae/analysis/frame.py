@@ -19,6 +19,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
 from mbdae.system.rotations import quaternion_product, rotation_of, turned
+from mbdae.ties import largest
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -158,7 +159,7 @@ def motion_in_words(model: Model, motion: Array, units: Array) -> str:
     Of bodies that move alike (a disc and its housing tilting together) it is the first of the scene, whatever the rounding.
     """
     size = np.abs(motion) / units
-    worst = int(np.argmax(size >= (1 - 1e-6) * size.max()))
+    worst = largest(size)
     node = next(n for n in model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
     part = motion[node.u : node.u + node.kind.sizes[1]]
     if node.kind is NodeKind.COORDINATE:

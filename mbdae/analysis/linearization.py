@@ -27,6 +27,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
+from mbdae.ties import largest
 
 LARGEST = 1600  #: states up to which all eigenvalues are found
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a double zero
@@ -257,7 +258,7 @@ def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
         off = abs(x - y).tocsc()
         if off.nnz and off.max() > STEADY * float(abs(x).max()):
             motion = np.zeros(m.nu)
-            motion[int(np.argmax(off.max(axis=0).toarray()))] = 1.0
+            motion[largest(off.max(axis=0).toarray().ravel())] = 1.0
             return f"the {name} against {motion_in_words(m.model, motion, m.velocity_units)} changes"
     return None
 
@@ -268,7 +269,7 @@ def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
         return None
     span = np.linalg.qr(before.T)[0]
     left = np.linalg.norm(after.T - span @ (span.T @ after.T), axis=0) / np.linalg.norm(after, axis=1)
-    worst = int(np.argmax(left))
+    worst = largest(left)
     return f"row {m.rows[worst].name} acts along another direction" if left[worst] > STEADY else None
 
 
@@ -276,7 +277,7 @@ def _changed_on_basis(m: Mechanics, found: Linearization, p: Pencil, frame: Rota
     before = found.equations
     G = p.constraints * m.velocity_units
     if np.abs(p.constraints @ before.N).max(initial=0.0) > STEADY * np.abs(G).max(initial=1e-300):
-        worst = int(np.argmax(np.max(np.abs(p.constraints @ before.N), axis=1)))
+        worst = largest(np.max(np.abs(p.constraints @ before.N), axis=1))
         return f"row {m.rows[worst].name} acts along another direction"
     return _differs(m, before, reduced(p, before.N), float(np.max(np.abs(frame.rate))))
 
@@ -287,7 +288,7 @@ def _differs(m: Mechanics, a: Reduced, b: Reduced, rate: float) -> str | None:
         off = np.abs(x - y)
         scale = size / unit if unit else np.abs(x).max(initial=0.0)
         if off.max(initial=0.0) > STEADY * scale and off.max() > 0:
-            column = int(np.argmax(off.max(axis=0)))
+            column = largest(off.max(axis=0))
             motion = motion_in_words(m.model, a.N[:, column], m.velocity_units)
             return f"the {name} against {motion} changes by {off.max() / np.abs(x).max(initial=off.max()):.2g} of the largest"
     return None

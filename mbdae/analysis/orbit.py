@@ -20,6 +20,7 @@ from mbdae.system.base import Array
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.scaling import state_scale
+from mbdae.ties import largest
 
 Numbers = NDArray[np.intp]
 
@@ -127,7 +128,7 @@ def _departure(prepared: Prepared, period: float, q: Array, u: Array, s: Array, 
     for i in acting:
         off_s = abs(float(s[1, i] - s[0, i]))
         found.append((off_s / size[i], f"the state {names[i]} differs from its start by {off_s:.3g}"))
-    return max(found, key=lambda f: f[0])
+    return found[largest([off for off, _ in found])]
 
 
 def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[float, str]:
@@ -165,7 +166,7 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
         for a, b, weights in zip(before, after, (scale, rates), strict=True):
             size = np.maximum(size, a.multiply(weights).max(axis=1).toarray().ravel())
             off = np.maximum(off, abs(a - b).multiply(weights).max(axis=1).toarray().ravel())
-        worst = int(np.argmax(off / size))
+        worst = largest(off / size)
         if off[worst] > RETURN * size[worst]:
             return f"{system.equations[worst]} differs by {off[worst] / size[worst]:.2g} of its terms at t = {there[0]:.6g} s"
     return None

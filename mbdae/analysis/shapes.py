@@ -15,6 +15,7 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
+from mbdae.ties import largest, nearest
 
 
 class Owner(Protocol):
@@ -100,7 +101,9 @@ class Mode:
             e, xi = foot(line.mesh, place.point)
             at, whole = table(line.mesh.order, np.array([xi])).values[0], self[body]
             move, turn = (at @ a[line.mesh.elements[e]] for a in (whole.displacement, whole.rotation))
-            body = min((n.body for n in line.nodes if n.body), key=lambda b: float(np.linalg.norm(b.position - place.point)))
+            bodies = [n.body for n in line.nodes if n.body]
+            apart = [np.linalg.norm(body.position - place.point) for body in bodies]
+            body = bodies[nearest(apart, line.mesh.length)]
             node, origin = model.node(body), at @ line.mesh.curve[e]
         else:
             shape, origin = self._of(node), body.position
@@ -126,10 +129,10 @@ def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
     for node, body in m.model.bodies:
         part = float(np.sum(energy[node.u : node.u + node.kind.sizes[1]])) / total
         found[body.owner.name] = found.get(body.owner.name, 0.0) + part
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+    return dict(sorted(found.items(), key=lambda item: -round(item[1], 9)))  # equal shares in the order of the scene
 
 
 def scaled(vector: Any) -> Any:
-    """The vector with its largest component 1."""
-    largest = vector[np.argmax(np.abs(vector))] if len(vector) else 1.0
-    return np.asarray(vector / largest) if largest else vector
+    """The vector with its largest component 1: with the first of those that are as large."""
+    component = vector[largest(np.abs(vector))] if len(vector) else 1.0
+    return np.asarray(vector / component) if component else vector

@@ -30,6 +30,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.system.start import Starter
+from mbdae.ties import largest
 
 STEADY = 1e-4  #: relative: departures below change eigenvalues by as little
 
@@ -71,7 +72,7 @@ def _constraints_broken(m: Mechanics, t: float, q: Array, u: Array, tolerance: f
     size = np.max(np.abs(m.constraint_jacobian(at, q[None])[0]) * m.velocity_units, axis=1)
     size[size == 0] = 1.0
     for off, scale in ((m.position_residual(at, q[None])[0], 1.0), (m.velocity_residual(at, q[None], u[None])[0], speed)):
-        worst = int(np.argmax(np.abs(off) / size))
+        worst = largest(np.abs(off) / size)
         if abs(off[worst]) > tolerance * size[worst] * scale:
             return f"a motion that is steady in it breaks the row {m.rows[worst].name}"
     return None
@@ -82,7 +83,7 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
     a = m.accelerations(at, q[None], u[None], s[None])[0][0]
     off = (a - steady_acceleration(m.model, frame, q, u)) / m.velocity_units
     beyond = np.abs(off) / acceleration_scale(m, at, q, u, s)
-    worst = int(np.argmax(beyond)) if len(off) else 0
+    worst = largest(beyond) if len(off) else 0
     if np.max(beyond, initial=0.0) <= tolerance:
         return None
     unit = "rad/s^2" if m.rotational[worst] else "m/s^2"
@@ -95,7 +96,7 @@ def _pulled(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array]
     t, q, u, s = state
     found = dynamics(beams[0], m, t, q, u, s, beams[1])
     off = forces_off(m, steady_acceleration(m.model, frame, q, u), found)
-    worst = int(np.argmax(off))
+    worst = largest(off)
     if off[worst] <= tolerance:
         return None
     node = next(n for n in m.model.nodes if n.u <= worst < n.u + n.kind.sizes[1])
@@ -242,7 +243,7 @@ class Rest:
         if not self.mechanics.m:
             return None
         rate = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
-        worst = int(np.argmax(np.abs(rate)))
+        worst = largest(np.abs(rate))
         if abs(rate[worst]) > size * max(1.0, self.model.length):
             return (f"joints and prescribed motions move the scene in it: row {self.mechanics.rows[worst].name} by "
                     f"{abs(rate[worst]):.4g} m/s or rad/s")  # fmt: skip
@@ -251,7 +252,7 @@ class Rest:
                     ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))  # fmt: skip
         off, terms = G @ up + gamma, np.abs(G) @ np.abs(up) + np.abs(gamma)
         spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in carriers(self.model))
-        worst = int(np.argmax(np.abs(off)))
+        worst = largest(np.abs(off))
         if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
             return None
         return (f"row {self.mechanics.rows[worst].name} accelerates by {abs(off[worst]):.4g} (m or rad, s^-2): a prescribed "

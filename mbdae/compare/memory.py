@@ -19,7 +19,7 @@ def reset_peak() -> bool:
 def peak_bytes() -> int | None:
     """Largest resident size of the process since the last `reset_peak`, bytes."""
     try:
-        lines = _STATUS.read_text().splitlines()
+        lines = _STATUS.read_text(encoding="ascii").splitlines()
     except OSError:
         return None
     kilobytes = next((line.split()[1] for line in lines if line.startswith("VmHWM:")), None)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mbdae.elements.line_frames import headings, quaternions, relative, section_axes
 from mbdae.elements.line_shape import Array, Table, mass_points, node_positions
 from mbdae.errors import OptionError
+from mbdae.ties import largest
 
 NEAR = 1e-9  #: of a segment: what counts as the same place
 SHORTEST = 1e-3  #: of a neighbour: elements an attachment may leave
@@ -171,7 +172,7 @@ def _counts(lengths: Array, elements: int | Sequence[int]) -> list[int]:
         return [int(count) for count in counts]
     found = [1] * n
     for _ in range(int(counts) - n):
-        found[int(np.argmax(lengths / found))] += 1
+        found[largest(lengths / found)] += 1
     return found
 
 

@@ -17,6 +17,7 @@ from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
 from mbdae.integrators.watch import StepWatch, SundialsWatch, stop_time
 from mbdae.system.base import Array, System
+from mbdae.ties import largest
 
 #: order a method may reach
 HIGHEST = {"Adams": 12, "BDF": 5}
@@ -243,6 +244,6 @@ def _failure(loop: StepLoop, last: _Callbacks, result: Any, solver: CVODE, atol:
         return undefined
     dt, (y, yp) = last.t - loop.t, loop.state
     missed = np.abs(last.y - y - dt * yp) + np.abs(dt * (last.values - yp))
-    worst = int(np.argmax(missed / (solver.tolerance * np.abs(last.y) + atol)))
+    worst = largest(missed / (solver.tolerance * np.abs(last.y) + atol))
     other = "mb.CVODE(method='BDF') or mb.RadauIIA(3)" if solver.method == "Adams" else "mb.RadauIIA(3)"
     return loop.failure(f"{message}; where the motion is stiff, use {other}", last.system.names[worst])

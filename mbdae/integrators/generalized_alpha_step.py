@@ -26,6 +26,7 @@ from mbdae.integrators.radau_step import StepFailedError
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.sundials import as_csc
 from mbdae.system.base import Array, System
+from mbdae.ties import largest
 
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
 #: corrections are measured in ROUND times the size of displacements and velocities; what is left is TARGET of that
@@ -260,7 +261,7 @@ class AlphaStep:
         if unknown >= 0:
             return StepFailedError("the iteration matrix is singular", names[unknown])
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
-        worst = self.nq + int(np.argmax(np.where(np.isfinite(share), share, inf)))
+        worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
         return StepFailedError("Newton's method diverges, or stops above its tolerance on round-off", names[worst])
 
     # -- going on

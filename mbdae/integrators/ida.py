@@ -16,6 +16,7 @@ from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
 from mbdae.integrators.watch import SundialsWatch, stop_time
 from mbdae.system.base import Array, System
+from mbdae.ties import largest
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
 POINTS = 3
@@ -147,13 +148,13 @@ def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: A
     weights = 1 / (rtol * np.abs(last.y) + atol)
     correction = _newton_correction(last)
     if correction is None:
-        worst = int(np.argmax(np.abs(last.values)))
+        worst = largest(np.abs(last.values))
         return loop.failure(f"{message}; the iteration matrix is singular", last.system.equations[worst])
     if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
         dt = last.t - loop.t
         y, yp = loop.state
         correction = last.y - y - dt * yp
-    return loop.failure(message, names[int(np.argmax(np.abs(correction) * weights))])
+    return loop.failure(message, names[largest(np.abs(correction) * weights)])
 
 
 def _newton_correction(last: _Callbacks) -> Array | None:

@@ -13,6 +13,7 @@ from mbdae.integrators.newton import Outcome, StageNewton
 from mbdae.integrators.radau_tables import RadauTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
+from mbdae.ties import largest
 
 #: a contraction better than this lets the Jacobian serve the next step too
 REUSE = 1e-2
@@ -193,11 +194,11 @@ class RadauStep:
 
     def largest_error(self) -> str:
         """Name of the unknown that fails the error test most."""
-        return self.system.names[int(np.argmax(np.abs(self._scaled_error)))]
+        return self.system.names[largest(np.abs(self._scaled_error))]
 
     def fastest(self) -> str:
         """Name of the unknown that changes most."""
-        return self.system.names[int(np.argmax(np.abs(self.yp) / self._tolerance(self.y)))]
+        return self.system.names[largest(np.abs(self.yp) / self._tolerance(self.y))]
 
     def solve_surely(self, h: float) -> None:
         """Solve the stages of a constant step, if need be from starting values found with smaller steps."""
@@ -254,6 +255,6 @@ class RadauStep:
         if outcome.iterations == 0 or not np.isfinite(self.newton.correction).all():
             culprit = names[self._singular] if 0 <= self._singular < len(names) else ""
             return StepFailedError("the iteration matrix is singular", culprit)
-        worst = int(np.argmax(np.abs(self.newton.correction * weights).max(axis=0)))
+        worst = largest(np.abs(self.newton.correction * weights).max(axis=0))
         text = f"Newton's method diverges (last correction {outcome.norm:.1e} tolerances)"
         return StepFailedError(text, names[worst])

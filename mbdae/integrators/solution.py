@@ -108,7 +108,7 @@ class Solution:
         return self._evaluate(t, self.interpolant.derivative)
 
     def systems_at(self, t: Array, otherwise: System) -> list[System]:
-        """The system (k,) that was integrated at times t (k,), at an instant of renewal the new one; otherwise: where all are one."""
+        """The system (k,) that was integrated at times t (k,), at an instant of renewal the new one; otherwise: if all is one."""
         begins = np.array([begin for begin, _ in self.systems])
         if len(begins) < 2:
             return [otherwise] * len(t)

@@ -337,7 +337,7 @@ def _frame(corners: Array, planar: bool) -> list[tuple[str, Array]]:
         if len(outline) > 2 and _area(outline) > 0.02 * float(np.max(np.ptp(points, axis=0))) ** 2:
             return [("plate", np.vstack([outline, outline[:1]]))]
         along = points[:, int(np.argmax(np.ptp(points, axis=0)))]
-        return [("bar", points[np.argsort(along)])]
+        return [("bar", points[np.argsort(along, kind="stable")])]
     return [("bar", np.array([points[0], p])) for p in points[1:]]
 
 

@@ -26,6 +26,7 @@ from mbdae.run.hiding import can_hide
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.ties import largest
 
 SEED = 20240229
 POINTS = 12  #: points in every step of a scene in which something may act for a short time: a tenth of the step is then hit
@@ -104,7 +105,8 @@ class Defect:
         steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
         F = np.abs(self._residual(times)[0]) * self.widths[steps, None]
         ratio = np.max(F / (np.median(F, axis=0) + np.finfo(float).tiny), axis=1)
-        worst = [k for k in np.argsort(-ratio)[: max(1, int(budget * (1 - SINGLE)) // POINTS)] if ratio[k] > OUTSTANDING]
+        most = max(1, int(budget * (1 - SINGLE)) // POINTS)
+        worst = [k for k in np.argsort(-ratio, kind="stable")[:most] if ratio[k] > OUTSTANDING]
         inside = (times - t[steps]) / self.widths[steps]
         return np.unique([steps[k] for k in worst for s in self._effects(steps[k : k + 1], inside[k : k + 1], limit)
                           if s.effect > limit]).astype(int)  # fmt: skip
@@ -149,7 +151,7 @@ class Defect:
 
     def _suspect(self, step: int, effect: float, times: Array, F: Array) -> Suspect:
         """What is said of one step."""
-        row = int(np.argmax(np.max(np.abs(F), axis=0)))
+        row = largest(np.max(np.abs(F), axis=0))
         size = np.abs(F[:, row])
         return Suspect(int(step), float(effect), times, size >= FELT * np.max(size), self.system.equations[row])
 

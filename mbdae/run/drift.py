@@ -6,6 +6,7 @@ import numpy as np
 
 from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
+from mbdae.ties import largest
 
 SAMPLES = 200  #: steps looked at
 
@@ -25,7 +26,7 @@ def drifted(prepared: Prepared, run: Controlled, asked: float | None) -> list[st
     units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # of rows in m, or in rad
     off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
     for values, what in zip(off, ("closed", "at rest in itself"), strict=True):
-        worst = int(np.argmax(np.max(values, axis=0)))
+        worst = largest(np.max(values, axis=0))
         if np.max(values) > asked:
             return [f"joint row {m.rows[worst].name} does not stay {what}: off by {np.max(values):.1e} of the scene's size or "
                     f"speed; the index-1 form holds accelerations only: raise baumgarte, ask for a smaller accuracy, or use "

@@ -18,6 +18,7 @@ from mbdae.run.passages import passages
 from mbdae.run.reliability import Judgement, doubts_of_steps, judged
 from mbdae.system.inputs import expressions_of
 from mbdae.system.prepare import Prepared
+from mbdae.ties import largest
 
 JUDGED = 1000  #: outputs, or steps where an input depends on time, at which energies are judged
 
@@ -67,7 +68,7 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> li
     t = t[:: len(t) // 200 + 1]
     off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
     off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # told by `doubts`
-    worst = int(np.argmax(off))
+    worst = largest(off)
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return []
     return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "

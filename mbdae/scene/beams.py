@@ -15,6 +15,7 @@ from mbdae.scene.components import Array, Beam, Connection
 from mbdae.scene.reading import Reading
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
+from mbdae.ties import nearest
 
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
@@ -148,10 +149,10 @@ class BeamStatements(Reading):
                 except MbdaeError:
                     nodes = mesh_of(beam, known).positions
                     apart = np.linalg.norm(nodes - place_of(beam, place), axis=1)
-                    nearest = np.round(nodes[np.argmin(apart)], 12).tolist()
+                    closest = np.round(nodes[np.argmin(apart)], 12).tolist()
                     self.problems.append(f"{item.kind} '{item.name}': its place {point.tolist()} m on beam '{beam.name}' is "
                                          f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
-                                         f"at the node, {nearest} m, or move it away from there")  # fmt: skip
+                                         f"at the node, {closest} m, or move it away from there")  # fmt: skip
 
     @statement
     def line_load(self, name: str, beam: Beam, per_length: Any, frame: str = "inertial") -> BeamLoad:
@@ -219,7 +220,7 @@ def nearest_place(beam: Beam, point: Array) -> float:
     a, b = beam.outline[:-1], beam.outline[1:]
     d = b - a
     share = np.clip(np.einsum("ij,ij->i", point - a, d) / np.einsum("ij,ij->i", d, d), 0, 1)
-    i = int(np.argmin(np.linalg.norm(a + share[:, None] * d - point, axis=1)))
+    i = nearest(np.linalg.norm(a + share[:, None] * d - point, axis=1), float(np.max(np.abs(d))))  # the first where it closes
     if beam.curve is None:
         lengths = np.linalg.norm(d, axis=1)
         return float(lengths[:i].sum() + share[i] * lengths[i])

@@ -12,6 +12,7 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import OptionError
 from mbdae.system.base import SWITCH_KINDS, Array, Switches, System
 from mbdae.system.partition import checked_partition
+from mbdae.ties import largest
 
 #: largest residual at the start, relative to the terms each equation cancels
 START_TOLERANCE = 1e-6
@@ -224,7 +225,7 @@ class DAE(System):
         self.residual(self.t0, self.y0, self.yp0, out)
         size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(self.yp0))
         relative = np.abs(out) / np.where(size > 0, size, 1.0)
-        row = int(np.argmax(relative))
+        row = largest(relative)
         if relative[row] > START_TOLERANCE:
             raise OptionError(
                 f"the start is not consistent: F[{row}] = {out[row]:.3e} at t = {self.t0}, {relative[row]:.1e} of the "

@@ -23,6 +23,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
 from mbdae.system.nodes import Node
 from mbdae.system.rotations import quaternion, rotation_matrices
+from mbdae.ties import nearest
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
@@ -53,7 +54,7 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
         except OptionError as error:
             raise SceneError([f"beam '{beam.name}': {error}"]) from error
         for item, side, _, point in places:
-            nodes[item, side] = int(np.argmin(np.linalg.norm(mesh.positions - point, axis=1)))
+            nodes[item, side] = nearest(np.linalg.norm(mesh.positions - point, axis=1), mesh.length)
     _give_welded_nodes_equal_axes(scene, meshes, nodes)
     found = {beam: Meshed(mesh, _stations(beam, mesh, planar)) for beam, mesh in meshes.items()}
     on = {(c.name, side): body for c in scene.connections for side, body in (("k", c.k), ("l", c.l))}

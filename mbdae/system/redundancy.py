@@ -12,11 +12,13 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.numbering import Row
 from mbdae.system.rows import DEPENDENT, chosen_rows, in_order, novelty, smallest, unit_rows
+from mbdae.system.scaling import position_scale
 from mbdae.system.start import Starter
 
 CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
 SAMPLES = 3
 STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
+LEAST = 0.02  #: part of such a step that has to be left when the loops are closed
 
 
 @dataclass
@@ -108,12 +110,15 @@ def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, dependent
 
 
 def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
-    """The position a step in a direction leads to once the loops are closed again; none where they close at no step."""
+    """The position a step in a direction leads to once the loops are closed again; none where they close at no step, or only by
+    going back: a position near one that cannot be left violates the loops by less than closing sees."""
     for step in STEPS:
         try:
-            return [closer.close(closer.moved(q, step * direction))]
+            found = closer.close(closer.moved(q, step * direction))
         except StartError:
             continue
+        if np.max(np.abs(found - q) / position_scale(closer.mechanics)) > LEAST * step:
+            return [found]
     return []
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from mbdae.system.base import Array
 from mbdae.system.lines import Line
+from mbdae.ties import largest
 
 
 def fastest_vibration(lines: list[Line], q: Array) -> tuple[str, float]:
@@ -14,7 +15,7 @@ def fastest_vibration(lines: list[Line], q: Array) -> tuple[str, float]:
     No mode of a mesh is faster than the fastest one of its elements alone. Where a strain is rigid there is no bound.
     """
     found = {line.beam.name: _of_elements(line, q) if not line.beam.section.rigid else float("inf") for line in lines}
-    name = max(found, key=lambda beam: found[beam])
+    name = list(found)[largest(list(found.values()))]
     return name, found[name]
 
 

@@ -82,7 +82,7 @@ def test_a_comparison_in_which_every_run_fails_has_all_outputs(tmp_path):
 
 def test_table_and_json_tell_the_same(w, tmp_path):
     w.to_json(tmp_path / "w.json")
-    data = json.loads((tmp_path / "w.json").read_text())
+    data = json.loads((tmp_path / "w.json").read_text(encoding="utf-8"))
     assert set(data) >= {"scene", "measure", "reference", "runs"}
     promised = {"label", "solver", "form", "model", "accuracy", "error", "cpu_s", "residuals", "jacobians", "factorisations",
                 "failure"}  # fmt: skip

@@ -42,7 +42,7 @@ def test_an_interrupted_comparison_ends_as_if_it_had_never_been_stopped(stop, tm
     with pytest.raises(KeyboardInterrupt, match=f"{max(stop - 1, 0)} of 6 runs are done and kept in .*w.json"):
         mb.compare(pendulum(), 0.5, RUNS, ASKED, progress=Recorder(stop), resume=file)
     if stop:
-        assert len(json.loads(file.read_text())["rows"]) == stop - 1
+        assert len(json.loads(file.read_text(encoding="utf-8"))["rows"]) == stop - 1
     rest = Recorder()
     resumed = mb.compare(pendulum(), 0.5, RUNS, ASKED, progress=rest, resume=file)
     assert rest.begun == list(range(stop, 7))
@@ -73,10 +73,10 @@ def test_another_comparison_is_refused_and_the_difference_named(change, named, t
     asked = {"scene": pendulum(), "t_end": 0.5, "runs": RUNS, "accuracies": ASKED}
     with pytest.raises(KeyboardInterrupt):
         mb.compare(**asked, progress=Recorder(2), resume=tmp_path / "w.json")
-    before = (tmp_path / "w.json").read_text()
+    before = (tmp_path / "w.json").read_text(encoding="utf-8")
     with pytest.raises(mb.OptionError, match=named):
         mb.compare(**(asked | change), resume=tmp_path / "w.json")
-    assert (tmp_path / "w.json").read_text() == before
+    assert (tmp_path / "w.json").read_text(encoding="utf-8") == before
 
 
 def test_equations_as_such_go_on_and_are_told_apart(tmp_path):

@@ -89,7 +89,7 @@ def test_resume_computes_what_is_missing(tmp_path: Path) -> None:
     grid = {"number": range(5), "folder": [str(folder)], "always": [1]}
     first = mb.sweep(jobs.deadly, grid, workers=1, resume=file)
     assert len(first.failures) == 1
-    lines = file.read_text().splitlines()
+    lines = file.read_text(encoding="utf-8").splitlines()
     file.write_text("\n".join(lines[:3]) + "\n" + lines[3][:7])  # stopped while the third row was written
     for mark in folder.iterdir():
         mark.unlink()
@@ -124,7 +124,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
     found = mb.sweep(jobs.deadly, grid, workers=1, resume=tmp_path / "kept", progress=stop)
     assert not found.complete
     assert len(found.rows) == 2
-    assert len((tmp_path / "kept").read_text().splitlines()) == 3
+    assert len((tmp_path / "kept").read_text(encoding="utf-8").splitlines()) == 3
     assert np.isnan(found.array("square")).sum() == 4
 
 

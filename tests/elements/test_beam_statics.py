@@ -16,7 +16,7 @@ BEND = {"EA": E, "GA2": E / 2 * 5 / 6, "GA3": E / 2 * 5 / 6, "GJ": E / 2 / 6, "E
 BEND_TIP = np.array([47.1500962403429, 15.68468947898003, 53.475477998225315])  #: P = 600, converged shooting, 1e-11
 RIGID_BEND_TIP = np.array([47.151294400305964, 15.68507816215816, 53.468598489447444])  #: the same, EA = GA = infinite
 INERTIA = {"mass_per_length": 1.0, "rotary_inertia": 1.0}
-PRINCETON = json.loads((Path(__file__).parent / "princeton_beam.json").read_text())
+PRINCETON = json.loads((Path(__file__).parent / "princeton_beam.json").read_text(encoding="utf-8"))
 #: Mattiasson 1981, cantilever elastica: P L^2 / EI, sag / L, shortening / L, tip angle
 ELASTICA = [(1.0, 0.30172077379981355, 0.056433236283377264, 0.4613519497118786),
             (10.0, 0.8106090248802966, 0.5549955977537513, 1.4302855388038587)]  # fmt: skip

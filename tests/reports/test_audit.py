@@ -297,7 +297,7 @@ def test_formulas_are_read_as_they_are_written() -> None:
 
 def test_json_and_documents(paper: Audit, tmp_path) -> None:
     data = json.loads(paper.to_json(tmp_path / "paper.json"))
-    assert json.loads((tmp_path / "paper.json").read_text()) == data
+    assert json.loads((tmp_path / "paper.json").read_text(encoding="utf-8")) == data
     assert {"equation", "printed", "derived", "verdict", "repair", "residual"} <= set(data["equations"][0])
     assert all(row["derived"] for row in data["equations"])
     for ending in ("html", "md", "tex"):
@@ -315,7 +315,7 @@ def test_wordings_are_listed() -> None:
 def test_example_of_the_documentation(tmp_path, monkeypatch) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reports.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "universal.audit").write_text(re.search(r"```text\n(title: The cross.*?)```", page, re.S)[1])
+    (tmp_path / "universal.audit").write_text(re.search(r"```text\n(title: The cross.*?)```", page, re.S)[1], encoding="utf-8")
     names: dict = {}
     exec(re.search(r"```python\n(import mbdae as mb\n\nclass Universal.*?)```", page, re.S)[1], names)
     assert [(r.verdict, r.repair) for r in names["found"].equations] == [
@@ -327,7 +327,7 @@ def test_command_line(tmp_path, capsys, monkeypatch) -> None:
     from mbdae.cli import main
 
     text = "c [1]: row tilt_y of Revolute\nb3k [1]: axis 3 of k\nb1l [1]: axis 1 of l\n1: c = -b3k'*b1l\n"
-    (tmp_path / "own.audit").write_text(text)
+    (tmp_path / "own.audit").write_text(text, encoding="utf-8")
     assert main(["report", str(tmp_path / "own.audit"), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["equations"]
     assert (row["equation"], row["verdict"], row["derived"]) == ("1", "MISPRINT", "c = b3k'*b1l")

@@ -49,9 +49,9 @@ def test_markdown_and_latex_hold_the_same():
 def test_save_writes_pictures_beside_the_text(tmp_path):
     assert SAMPLE.save(tmp_path / "a.md") == tmp_path / "a.md"
     assert (tmp_path / "a-2.png").read_bytes() == PNG
-    assert "![a photo](a-2.png)" in (tmp_path / "a.md").read_text()
+    assert "![a photo](a-2.png)" in (tmp_path / "a.md").read_text(encoding="utf-8")
     SAMPLE.save(tmp_path / "a.tex")
-    assert r"{a-2.png}" in (tmp_path / "a.tex").read_text()
+    assert r"{a-2.png}" in (tmp_path / "a.tex").read_text(encoding="utf-8")
     with pytest.raises(mb.OptionError, match=r"end the name with one of them"):
         SAMPLE.save(tmp_path / "a.pdf")
 

@@ -107,9 +107,9 @@ def test_recursive_and_flexible_scenes_have_sheets():
 
 def test_command_line_writes_the_format_of_the_ending(tmp_path, capsys):
     assert main(["report", "revolute", "--out", str(tmp_path / "r.html")]) == 0
-    assert "<math" in (tmp_path / "r.html").read_text()
+    assert "<math" in (tmp_path / "r.html").read_text(encoding="utf-8")
     assert main(["report", str(EXAMPLES / "pendulum.py"), "--format", "tex", "--out", str(tmp_path)]) == 0
-    assert r"\section*{Bodies}" in (tmp_path / "pendulum.tex").read_text()
+    assert r"\section*{Bodies}" in (tmp_path / "pendulum.tex").read_text(encoding="utf-8")
     capsys.readouterr()
     assert main(["report", "coulomb"]) == 0
     assert capsys.readouterr().out.startswith("# Coulomb friction")

@@ -232,8 +232,8 @@ def test_chaotic_motion_is_told() -> None:
 
 
 def test_reference_of_hunt_and_crossley() -> None:
-    rows = json.loads((Path(__file__).parents[2] / "validation/hunt_crossley_impact/reference.json").read_text())["rows"]
-    for row in rows:
+    reference = Path(__file__).parents[2] / "validation/hunt_crossley_impact/reference.json"
+    for row in json.loads(reference.read_text(encoding="utf-8"))["rows"]:
         r = ball(row["v0"], mb.Hertz(1e9, row["mu"])).simulate(1e-3 / row["v0"] + 2e-3, solver=mb.IDA(rtol=1e-9))
         assert r["m"].velocity[-1, 0] == pytest.approx(row["v_exit"], rel=1e-6)
         assert r["J"].normal_force.min() >= 0
