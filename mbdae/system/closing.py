@@ -124,6 +124,10 @@ class Closing:
         self._report_positions(before, q)
         return q
 
+    def off(self, q: Array) -> float:
+        """How far the loops are from closed, over the scene's length, or rad."""
+        return _largest(self._closure(q), self._row_units(self._closure_jacobian(q)))
+
     def close_or_bend(self, q: Array) -> Array:
         """Close loops by rigid motions of the beams, or, where these do not suffice, by bending them as little as possible."""
         try:

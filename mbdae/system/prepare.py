@@ -24,11 +24,14 @@ from mbdae.system.model import Model, build
 from mbdae.system.numbering import Row, constraint_rows
 from mbdae.system.pressed import undecided
 from mbdae.system.redundancy import RankReport, analyse
+from mbdae.system.rows import smallest, unit_rows
 from mbdae.system.scaling import characteristic_time
 from mbdae.system.start import Start, Starter
 from mbdae.system.trees import find_trees
 from mbdae.threads import single_threaded
 
+SOUND = 1e-3  #: smallest singular value of rows from which they determine a position
+FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
 
@@ -171,19 +174,30 @@ def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> li
 
 
 def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """The same at later times, in positions where the rows kept are satisfied."""
+    """The same at later times, as far as some short steps lead: where not all rows can be satisfied, but those in force."""
     timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
-    dropped, q = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q
-    for share in (0.01, 0.1, 0.5) if timed and dropped else ():
-        closer = Starter(mechanics, start.t + share * (end - start.t), holding=False)
+    dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
+    step = 0.01 * (end - start.t)
+    for _ in range(FOLLOWED if timed and dropped else 0):
+        step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
+        while step > 0 and Starter(everything, t + step, holding=False).off(q) > NEAR:
+            step /= 2
+        t += step
         try:
-            q = closer.close(q)
+            q = Starter(everything, t, holding=False).close(q)
+            continue
+        except StartError:
+            pass
+        try:
+            q = Starter(mechanics, t, holding=False).close(q)
         except StartError:
             break  # too far for one step
-        for row, g in zip(everything.rows, everything.position_residual(closer.t, q[None])[0], strict=True):
-            if row.name in dropped and abs(g) > 1e-7 * max(1.0, everything.model.length):
+        B = unit_rows(mechanics, mechanics.constraint_jacobian(np.array([t]), q[None])[0])
+        off = everything.position_residual(np.array([t]), q[None])[0]
+        for row, g in zip(everything.rows, off, strict=True):
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, everything.model.length) and smallest(B, len(B)) > SOUND:
                 return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
-                        f"{closer.t[0]:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
+                        f"{t:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
     return []
 
 
