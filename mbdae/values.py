@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from typing import Any, TypeVar
 
@@ -76,6 +76,26 @@ def word(value: Any, words: Iterable[str]) -> str:
     if isinstance(value, str) and value in known:
         return str(value)
     raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(w) for w in known)}")
+
+
+def plain(name: str) -> str:
+    """A name by which something is looked up: small letters and digits alone, so that "RadauIIA(3)" is "radauiia3"."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
+    """An object of a class, or what stands for one: a class derived from it that needs no arguments, or a name among `known`,
+    whose keys are `plain`."""
+    if isinstance(value, base):
+        return value
+    if isinstance(value, str) and plain(value) in known:
+        return known[plain(value)]
+    if isinstance(value, type) and issubclass(value, base):
+        try:
+            return value()
+        except TypeError as error:
+            raise BadValueError(f"{shown(value)} is a class that cannot be used without arguments ({error})") from error
+    raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(name) for name in known)}, nor such an object")
 
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:

@@ -47,6 +47,8 @@ class Solver(ABC):
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {}
     #: highest index of an unknown this method takes; 0: differential unknowns alone
     highest_index: ClassVar[int] = 1
+    #: short name of the method, as a command line takes it; "": that of the class in small letters
+    word: ClassVar[str] = ""
     #: what to use instead below it
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)

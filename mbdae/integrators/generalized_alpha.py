@@ -149,6 +149,7 @@ class GeneralizedAlpha(_Alpha):
     step: float | None = None
     accuracy: float | None = None
     rtol: float | None = field(default=None, init=False, repr=False)
+    word: ClassVar[str] = "genalpha"
 
     def __post_init__(self) -> None:
         if not 0 <= self.rho <= 1:

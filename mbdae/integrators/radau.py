@@ -61,6 +61,7 @@ class RadauIIA(Solver):
         "RadauIIA(2)": {"GGL": (3, 3, 2), "Index3": (3, 2, 1), "Index1": (3, 3, 3)},
     }
     highest_index: ClassVar[int] = 3
+    word: ClassVar[str] = "radau"
     penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
     alternative: ClassVar[str] = "; round-off keeps index 3 above 1e-9, the GGL form reaches 1e-11"
