@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -78,9 +80,68 @@ def word(value: Any, words: Iterable[str]) -> str:
     raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(w) for w in known)}")
 
 
+def text(value: Any) -> str:
+    """Text with at least one letter."""
+    if isinstance(value, str) and value.strip():
+        return str(value)
+    raise BadValueError(f"{shown(value)} is not a text")
+
+
+def function(value: Any) -> Callable[..., Any]:
+    """Something that can be called, but no class."""
+    if callable(value) and not isinstance(value, type):
+        return value  # type: ignore[no-any-return]
+    raise BadValueError(f"{shown(value)} is not a function")
+
+
+def path(value: Any) -> Path:
+    """A path, as text or as an object of `os.PathLike`."""
+    if isinstance(value, str | os.PathLike):
+        try:
+            if str(found := Path(value)) not in ("", ".") and "\0" not in str(found):
+                return found
+        except Exception as error:  # __fspath__ may be the user's own
+            raise BadValueError(f"{shown(value)} is not a path ({error})") from error
+    raise BadValueError(f"{shown(value)} is not a path")
+
+
+def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
+    """A path of a file that can be written: of one of some suffixes (any where none is given), in a folder that exists."""
+    found = path(value)
+    if suffixes and found.suffix.lower() not in suffixes:
+        raise BadValueError(f"{shown(value)} does not end in {' or '.join(suffixes)}")
+    try:
+        folder, taken = found.parent.is_dir(), found.is_dir()
+    except OSError as error:
+        raise BadValueError(f"{shown(value)} cannot be a file: {error.strerror}") from error
+    if not folder:
+        raise BadValueError(f"{shown(value)} is in a folder '{found.parent}' that does not exist")
+    if taken:
+        raise BadValueError(f"{shown(value)} is a folder")
+    return found
+
+
+def sequence(value: Any, read: Callable[..., T], **bounds: Any) -> list[T]:
+    """A list of what `read` takes; a single text is refused, not read letter by letter."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        raise BadValueError(f"{shown(value)} is not a list")
+    entries = list(value)
+    try:
+        return [read(entry, **bounds) for entry in entries]
+    except BadValueError as refused:
+        raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
+
+
 def plain(name: str) -> str:
     """A name by which something is looked up: small letters and digits alone, so that "RadauIIA(3)" is "radauiia3"."""
     return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def of_class(value: Any, *, base: type[T]) -> T:
+    """An object of a class."""
+    if isinstance(value, base):
+        return value
+    raise BadValueError(f"{shown(value)} is not a {base.__name__}")
 
 
 def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
@@ -111,8 +172,23 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     if shapes and plain.shape not in shapes:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
     for entry in plain.flat:
-        number(float(entry))
+        try:
+            number(float(entry))
+        except BadValueError as refused:
+            told = shown(value)
+            raise refused if told == shown(float(entry)) else BadValueError(f"{told} has a wrong entry, {refused}") from None
     return plain
+
+
+def optional(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T | None:
+    """An option that may be None."""
+    return None if value is None else option(name, value, read, remedy, **bounds)
+
+
+def set_option(owner: Any, name: str, read: Callable[..., Any], remedy: str, **bounds: Any) -> None:
+    """Replace an option of a frozen dataclass by the plain value; None stays where that is its default."""
+    value, default = getattr(owner, name), getattr(type(owner), name, ...)
+    object.__setattr__(owner, name, (optional if default is None else option)(name, value, read, remedy, **bounds))
 
 
 def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
