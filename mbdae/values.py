@@ -7,6 +7,7 @@ collects the sentences as problems.
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
 import os
@@ -80,18 +81,18 @@ def word(value: Any, words: Iterable[str]) -> str:
     raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(w) for w in known)}")
 
 
-def text(value: Any) -> str:
-    """Text with at least one letter."""
-    if isinstance(value, str) and value.strip():
-        return str(value)
-    raise BadValueError(f"{shown(value)} is not a text")
-
-
-def function(value: Any) -> Callable[..., Any]:
-    """Something that can be called, but no class."""
-    if callable(value) and not isinstance(value, type):
-        return value  # type: ignore[no-any-return]
-    raise BadValueError(f"{shown(value)} is not a function")
+def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
+    """A function that can be called with so many arguments as `takes` names, such as "t, y"; no class."""
+    if not callable(value) or isinstance(value, type):
+        raise BadValueError(f"{shown(value)} is not a function")
+    arguments = takes.split(", ") if takes else []
+    try:
+        inspect.signature(value).bind(*arguments)
+    except TypeError as error:
+        raise BadValueError(f"{shown(value)} cannot be called with ({takes}): {error}") from error
+    except ValueError:
+        pass  # functions written in C may not tell their arguments
+    return value  # type: ignore[no-any-return]
 
 
 def path(value: Any) -> Path:
@@ -121,13 +122,13 @@ def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
     return found
 
 
-def sequence(value: Any, read: Callable[..., T], **bounds: Any) -> list[T]:
-    """A list of what `read` takes; a single text is refused, not read letter by letter."""
+def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
+    """A list of what `each` takes; a single text is refused, not read letter by letter."""
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         raise BadValueError(f"{shown(value)} is not a list")
     entries = list(value)
     try:
-        return [read(entry, **bounds) for entry in entries]
+        return [each(entry, **bounds) for entry in entries]
     except BadValueError as refused:
         raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
 
@@ -161,23 +162,44 @@ def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+        raise BadValueError(f"{shown(value)} has masked entries")
+    found = entries(value)
     try:
-        found = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
         if found.dtype.kind in "iuf":
-            plain: Array = found.astype(float)
+            plain: Array = np.array(found, dtype=float, subok=False)
         else:
             plain = np.array([_float(entry) for entry in found.flat], dtype=float).reshape(found.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadValueError(f"{shown(value)} is not an array of numbers") from error
+        raise BadValueError(f"{shown(value)} is not {'a number' if found.ndim == 0 else 'an array of numbers'}") from error
     if shapes and plain.shape not in shapes:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
-    for entry in plain.flat:
+    size = np.abs(plain)
+    wrong = ~(size <= LARGEST) | ((size > 0) & (size < SMALLEST))
+    if wrong.any():
         try:
-            number(float(entry))
+            number(float(plain[wrong].flat[0]))
         except BadValueError as refused:
-            told = shown(value)
-            raise refused if told == shown(float(entry)) else BadValueError(f"{told} has a wrong entry, {refused}") from None
+            told = str(refused)
+            raise BadValueError(told if plain.ndim == 0 else f"{shown(value)} has a wrong entry, {told}") from None
     return plain
+
+
+def entries(value: Any) -> NDArray[Any]:
+    """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        return np.asarray(value, dtype=object)
+    except Exception as error:  # sequences of the user's own may raise anything
+        raise BadValueError(f"{shown(value)} is not an array") from error
+
+
+def text(value: Any) -> str:
+    """Text that is not empty."""
+    if isinstance(value, str) and value.strip():
+        return str(value)
+    raise BadValueError(f"{shown(value)} is not text" if not isinstance(value, str) else f"{shown(value)} is empty")
 
 
 def optional(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T | None:
@@ -203,7 +225,7 @@ def _float(value: Any) -> float:
     """The nearest double of a real number of any kind."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating) or not _is_number(value):
+    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating | np.timedelta64) or not _is_number(value):
         raise BadValueError(f"{shown(value)} is not a number")
     try:
         return float(value)

@@ -9,12 +9,14 @@ import numpy as np
 
 from mbdae.analysis.frame import attitude
 from mbdae.elements.line_shape import table
+from mbdae.errors import OptionError, Told
 from mbdae.results.beams import foot
 from mbdae.scene.components import Body, Place
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
+from mbdae.values import shown
 
 
 class Owner(Protocol):
@@ -38,7 +40,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Mode:
+class Mode(Told):
     """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
 
     `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
@@ -73,8 +75,11 @@ class Mode:
     def __getitem__(self, body: str | Body | Place) -> Shape:
         if isinstance(body, Place):
             return self._at(body)
-        name = body if isinstance(body, str) else body.name
         model = self.owner.prepared.model
+        if not isinstance(body, str | Body) or (isinstance(body, str) and body not in {b.name for b in model.scene.bodies}):
+            known = ", ".join(repr(b.name) for b in model.scene.bodies[:12])
+            raise OptionError(f"mode[{shown(body)}]: name a body, or a place on it such as body.at(point); there is {known}")
+        name = body if isinstance(body, str) else body.name
         line = model.line(model.scene[name])
         if line is not None:
             shapes = [self._of(node) for node in line.nodes]

@@ -10,8 +10,8 @@ from typing import Any
 
 from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
+from mbdae.compare.kept import written
 from mbdae.compare.table import grid
-from mbdae.files import write_file
 
 #: numbers, and what resists a run most: sentences that differ in them alone are told once
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
@@ -84,13 +84,13 @@ class Extremes:
 
     def to_json(self, path: Any = None) -> str:
         """JSON text, written to `path` where one is given."""
-        return _written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
+        return written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
 
     def to_html(self, path: Any = None) -> str:
         """One self-contained HTML page, written to `path` where one is given."""
         from mbdae.compare.extremes_page import page
 
-        return _written(page(self), path)
+        return written(page(self), path)
 
     def table(self) -> str:
         """A grid per parameter, the reasons of failures, and the counts."""
@@ -147,9 +147,3 @@ def doubted(block: Block) -> list[tuple[float, str]]:
 def _short(sentence: str) -> str:
     """Short enough to be read beside others."""
     return sentence if len(sentence) <= 300 else sentence[:297] + "..."
-
-
-def _written(content: str, path: Any) -> str:
-    if path is not None:
-        write_file(path, content)
-    return content

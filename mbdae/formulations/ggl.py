@@ -37,7 +37,8 @@ class GGL(Form):
     label: ClassVar[str] = "GGL"
 
     def __post_init__(self) -> None:
-        set_option(self, "algebraic", flag, "give True (index 2), False (multipliers as derivatives), or None: the solver decides")
+        set_option(self, "algebraic", flag,
+                   "give True (index 2), False (multipliers as derivatives), or None (the solver decides)")
         set_option(self, "waves", flag, WAVES)
 
     def for_index(self, highest: int) -> GGL:

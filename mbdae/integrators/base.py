@@ -121,7 +121,7 @@ class Solver(ABC):
         max_wall: float | None = None,
         progress: Callable[[float, float, Stats], None] | None = None,
         h0: float | None = None,
-        max_residuals: float = inf,
+        max_residuals: float | None = None,
         begin: float | None = None,
         share: float | None = None,
     ) -> Solution:
@@ -181,15 +181,16 @@ class Asked:
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
-           max_residuals: Any = inf, begin: Any = None, share: Any = None) -> Self:  # fmt: skip
+           max_residuals: Any = None, begin: Any = None, share: Any = None) -> Self:  # fmt: skip
         """Read and check everything before the run begins."""
         option("system", system, of_class, "give a mb.DAE, or the equations of a scene, scene.system()", base=System)
         end = end_after(system.t0, t_end)
         seconds = "give a positive number of seconds, or None"
-        budget = None if max_residuals is inf else option("max_residuals", max_residuals, number, "give a positive number", above=0)
+        budget = optional("max_residuals", max_residuals, number, "give a positive number, or None", above=0)
         asked = cls(
             end, output_times(system.t0, end, outputs), optional("max_wall", max_wall, number, seconds, above=0),
-            optional("progress", progress, function, "give a function progress(t, t_end, stats), or None"),
+            optional("progress", progress, function, "give a function progress(t, t_end, stats), or None",
+                     takes="t, t_end, stats"),
             optional("h0", h0, number, seconds, above=0), inf if budget is None else budget,
             optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
             optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
@@ -233,7 +234,7 @@ def output_times(t0: float, t_end: float, outputs: Any) -> Array | None:
     falling = np.flatnonzero(np.diff(times) <= 0)
     if len(falling):
         k = int(falling[0])
-        raise OptionError(f"outputs = {shown(outputs)}: time {times[k + 1]:g} (number {k + 2}) follows {times[k]:g}: {remedy}")
+        raise OptionError(f"outputs = {shown(outputs)}: outputs[{k + 1}] = {times[k + 1]} follows {times[k]}: {remedy}")
     return times
 
 

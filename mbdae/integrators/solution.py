@@ -10,6 +10,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.system.base import Array
+from mbdae.values import array, option, shown
 
 
 @dataclass
@@ -105,13 +106,18 @@ class Solution:
         """dy/dt at the time or times t, shape t.shape + (n,)."""
         return self._evaluate(t, self.interpolant.derivative)
 
-    def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
-        times = np.asarray(t, dtype=float)
+    def times(self, t: Any) -> Array:
+        """Times as an array; one outside the solution is refused."""
+        times: Array = option("t", t, array, "give a time in s, or an array of them")
         first, last = self.t[0], self.t[-1]
         slack = 4 * np.finfo(float).eps * max(abs(first), abs(last))
         outside = ~((times >= first - slack) & (times <= last + slack))
         if outside.any():
             value = times[outside].flat[0]
-            raise OptionError(f"time {value} is outside the solution [{first}, {last}]: ask for times inside it")
+            raise OptionError(f"t = {shown(t)}: time {value} is outside the solution [{first}, {last}]: ask for times inside it")
+        return times
+
+    def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
+        times, first, last = self.times(t), self.t[0], self.t[-1]
         flat = function(np.clip(times.ravel(), first, last))
         return flat.reshape(*times.shape, flat.shape[-1])

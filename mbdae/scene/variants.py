@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.record import Statement, encode, replay
+from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
@@ -19,11 +20,11 @@ MODELLED = {"revolute": 5, "prismatic": 11}
 def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
     """The scene with another model of some joints; see `SceneData.replace`."""
     if not isinstance(model, JointModel):
-        raise SceneError([f"model={model!r} is not a joint model; use {MODELS}"])
+        raise SceneError([f"model = {shown(model)} is not a joint model; use {MODELS}"])
     known = [c.name for c in scene.connections if c.kind in MODELLED]
     wrong = [n for n in names if n not in known]
     if wrong:
-        raise SceneError([f"there is no revolute or prismatic joint '{wrong[0]}' in scene '{scene.name}'; it has {known}"])
+        raise SceneError([f"there is no revolute or prismatic joint {shown(wrong[0])} in scene '{scene.name}'; it has {known}"])
     plain = model in (Kinematic(), Classical(), Recursive())
     chosen = set(names or (c.name for c in scene.connections if c.kind == "revolute" or (plain and c.name in known)))
     if not chosen:
