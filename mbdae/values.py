@@ -11,7 +11,7 @@ import inspect
 import math
 import numbers
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,6 +26,7 @@ T = TypeVar("T")
 
 #: magnitudes between which products of a few quantities neither overflow nor vanish in double precision
 LARGEST, SMALLEST = 1e100, 1e-100
+MOST_COUNTED = 2**53  #: beyond, floats are not all whole numbers
 SHOWN = 60  #: characters of a value in a message
 
 
@@ -60,6 +61,8 @@ def whole(value: Any, *, least: int | None = None, most: int | None = None) -> i
     found = _float(value)
     if not found.is_integer():
         raise BadValueError(f"{shown(value)} is not a whole number")
+    if abs(found) > MOST_COUNTED:
+        raise BadValueError(f"{shown(value)} is beyond what can be counted")
     low, high = -math.inf if least is None else least, math.inf if most is None else most
     if not low <= found <= high:
         raise BadValueError(f"{shown(value)} is not {_range(low, -math.inf, high)}")
@@ -110,21 +113,21 @@ def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
     """A path of a file that can be written: of one of some suffixes (any where none is given), in a folder that exists."""
     found = path(value)
     if suffixes and found.suffix.lower() not in suffixes:
-        raise BadValueError(f"{shown(value)} does not end in {' or '.join(suffixes)}")
+        raise BadValueError(f"'{found}' does not end in {' or '.join(suffixes)}")
     try:
         folder, taken = found.parent.is_dir(), found.is_dir()
     except OSError as error:
-        raise BadValueError(f"{shown(value)} cannot be a file: {error.strerror}") from error
+        raise BadValueError(f"'{found}' cannot be a file: {error.strerror}") from error
     if not folder:
-        raise BadValueError(f"{shown(value)} is in a folder '{found.parent}' that does not exist")
+        raise BadValueError(f"'{found}' is in a folder '{found.parent}' that does not exist")
     if taken:
-        raise BadValueError(f"{shown(value)} is a folder")
+        raise BadValueError(f"'{found}' is a folder")
     return found
 
 
 def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
     """A list of what `each` takes; a single text is refused, not read letter by letter."""
-    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+    if isinstance(value, str | bytes | Mapping | Set | Iterator) or not np.iterable(value):
         raise BadValueError(f"{shown(value)} is not a list")
     entries = list(value)
     try:
@@ -176,12 +179,13 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
     size = np.abs(plain)
     wrong = ~(size <= LARGEST) | ((size > 0) & (size < SMALLEST))
+    if wrong.any() and plain.ndim == 0:
+        number(value)
     if wrong.any():
         try:
             number(float(plain[wrong].flat[0]))
         except BadValueError as refused:
-            told = str(refused)
-            raise BadValueError(told if plain.ndim == 0 else f"{shown(value)} has a wrong entry, {told}") from None
+            raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
     return plain
 
 

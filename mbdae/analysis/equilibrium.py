@@ -93,8 +93,8 @@ class Equilibrium(Result):
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """q, u, s at rest, (nt, ...)."""
-        start = self.prepared.start
-        return tuple(np.repeat(part[None], len(np.atleast_1d(t)), axis=0) for part in (start.q, start.u, start.s))  # type: ignore[return-value]
+        start, nt = self.prepared.start, np.size(option("t", t, array, "give a time in s, or a list of them"))
+        return tuple(np.repeat(part[None], nt, axis=0) for part in (start.q, start.u, start.s))  # type: ignore[return-value]
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:

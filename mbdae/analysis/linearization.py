@@ -14,7 +14,7 @@ from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
-from mbdae.analysis.shapes import Mode, scaled, shares
+from mbdae.analysis.shapes import Mode, motion, scaled, shares
 from mbdae.analysis.steady import STEADY, departure, times_to_compare
 from mbdae.errors import OptionError, SteadyError, Told
 from mbdae.formulations.index3 import Index3
@@ -27,7 +27,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
-from mbdae.values import of_class, option, optional, whole
+from mbdae.values import optional, shown, whole
 
 LARGEST = 1600  #: states up to which all eigenvalues are found
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
@@ -122,7 +122,8 @@ class Linearization(Told):
 
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
-        return shares(self.prepared.mechanics, self._metric, vector)
+        m = self.prepared.mechanics
+        return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
         head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
@@ -203,7 +204,9 @@ def start_at(scene: SceneData, at: Any) -> Start | None:
     if at is None:
         return None
     given, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
-    result: Result = option("at", given, of_class, AT, base=Result)
+    if not isinstance(given, Result):
+        raise OptionError(f"at = {shown(at)}: {AT}")
+    result = given
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
         raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "

@@ -22,7 +22,7 @@ from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.monodromy import Departures, carried, departures
 from mbdae.analysis.orbit import check_return, followed
-from mbdae.analysis.shapes import Mode, scaled, shares
+from mbdae.analysis.shapes import Mode, motion, scaled, shares
 from mbdae.errors import AccuracyWarning, SolverError, Told
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
@@ -114,7 +114,7 @@ class Floquet(Told):
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
         m = self.prepared.mechanics
-        return shares(m, m.mass, self._frames.T @ vector)
+        return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
     def __str__(self) -> str:
         head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "

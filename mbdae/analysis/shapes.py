@@ -121,6 +121,17 @@ class Mode(Told):
         return self.owner.shares(self.vector)
 
 
+def motion(m: Mechanics, vector: Any) -> Array:
+    """A motion (nu,), real or complex, that a user gave."""
+    try:
+        found = np.asarray(vector)
+    except ValueError:  # ragged
+        found = np.zeros(0)
+    if found.shape != (m.nu,) or found.dtype.kind not in "fiuc" or not np.isfinite(found).all():
+        raise OptionError(f"vector = {shown(vector)} is no motion: give {m.nu} finite numbers, such as mode.vector")
+    return found
+
+
 def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
     """Share of every body in the energy of a motion (nu,) by a metric (nu, nu), else of its displacements."""
     energy = np.abs(np.conj(vector) * (metric @ vector))

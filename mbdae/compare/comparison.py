@@ -13,7 +13,7 @@ import numpy as np
 from mbdae.compare.checkpoint import checkpoint
 from mbdae.compare.environment import environment
 from mbdae.compare.job import new_job
-from mbdae.compare.kept import progress_of_runs, resume_path, written
+from mbdae.compare.kept import place_of, progress_of_runs, resume_path, written
 from mbdae.compare.pairwise import Pairwise, pairwise
 from mbdae.compare.reference import Reference, given_reference, refuse_no_reference
 from mbdae.compare.rows import Row, asked_for, cheapest, with_front
@@ -98,7 +98,8 @@ class Comparison:
         """One self-contained HTML page with picture, tables and verdict, written to `path` where one is given."""
         from mbdae.compare.page import page
 
-        return written(page(self), path)
+        place = place_of(path)
+        return written(page(self), place)
 
     def table(self) -> str:
         """The rows as plain text, with reference, failures, pairwise differences and verdict."""
@@ -110,8 +111,9 @@ class Comparison:
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
         from mbdae.compare.picture import work_precision
+        from mbdae.results.plots import checked
 
-        return work_precision(self, path)
+        return work_precision(self, checked(path, what="compare") if path is not None else None)
 
     def __str__(self) -> str:
         return self.table()

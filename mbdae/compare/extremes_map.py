@@ -10,8 +10,10 @@ from typing import Any
 
 from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
-from mbdae.compare.kept import written
+from mbdae.compare.kept import place_of, written
 from mbdae.compare.table import grid
+from mbdae.values import number, option
+from mbdae.values import text as text_of
 
 #: numbers, and what resists a run most: sentences that differ in them alone are told once
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
@@ -37,6 +39,8 @@ class Block:
 
     def at(self, label: str, value: float) -> Cell | None:
         """The cell of a way at a value; None where the way does not apply."""
+        label = option("label", label, text_of, "give the label of a way, one of `labels`")
+        value = option("value", value, number, "give a value of the parameter, one of `values`")
         return next((cell for cell in self.cells if cell.label == label and cell.value == value), None)
 
 
@@ -90,7 +94,8 @@ class Extremes:
         """One self-contained HTML page, written to `path` where one is given."""
         from mbdae.compare.extremes_page import page
 
-        return written(page(self), path)
+        place = place_of(path)
+        return written(page(self), place)
 
     def table(self) -> str:
         """A grid per parameter, the reasons of failures, and the counts."""

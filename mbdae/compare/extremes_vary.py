@@ -44,7 +44,7 @@ class Varied:
 
 def varied(scene: Any, t_end: float, vary: Mapping[str, Any]) -> list[Varied]:
     """The parameters of `vary`, each checked at all its values."""
-    return [_one(scene, t_end, name, _values(name, asked)) for name, asked in vary.items()]
+    return [_one(scene, t_end, name, _values(name, asked)) for name, asked in checked_vary(vary).items()]
 
 
 def checked_vary(vary: Any) -> dict[str, Any]:

@@ -216,4 +216,5 @@ def refuse_unknown(prepared: Prepared, sensor: str) -> None:
     try:
         numbers(started(prepared), sensor)
     except (SceneError, OptionError) as error:
-        raise OptionError(f"measure = {shown(sensor)}: {error}") from error
+        told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+        raise OptionError(f"measure = {shown(sensor)}: {told}") from error

@@ -31,10 +31,16 @@ def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
 
 def written(content: str, path: Any) -> str:
     """The content, written to a file where a path is given."""
-    place: Path | None = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+    place = place_of(path)
     if place is not None:
         write_file(place, content)
     return content
+
+
+def place_of(path: Any) -> Path | None:
+    """Where to write, None for nowhere; refused where that cannot be."""
+    place: Path | None = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+    return place
 
 
 def read_kept(path: Path, file_format: str, what: str, statement: Any) -> dict[str, Any]:

@@ -122,4 +122,5 @@ def checked_runs(runs: Any) -> list[Run]:
     given = option("runs", runs, sequence, remedy, each=lambda run: run)
     if not given:
         raise OptionError(f"runs = {shown(runs)} is empty: {remedy}")
-    return [run if isinstance(run, Run) else Run(solver_of(run, f"runs[{i}]", remedy)) for i, run in enumerate(given)]
+    return [run if isinstance(run, Run) else Run(solver_of(run, f"runs = {shown(runs)}: entry {i}", remedy))
+            for i, run in enumerate(given, 1)]

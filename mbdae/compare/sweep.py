@@ -8,7 +8,7 @@ import json
 import math
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,10 +71,10 @@ class Sweep:
         known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
-            raise OptionError(f"no row has a value '{key}': there are {', '.join(names) or 'none, every point failed'}")
+            raise OptionError(f"key = '{key}' is no value of any row: there are {', '.join(names) or 'none, every point failed'}")
         shapes = {value.shape for value in known.values()}
         if len(shapes) > 1:
-            raise OptionError(f"'{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
         out = np.full((len(self.points), *shapes.pop()), np.nan)
         for i, value in known.items():
             out[i] = value
@@ -145,15 +145,21 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
 
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
     if isinstance(grid, Mapping):
-        axes = {name: option(f"grid: '{name}'", values, sequence, GRID, each=_scalar) for name, values in grid.items()}
+        axes = {name: option(f"grid: {shown(name)}", _listed(values), sequence, GRID, each=_scalar)
+                for name, values in grid.items()}  # fmt: skip
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
         if not (axes and points):
             raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
         return [_scalars(point) for point in points], axes
-    points = option("grid", grid, sequence, GRID, each=of_class, base=Mapping)
+    points = option("grid", _listed(grid), sequence, GRID, each=of_class, base=Mapping)
     if not points:
         raise OptionError(f"grid = {shown(grid)} is empty: {GRID}")
     return [_scalars(point) for point in points], None
+
+
+def _listed(values: Any) -> Any:
+    """What can be read once alone, as a list."""
+    return list(values) if isinstance(values, Iterator) else values
 
 
 def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:

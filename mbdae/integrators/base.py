@@ -25,7 +25,7 @@ from mbdae.errors import OptionError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
-from mbdae.values import BadValueError, array, function, number, of_class, option, optional, set_option, shown, whole
+from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number such as 1e-6"
@@ -101,6 +101,7 @@ class Solver(ABC):
         if self.fixed:
             return self
         accuracy = option("accuracy", accuracy, number, ACCURACY, above=0)
+        form_label = option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
         measured = self.factors[self.label]
         factor = measured.get(form_label, min(measured.values()))
         rtol = accuracy * factor
@@ -249,10 +250,7 @@ def _magnitudes(value: Any) -> float | tuple[float, ...]:
     """A positive number, or several."""
     if isinstance(value, str | Mapping) or not np.iterable(value):
         return number(value, above=0)
-    found = array(value)
-    if found.ndim != 1 or not len(found):
-        raise BadValueError(f"{shown(value)} has shape {found.shape}")
-    return tuple(number(entry, above=0) for entry in found.tolist())
+    return tuple(sequence(value, number, above=0)) or number(value)
 
 
 def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:

@@ -21,7 +21,7 @@ from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
-from mbdae.values import number, option, set_option
+from mbdae.values import number, option, set_option, text
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
 CUBIC = 3  #: nodes of Radau IIA that hold a cubic
@@ -69,6 +69,7 @@ class _Alpha(Solver):
         """This method with steps halved until its error is below `accuracy`; itself where the step is given."""
         if self.fixed:
             return self
+        option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
         return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,

@@ -114,7 +114,8 @@ class Solution:
         outside = ~((times >= first - slack) & (times <= last + slack))
         if outside.any():
             value = times[outside].flat[0]
-            raise OptionError(f"t = {shown(t)}: time {value} is outside the solution [{first}, {last}]: ask for times inside it")
+            told = f"{shown(t)} is" if times.ndim == 0 else f"{shown(t)} has the time {value}, which is"
+            raise OptionError(f"t = {told} outside the solution [{first}, {last}]: ask for times inside it")
         return times
 
     def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:

@@ -68,7 +68,7 @@ def report(what: Any, **options: Any) -> Document:
         return _by_name(what, options)
     if isinstance(what, Connection):
         return report(what.joint, **options)
-    model = what() if what in (Kinematic, Classical, Recursive) else what
+    model = what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
     if isinstance(model, JointModel | Part | Law):
         _refuse(what, options)
     if isinstance(model, JointModel):

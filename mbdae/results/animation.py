@@ -14,7 +14,7 @@ from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
 from mbdae.results.drawing import Picture, axes_for, figure_size, show_gravity
 from mbdae.results.geometry import Geometry
-from mbdae.results.plots import COLOURS, checked, dress, numbers, steady, strips, style, track
+from mbdae.results.plots import COLOURS, PLACE, checked, dress, numbers, steady, strips, style, track
 from mbdae.results.shapes import geometry
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.values import number, option, optional, sequence, text
@@ -113,9 +113,12 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
 def _listed(trail: Any) -> list[Any]:
     if trail is None:
         return []
-    if isinstance(trail, str | Place | Body | Connection) or not np.iterable(trail):
-        return [trail]
-    return list(trail)
+    alone = isinstance(trail, str | Place | Body | Connection)
+    return option("trail", [trail] if alone else trail, sequence, f"{PLACE}, or a list of them", each=_place)
+
+
+def _place(value: Any) -> Any:
+    return value if isinstance(value, Place | Body | Connection) else text(value)
 
 
 # ---- GIF ---------------------------------------------------------------------------------------------------------------

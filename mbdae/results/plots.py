@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.sensors import placed, split
@@ -135,7 +135,10 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
     path = place.name if isinstance(place, Body | Connection) else option("place", place, text, PLACE)
     name, quantity = split(path) if "." in path else (path, "position")
     quantity = quantity or "position"
-    item = placed(result.prepared.model.scene, name)[0]
+    try:
+        item = placed(result.prepared.model.scene, name)[0]
+    except SceneError as error:
+        raise SceneError([f"there is no place {shown(place)}: {'; '.join(error.problems)}"]) from error
     if isinstance(item, Connection) and quantity == "position":
         law: Any = item.joint
         at_l = getattr(law, "at_l", None)
@@ -153,9 +156,9 @@ def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tu
     others = option("against", given, sequence, "give a Result, or a list of them", each=of_class, base=Result)
     results = [result, *others]
     if labels is None:
-        labels = _told_apart(results) if others else [""]
+        return list(zip(_told_apart(results) if others else [""], results, strict=True))
     remedy = f"give {len(results)} texts, one for each result, this one first"
-    told = option("labels", labels, sequence, remedy, each=text) if labels != [""] else labels
+    told = option("labels", labels, sequence, remedy, each=text)
     if len(told) != len(results):
         raise OptionError(f"labels = {shown(labels)} has {len(told)} entries for {len(results)} results: {remedy}")
     return list(zip(told, results, strict=True))

@@ -25,7 +25,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.redundancy import unit_rows
 from mbdae.system.start import Start
-from mbdae.values import file_to_write, number, option, optional, shown, text
+from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
 
 @dataclass(frozen=True)
@@ -106,17 +106,19 @@ class Result(Told):
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        return self.prepared.states(np.asarray(t, dtype=float), self.solution(t))
+        times = self.solution.times(t)
+        return self.prepared.states(times, self.solution(times))
 
     def stresses(self, t: Array) -> Array | None:
         """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
-        return stresses(self.prepared, self.solution, np.asarray(t, dtype=float))
+        return stresses(self.prepared, self.solution, self.solution.times(t))
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
         unknown."""
-        moment = optional("t", t, number, "give a time of the run in s, or None for its end")
-        when = self.solution.t[-1:] if moment is None else np.array([moment])
+        option("scene", scene, of_class, "give the scene that goes on from this state", base=SceneData)
+        optional("t", t, number, "give a time of the run in s, or None for its end")
+        when = self.solution.t[-1:] if t is None else self.solution.times(t)[None]
         said, meant = ([b.name for b in known.bodies] for known in (self.prepared.model.scene, scene))
         if said != meant:
             raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
@@ -186,7 +188,10 @@ class Result(Told):
     def read(self, path: str) -> Array:
         """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
         name, quantity = split(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
-        sensor = self[name] if name and quantity else None
+        try:
+            sensor = self[name] if name and quantity else None
+        except SceneError as error:
+            raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
         if sensor is None or quantity.startswith("_") or not hasattr(type(sensor), quantity):
             known = ", ".join(sorted(a for a in dir(type(sensor)) if not a.startswith("_"))) if sensor is not None else ""
             items = self.prepared.model.scene._names()

@@ -22,7 +22,7 @@ def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any
     if not isinstance(model, JointModel):
         raise SceneError([f"model = {shown(model)} is not a joint model; use {MODELS}"])
     known = [c.name for c in scene.connections if c.kind in MODELLED]
-    wrong = [n for n in names if n not in known]
+    wrong = [n for n in names if not isinstance(n, str) or n not in known]
     if wrong:
         raise SceneError([f"there is no revolute or prismatic joint {shown(wrong[0])} in scene '{scene.name}'; it has {known}"])
     plain = model in (Kinematic(), Classical(), Recursive())
