@@ -278,6 +278,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"),
+    ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
     ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("_Alpha.at_accuracy", "form_label"): (TEXT, ANY),
     ("Block.at", "label"): (TEXT, ANY),
@@ -291,6 +292,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
 }  # fmt: skip
 #: (callable, option) -> values that are refused in other words, and what those name
 OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
+    ("Switches", "weights"): ({"a list", "a nested list", "a range"}, "the numbers of each"),
     ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
     ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
     ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),
