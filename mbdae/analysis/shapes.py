@@ -76,10 +76,10 @@ class Mode(Told):
         if isinstance(body, Place):
             return self._at(body)
         model = self.owner.prepared.model
-        if not isinstance(body, str | Body) or (isinstance(body, str) and body not in {b.name for b in model.scene.bodies}):
-            known = ", ".join(repr(b.name) for b in model.scene.bodies[:12])
-            raise OptionError(f"mode[{shown(body)}]: name a body, or a place on it such as body.at(point); there is {known}")
-        name = body if isinstance(body, str) else body.name
+        name, known = body.name if isinstance(body, Body) else body, [b.name for b in (model.scene.ground, *model.scene.bodies)]
+        if not isinstance(name, str) or name not in known:
+            told = ", ".join(map(repr, known[:12]))
+            raise OptionError(f"mode[{shown(name)}]: name a body, or a place on it such as body.at(point); there is {told}")
         line = model.line(model.scene[name])
         if line is not None:
             shapes = [self._of(node) for node in line.nodes]

@@ -20,7 +20,7 @@ from mbdae.compare.rows import Row, asked_for, cheapest, with_front
 from mbdae.compare.run import Run, checked_runs, default_runs
 from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, Told
 from mbdae.integrators.base import Solver
 from mbdae.values import number, option, sequence, shown
 
@@ -29,7 +29,7 @@ MAX_WALL = 60.0  #: s of wall time per run
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Told):
     """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
 
     scene: str

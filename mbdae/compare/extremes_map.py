@@ -12,6 +12,7 @@ from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.compare.kept import place_of, written
 from mbdae.compare.table import grid
+from mbdae.errors import Told
 from mbdae.values import number, option
 from mbdae.values import text as text_of
 
@@ -45,7 +46,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Extremes:
+class Extremes(Told):
     """The whole map; `silent` must be empty."""
 
     scene: str

@@ -18,10 +18,10 @@ import numpy as np
 
 from mbdae.compare.kept import check_same, resume_path, written
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, Told
 from mbdae.files import write_file
 from mbdae.system.base import Array
-from mbdae.values import flag, function, of_class, option, optional, sequence, shown, text, whole
+from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
 FORMAT = "mbdae sweep 1"
 MOST_WORKERS = 1024
@@ -40,7 +40,7 @@ class SweepRow:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Told):
     """Rows of a sweep in the order of its points; those of a sweep that was stopped (Ctrl-C) are fewer than `points`.
 
     axes: name -> values of the outer product, None where a list of points was given.
@@ -151,10 +151,16 @@ def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | Non
         if not (axes and points):
             raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
         return [_scalars(point) for point in points], axes
-    points = option("grid", _listed(grid), sequence, GRID, each=of_class, base=Mapping)
+    points = option("grid", _listed(grid), sequence, GRID, each=_point)
     if not points:
         raise OptionError(f"grid = {shown(grid)} is empty: {GRID}")
     return [_scalars(point) for point in points], None
+
+
+def _point(value: Any) -> Mapping[str, Any]:
+    if isinstance(value, Mapping):
+        return value
+    raise BadValueError(f"{shown(value)} is not a dict")
 
 
 def _listed(values: Any) -> Any:

@@ -278,6 +278,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"),
+    ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
     ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("_Alpha.at_accuracy", "form_label"): (TEXT, ANY),

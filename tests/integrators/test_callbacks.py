@@ -1,4 +1,4 @@
-"""Functions of the user inside a run: their exceptions come out as they are, what they return wrongly is refused with the time."""
+"""Functions of the user inside a run: their exceptions come out, what they return wrongly is refused with the time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 import mbdae as mb
 from mbdae.integrators.base import Solver
 
-SOLVERS = [mb.IDA(rtol=1e-6), mb.RadauIIA(2, rtol=1e-6), mb.RadauIIA(3, step=0.01), mb.CVODE(rtol=1e-6), mb.CVODE(1e-6, method="BDF")]
+SOLVERS = [mb.IDA(rtol=1e-6), mb.RadauIIA(2, rtol=1e-6), mb.RadauIIA(3, step=0.01), mb.CVODE(rtol=1e-6),
+           mb.CVODE(1e-6, method="BDF")]  # fmt: skip
 FAIL_AT = 0.3  #: s
 
 

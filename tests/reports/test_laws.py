@@ -137,7 +137,7 @@ def test_of_values_models_and_joints():
     assert mb.report(mb.Coulomb(0.2, 0.01)).title == "Coulomb friction"
     with pytest.raises(mb.OptionError, match="give a law"):
         mb.report(3)
-    with pytest.raises(mb.OptionError, match="not known; give one of"):
+    with pytest.raises(mb.OptionError, match="what = 'revolut' is not known: give one of"):
         mb.report("revolut")
     assert issubclass(exported()["revolute"], Law)
 
