@@ -125,9 +125,20 @@ def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
     return found
 
 
+def several(value: Any) -> bool:
+    """Whether a value is a list of others: no text, no mapping, and nothing whose entries cannot be read."""
+    if isinstance(value, str | bytes | Mapping):
+        return False
+    try:
+        iter(value)
+    except Exception:  # iterables of the user's own may raise anything
+        return False
+    return True
+
+
 def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
     """A list of what `each` takes; a single text is refused, not read letter by letter."""
-    if isinstance(value, str | bytes | Mapping | Set | Iterator) or not np.iterable(value):
+    if isinstance(value, Set | Iterator) or not several(value):
         raise BadValueError(f"{shown(value)} is not a list")
     entries = list(value)
     try:

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from mbdae.compare.checkpoint import checkpoint
 from mbdae.compare.environment import environment
 from mbdae.compare.job import new_job
@@ -22,7 +20,7 @@ from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
 from mbdae.errors import OptionError, Told
 from mbdae.integrators.base import Solver
-from mbdae.values import number, option, sequence, shown
+from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 MAX_WALL = 60.0  #: s of wall time per run
@@ -153,7 +151,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
 
 
 def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:
-    given = accuracies if isinstance(accuracies, str) or np.iterable(accuracies) else [accuracies]
+    given = accuracies if several(accuracies) else [accuracies]
     remedy = "give numbers from 1e-12 to 0.1, such as [1e-3, 1e-6]"
     values = option("accuracies", given, sequence, remedy, each=number, least=1e-12, most=1e-1)
     if not values:

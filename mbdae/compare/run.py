@@ -66,8 +66,7 @@ class Run:
         """The accuracy the solver's own tolerance stands for; None where it has none."""
         if self.solver.fixed or self.solver.rtol is None:
             return None
-        measured = self.solver.factors[self.solver.label]
-        return self.solver.rtol / measured.get(self.form.label if self.form else form_label, min(measured.values()))
+        return self.solver.rtol / self.solver.factor(self.form.label if self.form else form_label)
 
     def name(self, form_label: str) -> str:
         """Label for tables: what the user gave, or solver, form, model and every option that differs from its default."""

@@ -25,6 +25,7 @@ from mbdae.contracts.checks import BOUNDS, CONTRACTS
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError, OptionError
 from mbdae.friction import Friction
+from mbdae.reports.statement import OPTIONS, check_kind
 from mbdae.symbolic.derive import Side
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Part, PartStructure
@@ -61,6 +62,7 @@ def selftest(law: type[Law] | type[Part], **options: Any) -> SelfTest:
 def _read(law: type[Law] | type[Part], name: str, value: Any) -> Any:
     """An option as it is, or a parameter as a number; also one of a part of the law, such as `friction_mu`."""
     if name in law.options:
+        check_kind(name, value, OPTIONS.get(name))
         return value
     if name in law.params or any(name.startswith(f"{part}_") for part in law.options):
         unit = law.params[name].unit if name in law.params else "its unit"

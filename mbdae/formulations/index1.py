@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
-
-import numpy as np
 
 from mbdae.formulations.base import WAVES, Form
 from mbdae.symbolic.derive import Derived
@@ -15,7 +13,7 @@ from mbdae.symbolic.outputs import Target, dynamics, kinematics, state_rows
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
 from mbdae.system.elimination import POSITION, VELOCITY, stabilised
-from mbdae.values import array, flag, number, set_option, word
+from mbdae.values import array, flag, number, set_option, several, word
 
 #: default rate times the characteristic time: what is off decays as fast as the motion changes, so the rows are no stiffer than
 #: the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
@@ -77,7 +75,7 @@ class Index1(Form):
 
 def _pair(value: Any) -> tuple[float, float]:
     """alpha and beta, equal where one number is given."""
-    if isinstance(value, str | Mapping) or not np.iterable(value):
+    if not several(value):
         return (number(value, least=0),) * 2
     alpha, beta = (number(entry, least=0) for entry in array(value, (2,)))
     return alpha, beta

@@ -13,7 +13,7 @@ A new solver is a frozen dataclass of its options that derives from `Solver` and
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
@@ -25,7 +25,7 @@ from mbdae.errors import OptionError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
-from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, shown, text, whole
+from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
 ACCURACY = "give a positive number such as 1e-6"
@@ -39,7 +39,7 @@ class Solver(ABC):
     #: rtol / accuracy by label of the solver and of the form; measured
     factors: ClassVar[dict[str, dict[str, float]]] = {}
     #: smallest rtol that still improves the result in double precision, by label of the form ("": all others)
-    tightest: ClassVar[dict[str, float]] = {}
+    tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance smaller by r makes the error smaller by r**error_fall at least; measured, with its scatter
     error_fall: ClassVar[float] = 0.6
     #: tolerance of the companion run that measures the error, over that of the run
@@ -96,14 +96,21 @@ class Solver(ABC):
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step."""
 
+    def factor(self, form_label: str) -> float:
+        """rtol over accuracy in a form; the smallest measured one where none was measured there or under this label."""
+        measured = self.factors.get(self.label) or {k: v for table in self.factors.values() for k, v in table.items()}
+        if not measured:
+            raise OptionError(f"{self.label} states no `factors` (rtol over accuracy by form), so an accuracy says nothing about "
+                              f"its rtol: give rtol, or state them in its class")  # fmt: skip
+        return measured.get(form_label, min(measured.values()))
+
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""
         if self.fixed:
             return self
         accuracy = option("accuracy", accuracy, number, ACCURACY, above=0)
         form_label = option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
-        measured = self.factors[self.label]
-        factor = measured.get(form_label, min(measured.values()))
+        factor = self.factor(form_label)
         rtol = accuracy * factor
         tightest = self.tightest.get(form_label, self.tightest[""])
         if rtol < tightest * (1 - 1e-9):
@@ -224,7 +231,7 @@ def output_times(t0: float, t_end: float, outputs: Any) -> Array | None:
         return None
     remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
               f"{t_end:g}")  # fmt: skip
-    if isinstance(outputs, str) or not np.iterable(outputs):
+    if not several(outputs):
         count: int = option("outputs", outputs, whole, remedy, least=2, most=MOST_OUTPUTS)
         return np.linspace(t0, t_end, count)
     times: Array = option("outputs", outputs, array, remedy)
@@ -248,7 +255,7 @@ def set_tolerances(solver: Any) -> None:
 
 def _magnitudes(value: Any) -> float | tuple[float, ...]:
     """A positive number, or several."""
-    if isinstance(value, str | Mapping) or not np.iterable(value):
+    if not several(value):
         return number(value, above=0)
     return tuple(sequence(value, number, above=0)) or number(value)
 
