@@ -28,7 +28,7 @@ from mbdae.system.base import Array, System
 from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
-ACCURACY = "give a positive number such as 1e-6"
+ACCURACY = "give a positive number up to 1, such as 1e-6"
 MOST_OUTPUTS = 10_000_000  #: times of a run
 SHARE = 0.04  #: part of the width of an input of time that a constant step may cover
 
@@ -108,7 +108,7 @@ class Solver(ABC):
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""
         if self.fixed:
             return self
-        accuracy = option("accuracy", accuracy, number, ACCURACY, above=0)
+        accuracy = option("accuracy", accuracy, number, ACCURACY, above=0, most=1)
         form_label = option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
         factor = self.factor(form_label)
         rtol = accuracy * factor

@@ -60,8 +60,8 @@ class _Alpha(Solver):
         raise NotImplementedError
 
     def _set_step(self) -> None:
-        for name in ("step", "accuracy"):
-            set_option(self, name, number, "give a positive number, or None", above=0)
+        set_option(self, "step", number, "give a positive number of seconds, or None", above=0)
+        set_option(self, "accuracy", number, f"{ACCURACY}, or None", above=0, most=1)
         if self.step is not None and self.accuracy is not None:
             raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
 
@@ -70,7 +70,7 @@ class _Alpha(Solver):
         if self.fixed:
             return self
         option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
-        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0))  # type: ignore[type-var]
+        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,
               **options: Any) -> Solution:  # fmt: skip

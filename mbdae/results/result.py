@@ -106,12 +106,12 @@ class Result(Told):
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        times = self.solution.times(t)
+        times = np.atleast_1d(self.solution.times(t))
         return self.prepared.states(times, self.solution(times))
 
     def stresses(self, t: Array) -> Array | None:
         """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
-        return stresses(self.prepared, self.solution, self.solution.times(t))
+        return stresses(self.prepared, self.solution, np.atleast_1d(self.solution.times(t)))
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an

@@ -292,9 +292,34 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
 }  # fmt: skip
+NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
+#: values of `hostile.SIGNS` -> options that take them
+SIZES: list[tuple[set[str], str]] = [
+    ({"a half", "much"},
+     "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
+     "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
+     "Comparison.cheapest.accuracy"),
+    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t Result.states.t "
+                         "Result.stresses.t Result.state_for.t"),
+    ({"zero", "a half", "much"}, "Index1.baumgarte"),
+    ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy _Alpha.at_accuracy.accuracy GeneralizedAlpha.accuracy "
+                 "HHT.accuracy Result.animate.fps"),
+    ({"zero"}, "HHT.alpha"),
+    ({"much"}, "Scene.linearize.count Scene.floquet.count"),
+    (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
+]  # fmt: skip
+
+
+def legitimate(name: str, option: str) -> set[str]:
+    """Hostile values that an option takes."""
+    sizes: set[str] = set().union(*(values for values, takers in SIZES if f"{name}.{option}" in takers.split()))
+    return sizes | LEGITIMATE.get((name, option), (set(), ""))[0]
+
+
 #: (callable, option) -> values that are refused in other words, and what those name
 OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
-    ("Switches", "weights"): ({"a list", "a nested list", "a range"}, "the numbers of each"),
+    ("Switches", "weights"): ({"a list", "a nested list", "a range", *NUMBERS}, "the numbers of each"),
     ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
     ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
     ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),

@@ -25,7 +25,7 @@ from mbdae.values import shown
 sys.path.insert(0, str(Path(__file__).parent))
 
 import calls
-from hostile import HOSTILE, ONES
+from hostile import HOSTILE, ONES, SIGNS
 
 #: how an option is named in messages where that is not its own name
 CALLED = {("Result.__getitem__", "name"): "r[|item", ("Mode.__getitem__", "body"): "mode[", ("Result.read", "path"): "sensor",
@@ -110,7 +110,8 @@ def test_hostile_values_are_refused_by_name_and_value(name: str, option: str) ->
     accepted, wrong = set(), []
     otherwise, _ = calls.OTHERWISE.get((name, option), (set(), ""))
     default = inspect.signature(calls.CALLS[name].make()).parameters[option].default
-    for what, value in (HOSTILE if default is None else HOSTILE | {"none": None}).items():
+    values = HOSTILE | SIGNS | ({} if default is None else {"none": None})
+    for what, value in values.items():
         try:
             result, text = outcome(name, option, value)
         except Exception as error:
@@ -120,7 +121,7 @@ def test_hostile_values_are_refused_by_name_and_value(name: str, option: str) ->
         elif what not in otherwise and not (result == "refused" and names(name, option, text) and shown(value) in text):
             wrong.append(f"{what} {result}: {text}")
     assert not wrong, "\n".join(wrong)
-    assert accepted == calls.LEGITIMATE.get((name, option), (set(), ""))[0]
+    assert accepted == calls.legitimate(name, option)
 
 
 def names(name: str, option: str, text: str) -> bool:
@@ -139,4 +140,4 @@ def test_numbers_of_all_libraries_are_alike(name: str, option: str) -> None:
 
 
 def test_that_is_many_cases() -> None:
-    assert len(CASES) * (len(HOSTILE) + len(ONES)) > 5000
+    assert len(CASES) * (len(HOSTILE) + len(SIGNS) + len(ONES)) > 5000
