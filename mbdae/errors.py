@@ -99,6 +99,8 @@ class Told:
     if not TYPE_CHECKING:  # or every attribute would be one
 
         def __getattr__(self, name: str) -> Any:
+            if hasattr(type(self), name):  # it is there, and failed with such an error of its own, which comes out
+                return object.__getattribute__(self, name)
             if name.startswith("_"):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
             known = [n for n in dir(self) if not n.startswith("_")]

@@ -106,8 +106,8 @@ class Result(Told):
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        times = np.atleast_1d(self.solution.times(t))
-        return self.prepared.states(times, self.solution(times))
+        y = self.solution(t)
+        return self.prepared.states(np.ravel(np.asarray(t, dtype=float)), y.reshape(-1, y.shape[-1]))
 
     def stresses(self, t: Array) -> Array | None:
         """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
@@ -144,7 +144,7 @@ class Result(Told):
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.mechanics.accelerations(self.t, *self._states, self.stresses(self.t))
+        return self.prepared.mechanics.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
 
     @property
     def acceleration(self) -> Array:

@@ -51,3 +51,13 @@ def test_a_state_starts_scenes_with_the_same_bodies_alone(run: Any) -> None:
         other.simulate(0.2, start=run)
     with pytest.raises(mb.OptionError, match=r"t_end = 0\.05 is not more than 0\.1: give a time in s after the start t = 0\.1 s"):
         run.prepared.model.scene.simulate(0.05, start=run)
+
+
+def test_an_error_of_a_sensor_itself_comes_out(run: Any) -> None:
+    class Broken(type(run["rod"])):  # type: ignore[misc]
+        @property
+        def height(self) -> float:
+            return self.position.heigth
+
+    with pytest.raises(AttributeError, match=r"'numpy\.ndarray' object has no attribute 'heigth'"):
+        Broken(run, run.prepared.model.scene["rod"]).height  # noqa: B018
