@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import OptionError
 from mbdae.formulations import Form, default_form, system_for
-from mbdae.integrators.base import Solver, output_times
+from mbdae.formulations.named import form_of
+from mbdae.integrators.base import Solver, end_after, output_times
+from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_by_default
@@ -20,11 +20,13 @@ from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
+from mbdae.values import flag, number, of_class, option, optional
 
 if TYPE_CHECKING:
     from mbdae.analysis import Equilibrium, Floquet, Linearization
 
 DEFAULT_OUTPUTS = 201
+START = "give a Result of this scene (mb.load reads one), an equilibrium, or None for the start of the scene"
 
 
 class Scene(SceneData):
@@ -33,21 +35,23 @@ class Scene(SceneData):
     def check(self, accuracy: float = 1e-6) -> Check:
         """Everything that can be said before solving, and what `simulate` to this accuracy will choose; raises SceneError with
         all problems at once."""
-        plausible(accuracy)
-        return check_scene(self, accuracy)
+        return check_scene(self, plausible(accuracy))
 
-    def system(self, form: Form | None = None, start: Start | None = None) -> SceneSystem:
-        """The equations F(t, y, y') = 0 of the scene in a form, with a consistent start."""
-        prepared = prepare(self, start)
-        return system_for(prepared, form)
+    def system(self, form: Form | type[Form] | str | None = None, start: Start | Result | None = None) -> SceneSystem:
+        """The equations F(t, y, y') = 0 of the scene in a form (an object, a class or a name such as "ggl"), with a consistent
+        start: that of the scene, the end of a Result, or a Start."""
+        chosen = form_of(form) if form is not None else None
+        begin = start if start is None or isinstance(start, Start) else option("start", start, of_class, START, base=Result)
+        return system_for(prepare(self, begin.state_for(self) if isinstance(begin, Result) else begin), chosen)
 
     def draw(self, path: Any = None) -> Any:
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
         path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
         from mbdae.results.drawing import draw
+        from mbdae.results.plots import checked
 
-        return draw(prepare(self), path)
+        return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
         """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`."""
@@ -67,9 +71,10 @@ class Scene(SceneData):
 
         return floquet(self, period, at, count, accuracy)
 
-    def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
-                 outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,
-                 max_wall: float | None = None, progress: Callable[..., None] | bool | None = None) -> Result:  # fmt: skip
+    def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
+                 form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
+                 start: Result | None = None, verify: bool = False, max_wall: float | None = None,
+                 progress: Callable[..., None] | bool | None = None) -> Result:  # fmt: skip
         """Run to t_end (s).
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
@@ -77,29 +82,33 @@ class Scene(SceneData):
         velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
         the run estimates its error and repeats itself tighter where needed; `accuracy.covers` of the result says whether that
         holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is run once, as it is.
+        solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
-        time. progress: True shows a bar.
+        time. progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
+        An option that cannot be used raises OptionError before anything is solved.
         """
-        plausible(accuracy)
-        end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None
+        accuracy = plausible(accuracy)
+        method, own = solver_of(solver) if solver is not None else None, form_of(form) if form is not None else None
+        optional("start", start, of_class, START, base=Result)
+        begin = float(start.solution.t[-1]) if start is not None else 0.0
+        end = end_after(begin, t_end)
+        times = output_times(begin, end, outputs if outputs is not None else DEFAULT_OUTPUTS)
+        verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
+        options = {"max_wall": optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0),
+                   "progress": progress_of(progress)}  # fmt: skip
 
         def prepared_as(scene: SceneData) -> Prepared:
-            begin = start.state_for(scene) if start is not None else None
-            return prepare(scene, begin, t_end=end)
+            return prepare(scene, start.state_for(scene) if start is not None else None, t_end=end)
 
-        chosen = solver is None and form is None
+        chosen = method is None and own is None
         prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
-        if not (isinstance(t_end, int | float) and math.isfinite(t_end) and t_end > prepared.start.t):
-            raise OptionError(f"t_end = {t_end}: give a time after the start t = {prepared.start.t:g} s")
-        times = output_times(prepared.start.t, float(t_end), outputs if outputs is not None else DEFAULT_OUTPUTS)
-        options = {"max_wall": max_wall, "progress": progress_of(progress)}
-        if solver is not None:
-            form = form if form is not None else default_form(prepared, solver.highest_index)
-            job = Job(prepared, form, accuracy, float(t_end), times, options, continued=start is not None)
-            run = job.run(solver)
+        if method is not None:
+            own = own if own is not None else default_form(prepared, method.highest_index)
+            job = Job(prepared, own, accuracy, end, times, options, continued=start is not None)
+            run = job.run(method)
         else:
-            choice = choose(prepared, self, accuracy, form)
-            job = Job(prepared, choice.form, accuracy, float(t_end), times, options, continued=start is not None)
-            run = job.run_default(choice, form)
+            choice = choose(prepared, self, accuracy, own)
+            job = Job(prepared, choice.form, accuracy, end, times, options, continued=start is not None)
+            run = job.run_default(choice, own)
         return job.result(run, verify)

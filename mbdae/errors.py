@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any
 
 
 class MbdaeError(Exception):
@@ -85,3 +86,24 @@ class SteadyError(MbdaeError):
 
 class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
+
+
+class Told:
+    """Base of what users read from: an attribute that does not exist is answered by those that do."""
+
+    @property
+    def _called(self) -> str:
+        """What it is called in messages."""
+        return f"a {type(self).__name__}"
+
+    if not TYPE_CHECKING:  # or every attribute would be one
+
+        def __getattr__(self, name: str) -> Any:
+            if hasattr(type(self), name):  # it is there, and failed with such an error of its own, which comes out
+                return object.__getattribute__(self, name)
+            if name.startswith("_"):
+                raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+            known = [n for n in dir(self) if not n.startswith("_")]
+            close = get_close_matches(name, known, 1)
+            meant = f"did you mean '{close[0]}'? " if close else ""
+            raise AttributeError(f"{self._called} has no '{name}': {meant}it has {', '.join(known)}")

@@ -7,10 +7,13 @@ collects the sentences as problems.
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from decimal import Decimal
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,6 +26,7 @@ T = TypeVar("T")
 
 #: magnitudes between which products of a few quantities neither overflow nor vanish in double precision
 LARGEST, SMALLEST = 1e100, 1e-100
+MOST_COUNTED = 2**53  #: beyond, floats are not all whole numbers
 SHOWN = 60  #: characters of a value in a message
 
 
@@ -57,6 +61,8 @@ def whole(value: Any, *, least: int | None = None, most: int | None = None) -> i
     found = _float(value)
     if not found.is_integer():
         raise BadValueError(f"{shown(value)} is not a whole number")
+    if abs(found) > MOST_COUNTED:
+        raise BadValueError(f"{shown(value)} is beyond what can be counted")
     low, high = -math.inf if least is None else least, math.inf if most is None else most
     if not low <= found <= high:
         raise BadValueError(f"{shown(value)} is not {_range(low, -math.inf, high)}")
@@ -78,21 +84,148 @@ def word(value: Any, words: Iterable[str]) -> str:
     raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(w) for w in known)}")
 
 
+def function(value: Any, *, takes: str = "") -> Callable[..., Any]:
+    """A function that can be called with so many arguments as `takes` names, such as "t, y"; no class."""
+    if not callable(value) or isinstance(value, type):
+        raise BadValueError(f"{shown(value)} is not a function")
+    arguments = takes.split(", ") if takes else []
+    try:
+        inspect.signature(value).bind(*arguments)
+    except TypeError as error:
+        raise BadValueError(f"{shown(value)} cannot be called with ({takes}): {error}") from error
+    except ValueError:
+        pass  # functions written in C may not tell their arguments
+    return value  # type: ignore[no-any-return]
+
+
+def path(value: Any) -> Path:
+    """A path, as text or as an object of `os.PathLike`."""
+    if isinstance(value, str | os.PathLike):
+        try:
+            if str(found := Path(value)) not in ("", ".") and "\0" not in str(found):
+                return found
+        except Exception as error:  # __fspath__ may be the user's own
+            raise BadValueError(f"{shown(value)} is not a path ({error})") from error
+    raise BadValueError(f"{shown(value)} is not a path")
+
+
+def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
+    """A path of a file that can be written: of one of some suffixes (any where none is given), in a folder that exists."""
+    found = path(value)
+    if suffixes and found.suffix.lower() not in suffixes:
+        raise BadValueError(f"'{found}' does not end in {' or '.join(suffixes)}")
+    try:
+        folder, taken = found.parent.is_dir(), found.is_dir()
+    except OSError as error:
+        raise BadValueError(f"'{found}' cannot be a file: {error.strerror}") from error
+    if not folder:
+        raise BadValueError(f"'{found}' is in a folder '{found.parent}' that does not exist")
+    if taken:
+        raise BadValueError(f"'{found}' is a folder")
+    return found
+
+
+def several(value: Any) -> bool:
+    """Whether a value is a list of others: no text, no mapping, and nothing whose entries cannot be read."""
+    if isinstance(value, str | bytes | Mapping):
+        return False
+    try:
+        iter(value)
+    except Exception:  # iterables of the user's own may raise anything
+        return False
+    return True
+
+
+def sequence(value: Any, each: Callable[..., T], **bounds: Any) -> list[T]:
+    """A list of what `each` takes; a single text is refused, not read letter by letter."""
+    if isinstance(value, Set | Iterator) or not several(value):
+        raise BadValueError(f"{shown(value)} is not a list")
+    entries = list(value)
+    try:
+        return [each(entry, **bounds) for entry in entries]
+    except BadValueError as refused:
+        raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
+
+
+def plain(name: str) -> str:
+    """A name by which something is looked up: small letters and digits alone, so that "RadauIIA(3)" is "radauiia3"."""
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def of_class(value: Any, *, base: type[T]) -> T:
+    """An object of a class."""
+    if isinstance(value, base):
+        return value
+    raise BadValueError(f"{shown(value)} is not a {base.__name__}")
+
+
+def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
+    """An object of a class, or what stands for one: a class derived from it that needs no arguments, or a name among `known`,
+    whose keys are `plain`."""
+    if isinstance(value, base):
+        return value
+    if isinstance(value, str) and plain(value) in known:
+        return known[plain(value)]
+    if isinstance(value, type) and issubclass(value, base):
+        try:
+            return value()
+        except TypeError as error:
+            raise BadValueError(f"{shown(value)} is a class that cannot be used without arguments ({error})") from error
+    raise BadValueError(f"{shown(value)} is not one of {', '.join(repr(name) for name in known)}, nor such an object")
+
+
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+        raise BadValueError(f"{shown(value)} has masked entries")
+    found = entries(value)
     try:
-        found = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
         if found.dtype.kind in "iuf":
-            plain: Array = found.astype(float)
+            plain: Array = np.array(found, dtype=float, subok=False)
         else:
             plain = np.array([_float(entry) for entry in found.flat], dtype=float).reshape(found.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadValueError(f"{shown(value)} is not an array of numbers") from error
+        raise BadValueError(f"{shown(value)} is not {'a number' if found.ndim == 0 else 'an array of numbers'}") from error
     if shapes and plain.shape not in shapes:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
-    for entry in plain.flat:
-        number(float(entry))
+    size = np.abs(plain)
+    wrong = ~(size <= LARGEST) | ((size > 0) & (size < SMALLEST))
+    if wrong.any() and plain.ndim == 0:
+        number(value)
+    if wrong.any():
+        try:
+            number(float(plain[wrong].flat[0]))
+        except BadValueError as refused:
+            raise BadValueError(f"{shown(value)} has a wrong entry, {refused}") from None
     return plain
+
+
+def entries(value: Any) -> NDArray[Any]:
+    """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        return np.asarray(value, dtype=object)
+    except Exception as error:  # sequences of the user's own may raise anything
+        raise BadValueError(f"{shown(value)} is not an array") from error
+
+
+def text(value: Any) -> str:
+    """Text that is not empty."""
+    if isinstance(value, str) and value.strip():
+        return str(value)
+    raise BadValueError(f"{shown(value)} is not text" if not isinstance(value, str) else f"{shown(value)} is empty")
+
+
+def optional(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T | None:
+    """An option that may be None."""
+    return None if value is None else option(name, value, read, remedy, **bounds)
+
+
+def set_option(owner: Any, name: str, read: Callable[..., Any], remedy: str, **bounds: Any) -> None:
+    """Replace an option of a frozen dataclass by the plain value; None stays where that is its default."""
+    value, default = getattr(owner, name), getattr(type(owner), name, ...)
+    object.__setattr__(owner, name, (optional if default is None else option)(name, value, read, remedy, **bounds))
 
 
 def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
@@ -107,7 +240,7 @@ def _float(value: Any) -> float:
     """The nearest double of a real number of any kind."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating) or not _is_number(value):
+    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating | np.timedelta64) or not _is_number(value):
         raise BadValueError(f"{shown(value)} is not a number")
     try:
         return float(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,19 @@ import symengine as se
 import sympy as sp
 
 from mbdae.errors import OptionError
-from mbdae.values import BadValueError, array, flag, number, option, shown, whole, word
+from mbdae.values import (
+    BadValueError,
+    array,
+    file_to_write,
+    flag,
+    function,
+    number,
+    option,
+    sequence,
+    shown,
+    whole,
+    word,
+)
 
 NUMBERS = [0.5, np.float32(0.5), np.float64(0.5), np.array(0.5), Fraction(1, 2), Decimal("0.5"),
            sp.Rational(1, 2), se.Rational(1, 2)]  # fmt: skip
@@ -74,3 +87,36 @@ def test_a_value_is_shown_short_whatever_its_repr_does() -> None:
     assert shown(Loud()) == "an object of class Loud"
     assert len(shown("x" * 1000)) == 60
     assert "\n" not in shown(np.ones((5, 5)))
+
+
+def test_functions_are_asked_for_their_arguments() -> None:
+    assert function(print, takes="t, y") is print
+    for value, told in ((lambda t: t, "too many positional arguments"), (float, "is not a function"), ("f", "is not a function")):
+        with pytest.raises(BadValueError, match=told):
+            function(value, takes="t, y")
+
+
+def test_paths_of_files_that_can_be_written(tmp_path: Path) -> None:
+    assert file_to_write(str(tmp_path / "a.PNG"), suffixes=(".png", ".svg")) == file_to_write(tmp_path / "a.PNG")
+    for value, told in ((3, "3 is not a path"), (b"a", "b'a' is not a path"), ("", "'' is not a path"), ("a\0", "is not a path"),
+                        (tmp_path, "is a folder"), (tmp_path / "b" / "a", "in a folder '.*b' that does not exist"),
+                        ("x" * 5000, "cannot be a file")):  # fmt: skip
+        with pytest.raises(BadValueError, match=told):
+            file_to_write(value)
+    with pytest.raises(BadValueError, match=r"'a\.gif' does not end in \.png or \.svg"):
+        file_to_write("a.gif", suffixes=(".png", ".svg"))
+
+
+def test_lists_are_read_entry_by_entry_and_texts_are_none() -> None:
+    assert sequence(np.array([1, 2]), number, above=0) == [1.0, 2.0]
+    for value, told in (("ab", "'ab' is not a list"), (3, "3 is not a list"), ({1: 2}, "is not a list"), ({1.0}, "is not a list"),
+                        (np.array(1.0), "is not a list"),
+                        ([1, -2], r"\[1, -2\] has a wrong entry, -2 is not positive")):  # fmt: skip
+        with pytest.raises(BadValueError, match=told):
+            sequence(value, number, above=0)
+
+
+def test_counts_are_exact() -> None:
+    for value in (1e17, 10**30, 2**53 + 2):
+        with pytest.raises(BadValueError, match="is beyond what can be counted"):
+            whole(value)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from mbdae.analysis.frame import motion_in_words
+from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.statics import CONVERGED, Point, Statics
 from mbdae.analysis.steady import Rest, acceleration_scale, departure
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
@@ -26,6 +26,7 @@ from mbdae.system.constrained import least_norm
 from mbdae.system.prepare import prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
+from mbdae.values import array, function, option, optional, shown
 
 SMALLEST_STEP = 1e-6  #: relative to the load factor reached
 REACH = 0.1  #: largest displacement per step of the loads, in the scene's length and rad: a longer one may skip a limit point
@@ -88,13 +89,14 @@ class Equilibrium(Result):
     unstable: int
 
     def __call__(self, t: Any) -> Equilibrium:
-        """Itself: a state at rest has one instant."""
+        """Itself: a state at rest has one instant, which goes on."""
+        option("t", t, array, "give a time in s, or a list of them")
         return self
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """q, u, s at rest, (nt, ...)."""
-        start = self.prepared.start
-        return tuple(np.repeat(part[None], len(np.atleast_1d(t)), axis=0) for part in (start.q, start.u, start.s))  # type: ignore[return-value]
+        start, nt = self.prepared.start, np.size(option("t", t, array, "give a time in s, or a list of them"))
+        return tuple(np.repeat(part[None], nt, axis=0) for part in (start.q, start.u, start.s))  # type: ignore[return-value]
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
@@ -113,7 +115,7 @@ class Equilibrium(Result):
 
     def save(self, path: Any) -> None:
         raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "
-                          f"(s.simulate(..., start=e).save('{path}'))")  # fmt: skip
+                          f"(s.simulate(..., start=e).save({shown(path)}))")  # fmt: skip
 
     def __repr__(self) -> str:
         return (f"<Equilibrium of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': load factor "
@@ -132,10 +134,12 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
     state is searched under the full loads.
     progress(load_factor, iterations) is called after every step. Raises EquilibriumError where there is no such state.
     """
-    prepared = prepare(scene)
-    statics = Statics(Rest(prepared, frame if frame is not None else prepared.model.scene.ground))
+    body = body_of(scene, frame if frame is not None else scene.ground)
+    told = optional("progress", progress, function, "give a function progress(load_factor, iterations), or None",
+                    takes="load_factor, iterations")  # fmt: skip
+    statics = Statics(Rest(prepare(scene), body))
     statics.check_steady(statics.begin)
-    path = _Path(statics, progress or (lambda factor, iterations: None))
+    path = _Path(statics, told or (lambda factor, iterations: None))
     return path.run()
 
 

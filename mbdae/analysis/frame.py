@@ -13,6 +13,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.scene.components import Beam, Body
+from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
@@ -20,6 +21,7 @@ from mbdae.system.model import Model
 from mbdae.system.nodes import Node
 from mbdae.system.rotations import quaternion_product, rotation_of, turned
 from mbdae.ties import largest
+from mbdae.values import shown
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -39,26 +41,24 @@ class RotatingFrame:
         return bool(np.any(self.rate))
 
 
-def body_of(model: Model, frame: Any) -> Body:
+def body_of(scene: SceneData, frame: Any) -> Body:
     """The body a `frame` option names; refuses what has no axes."""
-    scene = model.scene
-    body = scene[frame] if isinstance(frame, str) else frame
-    known = any(body is b for b in (scene.ground, *scene.bodies))
-    if not known and isinstance(body, Body) and any(b.name == body.name for b in scene.bodies):
-        body, known = scene[body.name], True
-    if not known:
-        name = getattr(frame, "name", frame)
-        raise OptionError(f"frame = {name!r} is no body of scene '{scene.name}'; give s.ground or a body of it")
+    bodies = {body.name: body for body in (scene.ground, *scene.bodies)}
+    name = frame.name if isinstance(frame, Body) else frame
+    if not isinstance(name, str) or name not in bodies:
+        known = ", ".join(repr(n) for n in list(bodies)[:12])
+        raise OptionError(f"frame = {shown(name)} is no body of scene '{scene.name}': give s.ground or one of {known}")
+    body = bodies[name]
     if body.is_point:
         raise OptionError(f"frame = '{body.name}': a point mass has no axes; give s.ground or a rigid body")
     if isinstance(body, Beam):
         raise OptionError(f"frame = '{body.name}': a beam bends and has no axes as a whole; give s.ground or a rigid body")
-    return body  # type: ignore[no-any-return]
+    return body
 
 
 def frame_at(model: Model, frame: Any, q: Array, u: Array) -> RotatingFrame:
     """The frame of a body at positions q (nq,) and velocities u (nu,)."""
-    body = body_of(model, frame)
+    body = body_of(model.scene, frame)
     node = model.node(body)
     if node is None:
         return RotatingFrame("ground", np.eye(3), np.zeros(3))

@@ -11,12 +11,12 @@ import scipy.linalg
 
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
-from mbdae.analysis.frame import RotatingFrame, advanced, frame_at, motion_in_words
+from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
-from mbdae.analysis.shapes import Mode, scaled, shares
+from mbdae.analysis.shapes import Mode, motion, scaled, shares
 from mbdae.analysis.steady import STEADY, departure, times_to_compare
-from mbdae.errors import OptionError, SteadyError
+from mbdae.errors import OptionError, SteadyError, Told
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
@@ -28,12 +28,14 @@ from mbdae.system.prepare import Prepared, prepare
 from mbdae.system.start import Start
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
+from mbdae.values import optional, shown, whole
 
 LARGEST = 1600  #: states up to which all eigenvalues are found
+AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
 RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a double zero
 
 
-class Linearization:
+class Linearization(Told):
     """Linear equations of small departures from a steady motion, and their modes by rising frequency.
 
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
@@ -121,7 +123,8 @@ class Linearization:
 
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
-        return shares(self.prepared.mechanics, self._metric, vector)
+        m = self.prepared.mechanics
+        return shares(m, self._metric, motion(m, vector))
 
     def __str__(self) -> str:
         head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
@@ -179,11 +182,11 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     modes only (default: all; with beams the lowest 20). Raises SteadyError, with the equations of that instant as `.frozen`,
     where they depend on time in that frame.
     """
-    if count is not None and not count >= 1:
-        raise OptionError(f"count = {count}: give the number of lowest modes, 1 or more, or None for all")
+    count = optional("count", count, whole, "give the number of lowest modes, 1 or more, or None for all", least=1)
+    body = body_of(scene, frame if frame is not None else scene.ground)
     prepared = prepare(scene, start_at(scene, at))
     start, m = prepared.start, prepared.mechanics
-    axes = frame_at(prepared.model, frame if frame is not None else prepared.model.scene.ground, start.q, start.u)
+    axes = frame_at(prepared.model, body, start.q, start.u)
     system = complete_system(m, Index3().spec())
     z = _stresses(at, m, start)
     p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
@@ -201,9 +204,10 @@ def start_at(scene: SceneData, at: Any) -> Start | None:
     """The state that `at` names: a Result (its end), (Result, t), an equilibrium; None for the start of the scene."""
     if at is None:
         return None
-    result, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
-    if not isinstance(result, Result):
-        raise OptionError(f"at = {at!r}: give a Result, (Result, t), an equilibrium, or None for the start of the scene")
+    given, t = at if isinstance(at, tuple) and len(at) == 2 else (at, None)
+    if not isinstance(given, Result):
+        raise OptionError(f"at = {shown(at)}: {AT}")
+    result = given
     said, meant = ([item.name for item in known._items] for known in (result.prepared.model.scene, scene))
     if said != meant:
         raise OptionError(f"at is a state of scene '{result.prepared.model.scene.name}', which has other items than "

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
 from mbdae.analysis.monodromy import Departures, carried, departures
 from mbdae.analysis.orbit import check_return, followed
-from mbdae.analysis.shapes import Mode, scaled, shares
-from mbdae.errors import AccuracyWarning, OptionError, SolverError
+from mbdae.analysis.shapes import Mode, motion, scaled, shares
+from mbdae.errors import AccuracyWarning, SolverError, Told
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
@@ -32,6 +31,7 @@ from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.threads import single_threaded
+from mbdae.values import number, option, optional, whole
 
 Complex = NDArray[np.complex128]
 
@@ -52,7 +52,7 @@ class FloquetMode(Mode):
     error: float
 
 
-class Floquet:
+class Floquet(Told):
     """Multipliers of a periodic motion and their modes, by falling size.
 
     `multipliers` (k,), `exponents` (k,) 1/s and `errors` (k,) 1/s (estimated) are all of them: 2 x degrees of freedom and one
@@ -114,7 +114,7 @@ class Floquet:
     def shares(self, vector: Array) -> dict[str, float]:
         """Share of every body in the kinetic energy of a motion (nu,), by falling share."""
         m = self.prepared.mechanics
-        return shares(m, m.mass, self._frames.T @ vector)
+        return shares(m, m.mass, self._frames.T @ motion(m, vector))
 
     def __str__(self) -> str:
         head = (f"scene '{self.prepared.model.scene.name}', period {self.period:.9g} s from t = {self.t:g} s, {self.steps} "
@@ -164,7 +164,11 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     multipliers stay; an AccuracyWarning says where they do not. Frequencies are known up to multiples of 2 pi / period only.
     Raises SteadyError where state or equations do not repeat, with what differs.
     """
-    _check_options(period, count, accuracy)
+    period = option("period", period, number, "give the time in s after which the motion repeats, such as 2 pi / rotor speed",
+                    above=0)  # fmt: skip
+    count = optional("count", count, whole, "give the number of largest multipliers, 1 or more, or None for all", least=1)
+    accuracy = option("accuracy", accuracy, number, "give the error of exponent x period, a number from 1e-11 to 0.01",
+                      least=1e-11, most=1e-2)  # fmt: skip
     begin = start_at(scene, at)
     prepared = prepare(scene, begin, t_end=(begin.t if begin is not None else 0.0) + period)
     system = system_for(prepared, highest_index=3)
@@ -173,15 +177,6 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     wanted = count if count is not None else ELASTIC if prepared.model.lines else directions.Q.shape[1]
     found = _converged(system, directions, period, max(FEWEST, returned.steps // 2), wanted, accuracy)
     return Floquet(prepared, period, found, _of_all_nodes(prepared, system, directions), returned.off)
-
-
-def _check_options(period: float, count: int | None, accuracy: float) -> None:
-    if not (isinstance(period, int | float | np.number) and isfinite(period) and period > 0):
-        raise OptionError(f"period = {period!r}: give the time in s after which the motion repeats, such as 2 pi / rotor speed")
-    if count is not None and not count >= 1:
-        raise OptionError(f"count = {count}: give the number of largest multipliers, 1 or more, or None for all")
-    if not 1e-11 <= accuracy <= 1e-2:
-        raise OptionError(f"accuracy = {accuracy}: give the error of exponent x period, a number from 1e-11 to 1e-2")
 
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.analysis.frame import attitude
 from mbdae.elements.line_shape import table
+from mbdae.errors import OptionError, Told
 from mbdae.results.beams import foot
 from mbdae.scene.components import Body, Place
 from mbdae.system.base import Array
@@ -16,6 +17,7 @@ from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest, nearest
+from mbdae.values import shown
 
 
 class Owner(Protocol):
@@ -39,7 +41,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Mode:
+class Mode(Told):
     """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
 
     `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
@@ -74,8 +76,11 @@ class Mode:
     def __getitem__(self, body: str | Body | Place) -> Shape:
         if isinstance(body, Place):
             return self._at(body)
-        name = body if isinstance(body, str) else body.name
         model = self.owner.prepared.model
+        name, known = body.name if isinstance(body, Body) else body, [b.name for b in (model.scene.ground, *model.scene.bodies)]
+        if not isinstance(name, str) or name not in known:
+            told = ", ".join(map(repr, known[:12]))
+            raise OptionError(f"mode[{shown(name)}]: name a body, or a place on it such as body.at(point); there is {told}")
         line = model.line(model.scene[name])
         if line is not None:
             shapes = [self._of(node) for node in line.nodes]
@@ -117,6 +122,17 @@ class Mode:
     def participation(self) -> dict[str, float]:
         """Share of every body in the kinetic energy of the mode (of its displacements, where nothing moves has mass)."""
         return self.owner.shares(self.vector)
+
+
+def motion(m: Mechanics, vector: Any) -> Array:
+    """A motion (nu,), real or complex, that a user gave."""
+    try:
+        found = np.asarray(vector)
+    except ValueError:  # ragged
+        found = np.zeros(0)
+    if found.shape != (m.nu,) or found.dtype.kind not in "fiuc" or not np.isfinite(found).all():
+        raise OptionError(f"vector = {shown(vector)} is no motion: give {m.nu} finite numbers, such as mode.vector")
+    return found
 
 
 def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:

@@ -6,29 +6,28 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from mbdae.compare.checkpoint import checkpoint
 from mbdae.compare.environment import environment
 from mbdae.compare.job import new_job
+from mbdae.compare.kept import place_of, progress_of_runs, resume_path, written
 from mbdae.compare.pairwise import Pairwise, pairwise
-from mbdae.compare.reference import Reference, given_reference
+from mbdae.compare.reference import Reference, given_reference, refuse_no_reference
 from mbdae.compare.rows import Row, asked_for, cheapest, with_front
 from mbdae.compare.run import Run, checked_runs, default_runs
 from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
-from mbdae.errors import OptionError
-from mbdae.run.control import plausible
+from mbdae.errors import OptionError, Told
+from mbdae.integrators.base import Solver
+from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 MAX_WALL = 60.0  #: s of wall time per run
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Told):
     """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
 
     scene: str
@@ -50,7 +49,7 @@ class Comparison:
 
     def cheapest(self, accuracy: float) -> Row | None:
         """The run that reached an error of at most `accuracy` in the least CPU time."""
-        return cheapest(self.runs, accuracy)
+        return cheapest(self.runs, option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0))
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -91,13 +90,14 @@ class Comparison:
 
     def to_json(self, path: Any = None) -> str:
         """JSON text, written to `path` where one is given."""
-        return _written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
+        return written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
 
     def to_html(self, path: Any = None) -> str:
         """One self-contained HTML page with picture, tables and verdict, written to `path` where one is given."""
         from mbdae.compare.page import page
 
-        return _written(page(self), path)
+        place = place_of(path)
+        return written(page(self), place)
 
     def table(self) -> str:
         """The rows as plain text, with reference, failures, pairwise differences and verdict."""
@@ -109,29 +109,33 @@ class Comparison:
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
         from mbdae.compare.picture import work_precision
+        from mbdae.results.plots import checked
 
-        return work_precision(self, path)
+        return work_precision(self, checked(path, what="compare") if path is not None else None)
 
     def __str__(self) -> str:
         return self.table()
 
 
-def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accuracies: Sequence[float] = ACCURACIES,
-            measure: str | None = None, reference: Any = None, max_wall: float | None = MAX_WALL,
+def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver] | str] | None = None,
+            accuracies: Sequence[float] = ACCURACIES, measure: str | None = None, reference: Any = None,
+            max_wall: float | None = MAX_WALL,
             progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Comparison:  # fmt: skip
     """Run a scene (or a System) to t_end (s) by every run at every accuracy.
 
-    runs: list of mb.Run; default IDA and Radau. measure: a sensor, "C.angle"; default the motion of the bodies.
-    reference: a Result, or a function of the times that returns the measure; default a tight Radau run that a second
-    method confirms. max_wall: s of wall time per run. progress(done, total, label): called before every run.
+    runs: list of mb.Run, or of solvers (objects, classes, names); default IDA and Radau. measure: a sensor, "C.angle";
+    default the motion of the bodies. reference: a Result, or a function of the times that returns the measure; default a
+    tight Radau run that a second method confirms. max_wall: s of wall time per run. progress(done, total, label): called
+    before every run.
     resume: a JSON file that keeps every finished run; where it exists, runs it holds are not made again.
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)
+    own, tell = checked_runs(runs) if runs is not None else None, progress_of_runs(progress)
+    resume = resume_path(resume)
+    refuse_no_reference(reference)
     job = new_job(scene, t_end, measure, max_wall)
-    chosen = checked_runs(runs) if runs is not None else default_runs(
-        job.constrained, job.stated.given, job.other_models, job.resolving
-    )
+    chosen = own or default_runs(job.constrained, job.stated.given, job.other_models, job.resolving)
     given = given_reference(job, reference) if reference is not None else None
     kept = checkpoint(resume, statement(job, chosen, asked, given[1] if given else None))
     state = kept.load()
@@ -139,23 +143,17 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run] | None = None, accurac
         state.reference, state.truth = given
     queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
     smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(job.system(None).label)) is not None)])
-    Work(job, queue, smallest, state, kept, begin).do(progress or (lambda done, total, label: None))
+    Work(job, queue, smallest, state, kept, begin).do(tell)
     assert state.reference is not None
     differences = pairwise(list(state.finals.values()), job.error)
     return Comparison(job.name, job.t_end, measure, job.what, state.reference, asked, with_front(state.rows), differences,
                       state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 
 
-def _checked_accuracies(accuracies: Sequence[float]) -> tuple[float, ...]:
-    values = tuple(float(a) for a in np.atleast_1d(np.asarray(accuracies, dtype=float)))
+def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:
+    given = accuracies if several(accuracies) else [accuracies]
+    remedy = "give numbers from 1e-12 to 0.1, such as [1e-3, 1e-6]"
+    values = option("accuracies", given, sequence, remedy, each=number, least=1e-12, most=1e-1)
     if not values:
-        raise OptionError("accuracies is empty: give at least one, such as [1e-3, 1e-6]")
-    for a in values:
-        plausible(a)
+        raise OptionError(f"accuracies = {shown(accuracies)} is empty: {remedy}")
     return tuple(sorted(set(values), reverse=True))
-
-
-def _written(text: str, path: Any) -> str:
-    if path is not None:
-        Path(path).write_text(text, encoding="utf-8")
-    return text

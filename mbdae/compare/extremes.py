@@ -10,12 +10,15 @@ from mbdae.compare.extremes_cell import FAILED, Cell, cell
 from mbdae.compare.extremes_kept import Kept, kept_rows
 from mbdae.compare.extremes_map import Block, Extremes
 from mbdae.compare.extremes_truth import truth
-from mbdae.compare.extremes_vary import Varied, default_vary, stated, varied
+from mbdae.compare.extremes_vary import Varied, checked_vary, default_vary, stated, varied
 from mbdae.compare.extremes_ways import Way, stepped_ways, ways
-from mbdae.compare.job import Job, new_job
-from mbdae.compare.run import Run
+from mbdae.compare.job import SECONDS, Job, new_job
+from mbdae.compare.kept import progress_of_runs, resume_path
+from mbdae.compare.run import Run, checked_runs
 from mbdae.errors import MbdaeError
+from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
+from mbdae.values import number, optional
 
 ACCURACY = 1e-5
 MAX_WALL = 20.0  #: s of wall time per run, and per run of a reference
@@ -38,17 +41,19 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     progress(done, total, label): called before every run. resume: a JSON file that keeps every finished value.
     """
     begin = time.process_time()
-    plausible(accuracy)
+    accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None
+    resume, max_wall = resume_path(resume), optional("max_wall", max_wall, number, SECONDS, above=0)
+    end = end_after(0.0, t_end)
     base = stated(scene)
-    asked = dict(vary) if vary is not None else default_vary(base)
-    parameters = varied(scene, float(t_end), asked)
-    first = new_job(base, float(t_end), measure, max_wall)
-    chosen = ways(first, runs)
-    kept = kept_rows(resume, first, asked, runs, accuracy)
-    work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, progress or (lambda done, total, label: None),
+    asked = checked_vary(vary) if vary is not None else default_vary(base)
+    first = new_job(base, end, measure, max_wall)
+    parameters = varied(scene, end, asked)
+    chosen = ways(first, own)
+    kept = kept_rows(resume, first, asked, own, accuracy)
+    work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell,
                  sum(len(p.values) for p in parameters) * (len(chosen) + 1))  # fmt: skip
     blocks = tuple(work.block(p) for p in parameters)
-    return Extremes(base.name, float(t_end), accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
+    return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
 
 class _Work:

@@ -6,12 +6,15 @@ import json
 import re
 from collections import Counter
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
+from mbdae.compare.kept import place_of, written
 from mbdae.compare.table import grid
+from mbdae.errors import Told
+from mbdae.values import number, option
+from mbdae.values import text as text_of
 
 #: numbers, and what resists a run most: sentences that differ in them alone are told once
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
@@ -37,11 +40,13 @@ class Block:
 
     def at(self, label: str, value: float) -> Cell | None:
         """The cell of a way at a value; None where the way does not apply."""
+        label = option("label", label, text_of, "give the label of a way, one of `labels`")
+        value = option("value", value, number, "give a value of the parameter, one of `values`")
         return next((cell for cell in self.cells if cell.label == label and cell.value == value), None)
 
 
 @dataclass(frozen=True)
-class Extremes:
+class Extremes(Told):
     """The whole map; `silent` must be empty."""
 
     scene: str
@@ -84,13 +89,14 @@ class Extremes:
 
     def to_json(self, path: Any = None) -> str:
         """JSON text, written to `path` where one is given."""
-        return _written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
+        return written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
 
     def to_html(self, path: Any = None) -> str:
         """One self-contained HTML page, written to `path` where one is given."""
         from mbdae.compare.extremes_page import page
 
-        return _written(page(self), path)
+        place = place_of(path)
+        return written(page(self), place)
 
     def table(self) -> str:
         """A grid per parameter, the reasons of failures, and the counts."""
@@ -147,9 +153,3 @@ def doubted(block: Block) -> list[tuple[float, str]]:
 def _short(sentence: str) -> str:
     """Short enough to be read beside others."""
     return sentence if len(sentence) <= 300 else sentence[:297] + "..."
-
-
-def _written(content: str, path: Any) -> str:
-    if path is not None:
-        Path(path).write_text(content, encoding="utf-8")
-    return content

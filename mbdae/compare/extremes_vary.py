@@ -22,6 +22,7 @@ from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs import timed
 from mbdae.scene.record import replay
 from mbdae.scene.scene import SceneData
+from mbdae.values import number, option, sequence, shown
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
 RUNGS = 7  #: values of a ladder between two bounds at most
@@ -43,21 +44,32 @@ class Varied:
 
 def varied(scene: Any, t_end: float, vary: Mapping[str, Any]) -> list[Varied]:
     """The parameters of `vary`, each checked at all its values."""
-    if not isinstance(vary, Mapping) or not vary:
-        raise OptionError(f"vary = {vary!r}: give {{parameter: (low, high) or [values]}}, such as "
-                          f"{{'coupler.mass': (1e-3, 1e3)}}")
-    found = []
+    return [_one(scene, t_end, name, _values(name, asked)) for name, asked in checked_vary(vary).items()]
+
+
+def checked_vary(vary: Any) -> dict[str, Any]:
+    """What is to be varied by name; refused where it is no such mapping, or a value is no number."""
+    remedy = "give {parameter: (low, high) or [values]}, such as {'coupler.mass': (1e-3, 1e3)}"
+    if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):
+        raise OptionError(f"vary = {shown(vary)}: {remedy}")
     for name, asked in vary.items():
-        values = _values(name, asked)
-        found.append(_one(scene, t_end, str(name), values))
-    return found
+        _values(name, asked)
+    return dict(vary)
 
 
 def stated(scene: Any) -> SceneData:
     """The scene as it is without variation; `scene` is one, or a function that makes it."""
-    made = scene() if callable(scene) and not isinstance(scene, SceneData) else scene
+    remedy = "give a mb.Scene, or a function scene(**parameters) with defaults that returns one"
+    made = scene
+    if callable(scene) and not isinstance(scene, SceneData | type):
+        try:
+            inspect.signature(scene).bind()
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"scene = {shown(scene)} cannot be called without arguments ({error}): {remedy}") from error
+        made = scene()
     if not isinstance(made, SceneData):
-        raise OptionError(f"scene = {made!r}: give a mb.Scene, or a function scene(**parameters) that returns one")
+        returned = "" if made is scene else f" returns {shown(made)}"
+        raise OptionError(f"scene = {shown(scene)}{returned}: {remedy}")
     return made
 
 
@@ -72,26 +84,37 @@ def ladder(low: float, high: float) -> tuple[float, ...]:
 
 
 def _values(name: Any, asked: Any) -> tuple[float, ...]:
-    try:
-        given = tuple(float(v) for v in asked)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"vary: {name!r} = {asked!r}: give (low, high) for a ladder of decades, or a list of values") from error
-    if not given or not all(math.isfinite(v) for v in given):
-        raise OptionError(f"vary: {name!r} = {asked!r}: give at least one value, all of them finite")
+    what, remedy = f"vary: '{name}'", "give (low, high) for a ladder of decades, or a list of values"
+    if name == "accuracy":
+        given = tuple(option(what, asked, sequence, f"{remedy}, each from 1e-12 to 0.1", each=number, least=1e-12, most=1e-1))
+    elif name in OPTIONS:
+        given = tuple(option(what, asked, sequence, f"{remedy}, each positive, in s", each=number, above=0))
+    else:
+        given = tuple(option(what, asked, sequence, remedy, each=number))
+    if not given:
+        raise OptionError(f"{what} = {shown(asked)} is empty: {remedy}")
     if isinstance(asked, tuple) and len(given) == 2:
         if given[0] * given[1] <= 0:
-            raise OptionError(f"vary: {name!r} = {asked!r}: a ladder of decades needs two bounds of one sign, different from 0; "
+            raise OptionError(f"{what} = {shown(asked)}: a ladder of decades needs two bounds of one sign, different from 0; "
                               f"give a list of values")  # fmt: skip
         return ladder(*given)
     return given
 
 
+def _number_in(name: str, value: str) -> float:
+    """The number in a name such as "scene(n=3).coupler.mass"."""
+    try:
+        return number(float(value))
+    except ValueError:
+        raise OptionError(f"vary: '{name}': {value} is not a number, as in 'scene(n=3).A.spring'") from None
+
+
 def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
     inside = re.fullmatch(r"scene\((\w+)=([^)]+)\)\.(.+)", name)
     if inside:
-        own, number, rest = inside.groups()
+        own, value, rest = inside.groups()
         _refuse_unknown_argument(scene, own)
-        there = functools.partial(scene, **{own: _values(name, [number])[0]})
+        there = functools.partial(scene, **{own: _number_in(name, value)})
         return replace(_one(there, t_end, rest, values), name=name)
     if name in OPTIONS:
         base = stated(scene)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings
 from dataclasses import dataclass, field, replace
@@ -14,19 +13,22 @@ import numpy as np
 from mbdae.compare.equations import Equations
 from mbdae.compare.memory import peak_bytes, reset_peak
 from mbdae.compare.run import Run
-from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SceneError
 from mbdae.formulations import Form, default_form
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
+from mbdae.results.geometry import started
+from mbdae.results.plots import numbers
 from mbdae.run.control import motion_distance
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED
 from mbdae.system.base import Array, System
-from mbdae.system.prepare import prepare
+from mbdae.system.prepare import Prepared, prepare
+from mbdae.values import number, optional, shown, text
 
 GRID = 1001  #: times at which trajectories are compared
 SHORT = 0.5  #: s; shorter runs are timed twice
@@ -188,16 +190,31 @@ def with_models(scene: Any, run: Run) -> Any:
     return scene
 
 
-def new_job(scene: Any, t_end: float, measure: str | None, max_wall: float | None) -> Job:
+SECONDS = "give a positive number of seconds of wall time, or None"
+
+
+def new_job(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Job:
     """A job for a scene or a System, its options checked."""
     given = scene if isinstance(scene, System) else None
-    if given is not None and measure is not None:
-        raise OptionError(f"measure = {measure!r}: a System has no sensors; leave it out, the error is that of all unknowns")
     if given is None and not isinstance(scene, SceneData):
-        raise OptionError(f"scene = {scene!r}: give a mb.Scene or a System such as mb.DAE")
-    finite = isinstance(t_end, int | float) and math.isfinite(t_end)
-    stated = Equations(None, given) if given is not None else Equations(prepare(scene, t_end=t_end if finite else None))
-    start = given.t0 if given is not None else stated.prepared.start.t  # type: ignore[union-attr]
-    if not (finite and t_end > start):
-        raise OptionError(f"t_end = {t_end}: give a time after the start t = {start:g} s")
-    return Job(None if given is not None else scene, stated, float(t_end), measure, max_wall)
+        raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
+    sensor = optional("measure", measure, text, "name a sensor such as 'C.angle', or None for the motion of the bodies")
+    if given is not None and sensor is not None:
+        raise OptionError(f"measure = {shown(measure)}: a System has no sensors: leave it out, the error is that of all unknowns")
+    end = end_after(given.t0 if given is not None else 0.0, t_end)
+    wall = optional("max_wall", max_wall, number, SECONDS, above=0)
+    if given is not None:
+        return Job(None, Equations(None, given), end, None, wall)
+    stated = Equations(prepare(scene, t_end=end))
+    if sensor is not None and stated.prepared is not None:
+        refuse_unknown(stated.prepared, sensor)
+    return Job(scene, stated, end, sensor, wall)
+
+
+def refuse_unknown(prepared: Prepared, sensor: str) -> None:
+    """Refuse a measure that is no sensor of a scene, or no number, before anything is solved."""
+    try:
+        numbers(started(prepared), sensor)
+    except (SceneError, OptionError) as error:
+        told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+        raise OptionError(f"measure = {shown(sensor)}: {told}") from error

@@ -4,29 +4,43 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from mbdae.errors import OptionError
+from mbdae.files import write_file
+from mbdae.values import file_to_write, function, optional, shown
 
 
 def resume_path(path: Any) -> Path | None:
     """The path a user gave, None for nothing; one that cannot be written is refused before anything runs."""
-    where = Path(path) if path is not None else None
-    if where is not None and (where.is_dir() or not where.parent.is_dir() or not os.access(where.parent, os.W_OK)):
-        raise OptionError(f"resume = '{where}': give a file in a folder that exists and can be written to")
+    remedy = "give a file in a folder that exists and can be written to, or None"
+    where: Path | None = optional("resume", path, file_to_write, remedy)
+    if where is not None and not os.access(where.parent, os.W_OK):
+        raise OptionError(f"resume = {shown(path)}: {remedy}")
     return where
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Replace a file as a whole, so that it is valid whenever the run stops."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
+    """The function called before every run; one that does nothing where there is none."""
+    told = optional("progress", progress, function, "give a function progress(done, total, label), or None",
+                    takes="done, total, label")  # fmt: skip
+    return told or (lambda done, total, label: None)
+
+
+def written(content: str, path: Any) -> str:
+    """The content, written to a file where a path is given."""
+    place = place_of(path)
+    if place is not None:
+        write_file(place, content)
+    return content
+
+
+def place_of(path: Any) -> Path | None:
+    """Where to write, None for nowhere; refused where that cannot be."""
+    place: Path | None = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+    return place
 
 
 def read_kept(path: Path, file_format: str, what: str, statement: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +12,8 @@ from mbdae.compare.job import Job
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.integrators.base import Solver
 from mbdae.results.result import Result
+from mbdae.system.base import Array
+from mbdae.values import array, function, option
 
 TIGHTER = 100.0  #: accuracy of the reference below the smallest one asked
 CONFIRM = 10.0  #: accuracy of the second method below the smallest one asked
@@ -41,15 +42,20 @@ class Reference:
         return self.label + second + (f"; {self.note}" if self.note else "")
 
 
+def refuse_no_reference(given: Any) -> None:
+    """Refuse what is no reference."""
+    if given is not None and not isinstance(given, Result):
+        option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
+               takes="times")  # fmt: skip
+
+
 def given_reference(job: Job, given: Any) -> tuple[Reference, Any]:
     """A reference the user brought: a Result of the same scene, or values of the measure as a function of time."""
     if isinstance(given, Result):
         return _given_result(job, given)
-    if not isinstance(given, Callable):  # type: ignore[arg-type]
-        raise OptionError(f"reference = {given!r}: give a Result, a function of the times (nt,), or None to have one computed")
     if job.measure is None:
         raise OptionError("reference is a function: name the sensor it stands for, measure='C.angle'")
-    values = np.asarray(given(job.times), dtype=float)
+    values: Array = option("reference(times)", given(job.times), array, f"return {job.measure} at the times given")
     shape = job.values(job.solve(_radau(job, 1e-3), None, repeat=False).solution).shape
     if values.shape != shape:
         raise OptionError(f"reference returns shape {values.shape}, {job.measure} has {shape} at the times given")

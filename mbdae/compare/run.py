@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,9 +10,12 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, Index3
+from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver
+from mbdae.integrators.named import solver_of
 from mbdae.scene.components import JointModel
 from mbdae.system.base import System
+from mbdae.values import option, sequence, set_option, shown, text
 
 #: options that a label need not tell: the table has them in columns of their own, or the solver's name holds them
 TOLD_ELSEWHERE = ("rtol", "stages", "method")
@@ -24,7 +27,8 @@ class Run:
 
     model: one joint model for all revolute and prismatic joints (mb.Recursive(): for a spanning tree of them, as
     `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver that has no tolerance or
-    step of its own is run once for every accuracy; one that has is run as it is.
+    step of its own is run once for every accuracy; one that has is run as it is. Solver and form may be given as a class or
+    by name, such as mb.IDA, "radau3", "ggl".
     """
 
     solver: Solver
@@ -33,12 +37,11 @@ class Run:
     label: str | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.solver, Solver):
-            raise OptionError(f"solver = {self.solver!r}: give a solver object such as mb.IDA() or mb.RadauIIA(3)")
-        if self.form is not None and not isinstance(self.form, Form):
-            raise OptionError(f"form = {self.form!r}: give a form object such as mb.GGL(), or None for the scene's default")
+        object.__setattr__(self, "solver", solver_of(self.solver))
+        object.__setattr__(self, "form", form_of(self.form) if self.form is not None else None)
+        set_option(self, "label", text, "give a text, or None to have it made")
         if not _is_model(self.model):
-            raise OptionError(f"model = {self.model!r} is not a joint model; give one such as mb.Kinematic(), "
+            raise OptionError(f"model = {shown(self.model)} is not a joint model: give one such as mb.Kinematic(), "
                               f"{{name of a joint: model}}, or None")  # fmt: skip
 
     @property
@@ -63,8 +66,7 @@ class Run:
         """The accuracy the solver's own tolerance stands for; None where it has none."""
         if self.solver.fixed or self.solver.rtol is None:
             return None
-        measured = self.solver.factors[self.solver.label]
-        return self.solver.rtol / measured.get(self.form.label if self.form else form_label, min(measured.values()))
+        return self.solver.rtol / self.solver.factor(self.form.label if self.form else form_label)
 
     def name(self, form_label: str) -> str:
         """Label for tables: what the user gave, or solver, form, model and every option that differs from its default."""
@@ -74,7 +76,7 @@ class Run:
 
 def _is_model(model: Any) -> bool:
     if isinstance(model, Mapping):
-        return bool(model) and all(isinstance(m, JointModel) for m in model.values())
+        return bool(model) and all(isinstance(m, JointModel) and isinstance(name, str) for name, m in model.items())
     return model is None or isinstance(model, JointModel)
 
 
@@ -113,10 +115,11 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     return runs
 
 
-def checked_runs(runs: Sequence[Run]) -> list[Run]:
-    """The runs as a list; anything else than a Run is refused."""
-    out = list(runs)
-    wrong = [r for r in out if not isinstance(r, Run)]
-    if wrong or not out:
-        raise OptionError(f"runs = {wrong or out!r}: give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]")
-    return out
+def checked_runs(runs: Any) -> list[Run]:
+    """The runs as a list; a solver alone is run on the default form."""
+    remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
+    given = option("runs", runs, sequence, remedy, each=lambda run: run)
+    if not given:
+        raise OptionError(f"runs = {shown(runs)} is empty: {remedy}")
+    return [run if isinstance(run, Run) else Run(solver_of(run, f"runs = {shown(runs)}: entry {i}", remedy))
+            for i, run in enumerate(given, 1)]

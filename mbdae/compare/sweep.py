@@ -8,7 +8,7 @@ import json
 import math
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +16,16 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mbdae.compare.kept import check_same, replace_file, resume_path
+from mbdae.compare.kept import check_same, resume_path, written
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, Told
+from mbdae.files import write_file
 from mbdae.system.base import Array
+from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
 FORMAT = "mbdae sweep 1"
+MOST_WORKERS = 1024
+GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
 Progress = Callable[[int, int], None]  #: points done, points in all
 
 
@@ -36,7 +40,7 @@ class SweepRow:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Told):
     """Rows of a sweep in the order of its points; those of a sweep that was stopped (Ctrl-C) are fewer than `points`.
 
     axes: name -> values of the outer product, None where a list of points was given.
@@ -63,13 +67,14 @@ class Sweep:
 
     def array(self, key: str) -> Array:
         """A value of the job on the grid, (one length per axis, ...) or (points, ...); nan where it is missing."""
+        key = option("key", key, text, "give the name of a value that the job returns")
         known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
         if not known:
             names = sorted({name for row in self.rows for name in row.values or ()})
-            raise OptionError(f"no row has a value '{key}': there are {', '.join(names) or 'none, every point failed'}")
+            raise OptionError(f"key = '{key}' is no value of any row: there are {', '.join(names) or 'none, every point failed'}")
         shapes = {value.shape for value in known.values()}
         if len(shapes) > 1:
-            raise OptionError(f"'{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
         out = np.full((len(self.points), *shapes.pop()), np.nan)
         for i, value in known.items():
             out[i] = value
@@ -91,10 +96,8 @@ class Sweep:
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
         rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
-        text = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False) + "\n"
-        if path is not None:
-            Path(path).write_text(text, encoding="utf-8")
-        return text
+        content = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False)
+        return written(content + "\n", path)
 
     def __repr__(self) -> str:
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
@@ -114,8 +117,14 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     progress(done, all) is called after every point. Ctrl-C stops and returns what is done.
     """
     points, axes = _points(grid)
-    if workers is not None and not workers >= 1:
-        raise OptionError(f"workers = {workers}: give the number of processes, 1 or more, or None for one per core")
+    workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
+                       least=1, most=MOST_WORKERS)  # fmt: skip
+    again = option("again", again, flag, "give True to do points that failed once more, or False")
+    tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
+    if not callable(job):
+        raise OptionError(f"job = {shown(job)}: give a function that takes a point and returns a dict")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise OptionError(f"executor = {shown(executor)}: give an executor of concurrent.futures, or None for processes")
     if executor is None:
         _check_job(job, points)
     said = points if axes is None else {name: [_scalar(value) for value in values] for name, values in axes.items()}
@@ -127,8 +136,8 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
             for i, found in coming:
                 done[i] = _row(points[i], found)
                 kept.add(i, done[i])
-                if progress is not None:
-                    progress(len(done), len(points))
+                if tell is not None:
+                    tell(len(done), len(points))
         except KeyboardInterrupt:
             coming.close()  # type: ignore[attr-defined]
     return Sweep(tuple(points), done, axes)
@@ -136,23 +145,35 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
 
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
     if isinstance(grid, Mapping):
-        axes = {str(name): list(values) for name, values in grid.items()}
+        axes = {name: option(f"grid: {shown(name)}", _listed(values), sequence, GRID, each=_scalar)
+                for name, values in grid.items()}  # fmt: skip
         points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
-        if axes and points:
-            return [_scalars(point) for point in points], axes
-        raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
-    if isinstance(grid, str) or not isinstance(grid, Iterable):
-        raise OptionError(f"grid = {grid!r}: give a mapping of names to values, or a list of points (dicts)")
-    points = list(grid)
-    wrong = [point for point in points if not isinstance(point, Mapping)]
-    if wrong or not points:
-        raise OptionError(f"grid has {len(points)} points{f', the first wrong one is {wrong[0]!r}' if wrong else ''}: give dicts")
+        if not (axes and points):
+            raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
+        return [_scalars(point) for point in points], axes
+    points = option("grid", _listed(grid), sequence, GRID, each=_point)
+    if not points:
+        raise OptionError(f"grid = {shown(grid)} is empty: {GRID}")
     return [_scalars(point) for point in points], None
+
+
+def _point(value: Any) -> Mapping[str, Any]:
+    if isinstance(value, Mapping):
+        return value
+    raise BadValueError(f"{shown(value)} is not a dict")
+
+
+def _listed(values: Any) -> Any:
+    """What can be read once alone, as a list."""
+    return list(values) if isinstance(values, Iterator) else values
 
 
 def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
     """Plain numbers instead of NumPy's, so that a point reads the same from a file."""
-    return {str(name): _scalar(value) for name, value in point.items()}
+    wrong = [name for name in point if not (isinstance(name, str) and name.isidentifier())]
+    if wrong:
+        raise OptionError(f"grid: {shown(wrong[0])} is not the name of an argument: {GRID}")
+    return {name: _scalar(value) for name, value in point.items()}
 
 
 def _scalar(value: Any) -> Any:
@@ -162,8 +183,6 @@ def _scalar(value: Any) -> Any:
 def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
     """Refuse what a process of its own cannot get."""
     advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
-    if not callable(job):
-        raise OptionError(f"job = {job!r}: give a function that takes a point and returns a dict")
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
         raise OptionError(f"job {_name(job)} was typed in: worker processes cannot import it; {advice}")
@@ -232,7 +251,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        replace_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:

@@ -23,11 +23,13 @@ from mbdae.contact import JournalContact, Normal
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS
 from mbdae.contracts.variants import variants
-from mbdae.errors import LawError
+from mbdae.errors import LawError, OptionError
 from mbdae.friction import Friction
+from mbdae.reports.statement import OPTIONS, check_kind
 from mbdae.symbolic.derive import Side
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.part import Part, PartStructure
+from mbdae.values import number, option, shown
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,25 @@ def selftest(law: type[Law] | type[Part], **options: Any) -> SelfTest:
     A friction or normal law is checked in the contact of a pin in its race. options: values of the law's options
     (`joint=mb.Revolute`) or of its parameters (`pitch=0.01`; random otherwise).
     """
-    if issubclass(law, Part):
-        return _of_part(law, options)
+    if not (isinstance(law, type) and issubclass(law, Law | Part)):
+        raise OptionError(f"law = {shown(law)}: give a class of a joint, a force or a part of one, such as mb.Revolute")
+    options = {name: _read(law, name, value) for name, value in options.items()}
+    return _of_part(law, options) if issubclass(law, Part) else _of_law(law, options)
+
+
+def _read(law: type[Law] | type[Part], name: str, value: Any) -> Any:
+    """An option as it is, or a parameter as a number; also one of a part of the law, such as `friction_mu`."""
+    if name in law.options:
+        check_kind(name, value, OPTIONS.get(name))
+        return value
+    if name in law.params or any(name.startswith(f"{part}_") for part in law.options):
+        unit = law.params[name].unit if name in law.params else "its unit"
+        return option(name, value, number, f"give a number in {unit}, or leave it out")
+    known = ", ".join([*law.options, *law.params]) or "none"
+    raise OptionError(f"{name} = {shown(value)}: {law.__name__} has no option or parameter of that name; there are: {known}")
+
+
+def _of_law(law: type[Law], options: dict[str, Any]) -> SelfTest:
     run = _Run(law, options)
     violations = list(declaration(law))
     for name, structure, sides in variants(law, options, run.refused):
@@ -88,7 +107,7 @@ def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
     chosen = PartStructure(part, frozenset(), tuple((o, options[o]) for o in part.options))
     role = "friction" if issubclass(part, Friction) else "normal"
     given = {f"{role}_{name}": value for name, value in options.items() if name in part.params}
-    return replace(selftest(JournalContact, **{role: chosen}, **given), law=part.__name__)
+    return replace(_of_law(JournalContact, {role: chosen, **given}), law=part.__name__)
 
 
 @dataclass

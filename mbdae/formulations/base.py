@@ -9,6 +9,9 @@ from mbdae.system.assembly import FormSpec
 from mbdae.system.model import Model
 from mbdae.system.numbering import Row
 
+#: what the option `waves` takes
+WAVES = "give True to have Radau IIA resolve elastic vibrations, False to let it step over them"
+
 
 class Form(ABC):
     """Base of the forms. A form turns laws into equations and says which multipliers are unknowns."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mbdae.formulations.base import Form
+from mbdae.formulations.base import WAVES, Form
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, scaled, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
+from mbdae.values import flag, set_option
 
 
 def ggl_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -34,6 +35,11 @@ class GGL(Form):
     algebraic: bool | None = None
     waves: bool = False
     label: ClassVar[str] = "GGL"
+
+    def __post_init__(self) -> None:
+        set_option(self, "algebraic", flag,
+                   "give True (index 2), False (multipliers as derivatives), or None (the solver decides)")
+        set_option(self, "waves", flag, WAVES)
 
     def for_index(self, highest: int) -> GGL:
         return replace(self, algebraic=highest >= 2) if self.algebraic is None else self

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from typing import Any, ClassVar
 
-from mbdae.errors import OptionError
-from mbdae.formulations.base import Form
+from mbdae.formulations.base import WAVES, Form
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, dynamics, kinematics, state_rows
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
 from mbdae.system.elimination import POSITION, VELOCITY, stabilised
+from mbdae.values import array, flag, number, set_option, several, word
 
 #: default rate times the characteristic time: what is off decays as fast as the motion changes, so the rows are no stiffer than
 #: the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
@@ -51,14 +50,10 @@ class Index1(Form):
     label: ClassVar[str] = "Index1"
 
     def __post_init__(self) -> None:
-        if self.baumgarte is not None:
-            values = _pair(self.baumgarte)
-            if values is None or not all(isfinite(v) and v >= 0 for v in values):
-                raise OptionError(f"baumgarte = {self.baumgarte!r}: give alpha >= 0 in 1/s, the pair (alpha, beta), or None for "
-                                  f"{RATE:g} over the characteristic time of the scene")  # fmt: skip
-            object.__setattr__(self, "baumgarte", values)
-        if self.multipliers not in (None, *MULTIPLIERS):
-            raise OptionError(f"multipliers = {self.multipliers!r}: give one of {', '.join(MULTIPLIERS)}, or None")
+        set_option(self, "baumgarte", _pair, f"give alpha >= 0 in 1/s, the pair (alpha, beta), or None for {RATE:g} over the "
+                                             f"characteristic time of the scene")  # fmt: skip
+        set_option(self, "multipliers", word, "or give None to have it follow from the solver", words=MULTIPLIERS)
+        set_option(self, "waves", flag, WAVES)
 
     def for_index(self, highest: int) -> Index1:
         if self.multipliers is not None:
@@ -69,7 +64,7 @@ class Index1(Form):
         return self if self.baumgarte is not None else replace(self, baumgarte=RATE / characteristic)
 
     def spec(self) -> FormSpec:
-        alpha, beta = _pair(self.baumgarte) or (0.0, 0.0)
+        alpha, beta = _pair(self.baumgarte if self.baumgarte is not None else 0.0)
         dotted, algebraic = self.multipliers in (None, "derivatives"), self.multipliers == "algebraic"
         rows = {"q": "q", "u": "u", "s": "s", "gdd": "lambda"}
         index = {"q": 1, "v": 1, "s": 1, "lambda": 1}
@@ -78,9 +73,9 @@ class Index1(Form):
                         eliminated=eliminated)  # fmt: skip
 
 
-def _pair(value: Any) -> tuple[float, float] | None:
-    try:
-        alpha, beta = value if isinstance(value, Sequence) else (value, value)
-        return float(alpha), float(beta)
-    except (TypeError, ValueError):
-        return None
+def _pair(value: Any) -> tuple[float, float]:
+    """alpha and beta, equal where one number is given."""
+    if not several(value):
+        return (number(value, least=0),) * 2
+    alpha, beta = (number(entry, least=0) for entry in array(value, (2,)))
+    return alpha, beta

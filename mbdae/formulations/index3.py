@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from mbdae.formulations.base import Form
+from mbdae.formulations.base import WAVES, Form
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, dynamics, kinematics, position, scaled, state_rows
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembly import FormSpec
+from mbdae.values import flag, set_option
 
 
 def index3_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -28,6 +29,9 @@ class Index3(Form):
 
     waves: bool = False
     label: ClassVar[str] = "Index3"
+
+    def __post_init__(self) -> None:
+        set_option(self, "waves", flag, WAVES)
 
     def spec(self) -> FormSpec:
         rows = {"q": "q", "u": "u", "s": "s", "g": "lambda"}

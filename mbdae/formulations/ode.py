@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from mbdae.formulations.base import Form
+from mbdae.formulations.base import WAVES, Form
 from mbdae.formulations.index3 import index3_outputs
 from mbdae.system.assembly import FormSpec
 from mbdae.system.model import Model
 from mbdae.system.numbering import Row
+from mbdae.values import flag, set_option
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,10 @@ class ODE(Form):
     mixed: bool = False
     waves: bool = False
     label: ClassVar[str] = "ODE"
+
+    def __post_init__(self) -> None:
+        set_option(self, "mixed", flag, "give True to keep the stresses of beams as unknowns, False to leave them out")
+        set_option(self, "waves", flag, WAVES)
 
     def for_index(self, highest: int) -> ODE:
         return replace(self, mixed=highest >= 2)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf
 from typing import Any, ClassVar, Self
@@ -25,8 +25,11 @@ from mbdae.errors import OptionError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
+from mbdae.values import array, function, number, of_class, option, optional, sequence, set_option, several, shown, text, whole
 
 DEFAULT_ACCURACY = 1e-6
+ACCURACY = "give a positive number up to 1, such as 1e-6"
+MOST_OUTPUTS = 10_000_000  #: times of a run
 SHARE = 0.04  #: part of the width of an input of time that a constant step may cover
 
 
@@ -36,7 +39,7 @@ class Solver(ABC):
     #: rtol / accuracy by label of the solver and of the form; measured
     factors: ClassVar[dict[str, dict[str, float]]] = {}
     #: smallest rtol that still improves the result in double precision, by label of the form ("": all others)
-    tightest: ClassVar[dict[str, float]] = {}
+    tightest: ClassVar[dict[str, float]] = {"": 1e-12}
     #: a tolerance smaller by r makes the error smaller by r**error_fall at least; measured, with its scatter
     error_fall: ClassVar[float] = 0.6
     #: tolerance of the companion run that measures the error, over that of the run
@@ -47,6 +50,8 @@ class Solver(ABC):
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {}
     #: highest index of an unknown this method takes; 0: differential unknowns alone
     highest_index: ClassVar[int] = 1
+    #: short name of the method, as a command line takes it; "": that of the class in small letters
+    word: ClassVar[str] = ""
     #: what to use instead below it
     alternative: ClassVar[str] = ""
     #: relative tolerance; None takes it from an accuracy (1e-6 where `solve` is called directly)
@@ -91,14 +96,21 @@ class Solver(ABC):
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Interpolant over the accepted steps t (m+1,), y and yp (m+1, n), with one piece per step."""
 
+    def factor(self, form_label: str) -> float:
+        """rtol over accuracy in a form; the smallest measured one where none was measured there or under this label."""
+        measured = self.factors.get(self.label) or {k: v for table in self.factors.values() for k, v in table.items()}
+        if not measured:
+            raise OptionError(f"{self.label} states no `factors` (rtol over accuracy by form), so an accuracy says nothing about "
+                              f"its rtol: give rtol, or state them in its class")  # fmt: skip
+        return measured.get(form_label, min(measured.values()))
+
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""
         if self.fixed:
             return self
-        if not (np.isfinite(accuracy) and accuracy > 0):
-            raise OptionError(f"accuracy = {accuracy}: give a positive number such as 1e-6")
-        measured = self.factors[self.label]
-        factor = measured.get(form_label, min(measured.values()))
+        accuracy = option("accuracy", accuracy, number, ACCURACY, above=0, most=1)
+        form_label = option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
+        factor = self.factor(form_label)
         rtol = accuracy * factor
         tightest = self.tightest.get(form_label, self.tightest[""])
         if rtol < tightest * (1 - 1e-9):
@@ -117,7 +129,7 @@ class Solver(ABC):
         max_wall: float | None = None,
         progress: Callable[[float, float, Stats], None] | None = None,
         h0: float | None = None,
-        max_residuals: float = inf,
+        max_residuals: float | None = None,
         begin: float | None = None,
         share: float | None = None,
     ) -> Solution:
@@ -131,16 +143,13 @@ class Solver(ABC):
         At a break of an input of time the run ends a step and begins anew.
         Ctrl-C stops between two steps and returns the solution so far with complete=False.
         """
-        if self.rtol is None and not self.fixed:
-            chosen = self.at_accuracy(DEFAULT_ACCURACY, system.label)
-            return chosen.solve(
-                system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals, begin=begin,
-                share=share,
-            )
-        times = check_run(system, t_end, outputs, max_wall, h0)
-        self.check(system)
-        with StepLoop(system, self, float(t_end), times, max_wall, progress, max_residuals, begin) as loop:
-            self._between_breaks(loop, h0, share)
+        asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
+                         begin=begin, share=share)  # fmt: skip
+        solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
+        solver.check(system)
+        with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
+                      asked.begin) as loop:  # fmt: skip
+            solver._between_breaks(loop, asked.h0, asked.share)
         return loop.solution()
 
     def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
@@ -174,20 +183,41 @@ class Solver(ABC):
             self.integrate(loop.system, loop, None)
 
 
-def check_run(
-    system: System,
-    t_end: float,
-    outputs: int | Sequence[float] | Array | None,
-    max_wall: float | None,
-    h0: float | None,
-) -> Array | None:
-    """Validate what `solve` was given and return the output times."""
-    if not (np.isfinite(t_end) and t_end > system.t0):
-        raise OptionError(f"t_end = {t_end}: give a finite time after the start t0 = {system.t0}")
-    for name, value in (("max_wall", max_wall), ("h0", h0)):
-        if value is not None and not value > 0:
-            raise OptionError(f"{name} = {value}: give a positive number of seconds or None")
-    times = output_times(system.t0, float(t_end), outputs)
+@dataclass(frozen=True)
+class Asked:
+    """What `Solver.solve` was asked for, as plain values; see there."""
+
+    t_end: float
+    times: Array | None
+    max_wall: float | None
+    progress: Callable[[float, float, Stats], None] | None
+    h0: float | None
+    max_residuals: float
+    begin: float | None
+    share: float | None
+
+    @classmethod
+    def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
+           max_residuals: Any = None, begin: Any = None, share: Any = None) -> Self:  # fmt: skip
+        """Read and check everything before the run begins."""
+        option("system", system, of_class, "give a mb.DAE, or the equations of a scene, scene.system()", base=System)
+        end = end_after(system.t0, t_end)
+        seconds = "give a positive number of seconds, or None"
+        budget = optional("max_residuals", max_residuals, number, "give a positive number, or None", above=0)
+        asked = cls(
+            end, output_times(system.t0, end, outputs), optional("max_wall", max_wall, number, seconds, above=0),
+            optional("progress", progress, function, "give a function progress(t, t_end, stats), or None",
+                     takes="t, t_end, stats"),
+            optional("h0", h0, number, seconds, above=0), inf if budget is None else budget,
+            optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
+            optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
+        )  # fmt: skip
+        check_start(system)
+        return asked
+
+
+def check_start(system: System) -> None:
+    """Refuse a system that is not finite at its start."""
     start = np.empty(system.n)
     system.residual(system.t0, system.y0, system.yp0, start)
     if not np.isfinite(start).all():
@@ -196,35 +226,47 @@ def check_run(
             f"equation {system.equations[row]} is {start[row]} at the start t = {system.t0}: "
             "check its parameters and the start values it uses"
         )
-    return times
 
 
-def output_times(t0: float, t_end: float, outputs: int | Sequence[float] | Array | None) -> Array | None:
-    """Times (k,) asked for; an integer means that many equally spaced ones, both ends included."""
+def end_after(t0: float, t_end: Any) -> float:
+    """The end of a run (s) after its start."""
+    end: float = option("t_end", t_end, number, f"give a time in s after the start t = {t0:g} s", above=t0)
+    return end
+
+
+def output_times(t0: float, t_end: float, outputs: Any) -> Array | None:
+    """Times (k,) asked for; a whole number means that many equally spaced ones, both ends included."""
     if outputs is None:
         return None
-    if isinstance(outputs, int | np.integer):
-        if outputs < 2:
-            raise OptionError(f"outputs = {outputs}: give at least 2 (start and end are among them) or the times")
-        return np.linspace(t0, t_end, int(outputs))
-    times = np.asarray(outputs, dtype=float)
-    if times.ndim != 1 or len(times) == 0 or not np.isfinite(times).all():
-        raise OptionError(f"outputs has shape {times.shape}: give a number or a list of finite times")
+    remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
+              f"{t_end:g}")  # fmt: skip
+    if not several(outputs):
+        count: int = option("outputs", outputs, whole, remedy, least=2, most=MOST_OUTPUTS)
+        return np.linspace(t0, t_end, count)
+    times: Array = option("outputs", outputs, array, remedy)
+    if times.ndim != 1 or len(times) == 0:
+        raise OptionError(f"outputs = {shown(outputs)} has shape {times.shape}: {remedy}")
     if times[0] < t0 or times[-1] > t_end:
-        raise OptionError(f"outputs run from {times[0]} to {times[-1]}: keep them inside [{t0}, {t_end}]")
+        raise OptionError(f"outputs = {shown(outputs)} run from {times[0]:g} to {times[-1]:g} s: {remedy}")
     falling = np.flatnonzero(np.diff(times) <= 0)
     if len(falling):
         k = int(falling[0])
-        raise OptionError(f"outputs[{k + 1}] = {times[k + 1]} follows {times[k]}: give increasing times")
+        raise OptionError(f"outputs = {shown(outputs)}: outputs[{k + 1}] = {times[k + 1]} follows {times[k]}: {remedy}")
     return times
 
 
-def check_tolerances(rtol: float | None, atol: Any) -> None:
-    """rtol None or in [1e-15, 1e-1]; atol None, positive, or (n,) positive."""
-    if rtol is not None and not 1e-15 <= rtol <= 1e-1:
-        raise OptionError(f"rtol = {rtol}: give a value from 1e-15 to 1e-1")
-    if atol is not None and not np.all(np.asarray(atol, dtype=float) > 0):
-        raise OptionError(f"atol = {atol}: give positive values, or None for rtol times the scale of each unknown")
+def set_tolerances(solver: Any) -> None:
+    """Make rtol (None, or 1e-15 to 0.1) and atol (None, positive, or n positive numbers) of a solver plain."""
+    set_option(solver, "rtol", number, "give a relative tolerance from 1e-15 to 0.1, or None to have it follow from the accuracy",
+               least=1e-15, most=1e-1)  # fmt: skip
+    set_option(solver, "atol", _magnitudes, "give a positive number, one per unknown, or None for rtol times the scale of each")
+
+
+def _magnitudes(value: Any) -> float | tuple[float, ...]:
+    """A positive number, or several."""
+    if not several(value):
+        return number(value, above=0)
+    return tuple(sequence(value, number, above=0)) or number(value)
 
 
 def absolute_tolerance(system: System, rtol: float, atol: Any) -> Array:

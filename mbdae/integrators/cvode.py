@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import OptionError
-from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.dense import Collocation, Hermite, cubic
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.radau_tables import radau_table
@@ -18,6 +18,7 @@ from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, wa
 from mbdae.integrators.watch import StepWatch, SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
+from mbdae.values import set_option, whole, word
 
 #: order a method may reach
 HIGHEST = {"Adams": 12, "BDF": 5}
@@ -56,12 +57,11 @@ class CVODE(Solver):
     highest_index: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
-        check_tolerances(self.rtol, self.atol)
-        if self.method not in HIGHEST:
-            raise OptionError(f"method = {self.method!r}: give 'Adams' (not stiff) or 'BDF' (stiff)")
+        set_tolerances(self)
+        set_option(self, "method", word, "give 'Adams' (not stiff) or 'BDF' (stiff)", words=HIGHEST)
         highest = HIGHEST[self.method]
-        if self.max_order is not None and self.max_order not in range(1, highest + 1):
-            raise OptionError(f"max_order = {self.max_order}: {self.method} has orders 1 to {highest}")
+        set_option(self, "max_order", whole, f"{self.method} has orders 1 to {highest}; None is the highest",
+                   least=1, most=highest)  # fmt: skip
 
     @classmethod
     def variants(cls) -> list[CVODE]:

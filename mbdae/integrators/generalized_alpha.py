@@ -5,14 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.arguments import Inside, cubic_of_step
-from mbdae.integrators.base import DEFAULT_ACCURACY, Solver
+from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
 from mbdae.integrators.constant import constant_steps, first_width
 from mbdae.integrators.dense import Collocation, cubic
 from mbdae.integrators.generalized_alpha_step import ORDER, Alphas, AlphaStep
@@ -22,6 +21,7 @@ from mbdae.integrators.radau_step import Demand, RadauStep, StepFailedError
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.system.base import Array, System
+from mbdae.values import number, option, set_option, text
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
 CUBIC = 3  #: nodes of Radau IIA that hold a cubic
@@ -59,21 +59,18 @@ class _Alpha(Solver):
         """Those for accelerations."""
         raise NotImplementedError
 
-    def _check_step(self) -> None:
-        for name in ("step", "accuracy"):
-            value = getattr(self, name)
-            if value is not None and not (isfinite(value) and value > 0):
-                raise OptionError(f"{name} = {value}: give a positive number, or None")
+    def _set_step(self) -> None:
+        set_option(self, "step", number, "give a positive number of seconds, or None", above=0)
+        set_option(self, "accuracy", number, f"{ACCURACY}, or None", above=0, most=1)
         if self.step is not None and self.accuracy is not None:
-            raise OptionError(f"step = {self.step} and accuracy = {self.accuracy}: give one of the two")
+            raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
 
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This method with steps halved until its error is below `accuracy`; itself where the step is given."""
         if self.fixed:
             return self
-        if not (np.isfinite(accuracy) and accuracy > 0):
-            raise OptionError(f"accuracy = {accuracy}: give a positive number such as 1e-6")
-        return replace(self, accuracy=accuracy)  # type: ignore[type-var]
+        option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
+        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
 
     def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,
               **options: Any) -> Solution:  # fmt: skip
@@ -81,8 +78,9 @@ class _Alpha(Solver):
         is below `accuracy` (1e-6 where none is given)."""
         if self.fixed:
             return super().solve(system, t_end, outputs, **options)
+        end = Asked.of(system, t_end, outputs, **options).t_end
         goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
-        return halved(self, system, t_end, goal, scaled_difference(system), outputs=outputs, **options).solution
+        return halved(self, system, end, goal, scaled_difference(system), outputs=outputs, **options).solution
 
     def check(self, system: System) -> None:
         """Refuse what is no equation of motion with multipliers as algebraic unknowns."""
@@ -149,11 +147,12 @@ class GeneralizedAlpha(_Alpha):
     step: float | None = None
     accuracy: float | None = None
     rtol: float | None = field(default=None, init=False, repr=False)
+    word: ClassVar[str] = "genalpha"
 
     def __post_init__(self) -> None:
-        if not 0 <= self.rho <= 1:
-            raise OptionError(f"rho = {self.rho}: give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)")
-        self._check_step()
+        set_option(self, "rho", number, "give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)",
+                   least=0, most=1)  # fmt: skip
+        self._set_step()
 
     @property
     def rho_infinity(self) -> float:
@@ -179,9 +178,9 @@ class HHT(_Alpha):
     rtol: float | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not abs(self.alpha) <= 1 / 3:
-            raise OptionError(f"alpha = {self.alpha}: give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign")
-        self._check_step()
+        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign",
+                   least=-1 / 3, most=1 / 3)  # fmt: skip
+        self._set_step()
 
     @property
     def rho_infinity(self) -> float:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.solution import Interpolant
@@ -17,6 +17,7 @@ from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, wa
 from mbdae.integrators.watch import SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
+from mbdae.values import set_option, whole
 
 #: neighbouring steps in the interpolant; 4 loses all digits where the step jumps (start, last step), 2 gains nothing
 POINTS = 3
@@ -46,9 +47,8 @@ class IDA(Solver):
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:
-        check_tolerances(self.rtol, self.atol)
-        if self.max_order not in (1, 2, 3, 4, 5):
-            raise OptionError(f"max_order = {self.max_order}: BDF has orders 1 to 5")
+        set_tolerances(self)
+        set_option(self, "max_order", whole, "BDF has orders 1 to 5", least=1, most=5)
 
     def check(self, system: System) -> None:
         """Refuse an index above 1, and loose tolerances on stiff beams."""

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
-from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
+from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
@@ -22,6 +22,7 @@ from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.watch import watch_of
 from mbdae.system.base import Array, System
+from mbdae.values import number, set_option, whole
 
 #: a change of the step inside this band does not pay for a new factorisation
 KEEP = (0.9, 1.2)
@@ -61,21 +62,19 @@ class RadauIIA(Solver):
         "RadauIIA(2)": {"GGL": (3, 3, 2), "Index3": (3, 2, 1), "Index1": (3, 3, 3)},
     }
     highest_index: ClassVar[int] = 3
+    word: ClassVar[str] = "radau"
     penetration_share: ClassVar[float] = 0.1
     tightest: ClassVar[dict[str, float]] = {"": 1e-11, "Index3": 1e-10, "DAE": 1e-11}
     alternative: ClassVar[str] = "; round-off keeps index 3 above 1e-9, the GGL form reaches 1e-11"
 
     def __post_init__(self) -> None:
-        if self.stages not in (2, 3):
-            raise OptionError(f"stages = {self.stages}: Radau IIA is offered with 2 (order 3) or 3 (order 5) stages")
-        check_tolerances(self.rtol, self.atol)
-        if self.newton is not None and not (self.step is not None and 1e-15 <= self.newton <= 1e-2):
-            raise OptionError(
-                f"newton = {self.newton} with step = {self.step}: give a value from 1e-15 to 1e-2 with a constant step, or "
-                "rtol for an adaptive one"
-            )
-        if self.step is not None and not (isfinite(self.step) and self.step > 0):
-            raise OptionError(f"step = {self.step}: give a positive number of seconds, or None for error control")
+        set_option(self, "stages", whole, "Radau IIA is offered with 2 (order 3) or 3 (order 5) stages", least=2, most=3)
+        set_tolerances(self)
+        set_option(self, "step", number, "give a positive number of seconds, or None for error control", above=0)
+        newton = "give a value from 1e-15 to 1e-2 with a constant step, or rtol for an adaptive one"
+        set_option(self, "newton", number, newton, least=1e-15, most=1e-2)
+        if self.newton is not None and self.step is None:
+            raise OptionError(f"newton = {self.newton:g} without a step: {newton}")
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:

@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, Told
 from mbdae.system.base import Array, System
+from mbdae.values import array, option, shown
 
 
 @dataclass
@@ -80,7 +81,7 @@ class Outputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Told):
     """Result of one integration.
 
     t (m+1,) start and accepted times; y, yp (m+1, n) unknowns and their derivatives there;
@@ -114,13 +115,19 @@ class Solution:
             return [otherwise] * len(t)
         return [self.systems[max(i, 0)][1] for i in np.searchsorted(begins, t, side="right") - 1]
 
-    def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
-        times = np.asarray(t, dtype=float)
+    def times(self, t: Any) -> Array:
+        """Times as an array; one outside the solution is refused."""
+        times: Array = option("t", t, array, "give a time in s, or an array of them")
         first, last = self.t[0], self.t[-1]
         slack = 4 * np.finfo(float).eps * max(abs(first), abs(last))
         outside = ~((times >= first - slack) & (times <= last + slack))
         if outside.any():
             value = times[outside].flat[0]
-            raise OptionError(f"time {value} is outside the solution [{first}, {last}]: ask for times inside it")
+            told = f"{shown(t)} is" if times.ndim == 0 else f"{shown(t)} has the time {value}, which is"
+            raise OptionError(f"t = {told} outside the solution [{first}, {last}]: ask for times inside it")
+        return times
+
+    def _evaluate(self, t: float | Sequence[float] | Array, function: Callable[[Array], Array]) -> Array:
+        times, first, last = self.times(t), self.t[0], self.t[-1]
         flat = function(np.clip(times.ravel(), first, last))
         return flat.reshape(*times.shape, flat.shape[-1])

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mbdae.errors import OptionError
+from mbdae.files import write_file
+from mbdae.values import file_to_write, option
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,12 @@ class Document:
         """Write the format of the suffix, .html, .md or .tex; returns the path.
 
         Pictures are inside the page of .html; beside .md and .tex they are files of their own."""
-        file = Path(path)
+        file: Path = option("path", path, file_to_write, "a report is written as .html, .md or .tex into a folder that exists",
+                            suffixes=(".html", ".md", ".tex"))  # fmt: skip
         writers: dict[str, Callable[[], str]] = {
             ".html": self.to_html, ".md": lambda: self._beside(file), ".tex": lambda: self._beside(file),
         }  # fmt: skip
-        if file.suffix not in writers:
-            raise OptionError(f"'{path}': a report is written as {', '.join(writers)}; end the name with one of them")
-        file.write_text(writers[file.suffix](), encoding="utf-8")
-        return file
+        return write_file(file, writers[file.suffix.lower()]())
 
     def _beside(self, file: Path) -> str:
         """Text with its pictures in files beside it (LaTeX reads no SVG: there of an SVG the caption only)."""
@@ -111,12 +110,11 @@ class Document:
 
         files = {}
         for i, picture in enumerate(self.pictures()):
-            if picture.suffix == ".png" or file.suffix == ".md":
+            if picture.suffix == ".png" or file.suffix.lower() == ".md":
                 place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
-                content = picture.content
-                place.write_bytes(content if isinstance(content, bytes) else content.encode())
+                write_file(place, picture.content)
                 files[id(picture)] = place.name
-        return (markdown if file.suffix == ".md" else latex)(self, files)
+        return (markdown if file.suffix.lower() == ".md" else latex)(self, files)
 
     def pictures(self) -> Iterator[Picture]:
         """All pictures in their order."""

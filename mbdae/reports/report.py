@@ -29,6 +29,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
+from mbdae.values import shown
 
 #: typical values of parts, of which a report of their class shows the shape
 _TYPICAL: dict[type[Part], Part] = {
@@ -61,12 +62,15 @@ def report(what: Any, **options: Any) -> Document:
     options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement.
     `.save("x.html")`, also .md and .tex."""
     if isinstance(what, SceneData):
+        _refuse(what, options)
         return scene_sheet(what)
     if isinstance(what, str):
         return _by_name(what, options)
     if isinstance(what, Connection):
         return report(what.joint, **options)
-    model = what() if what in (Kinematic, Classical, Recursive) else what
+    model = what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
+    if isinstance(model, JointModel | Part | Law):
+        _refuse(what, options)
     if isinstance(model, JointModel):
         return _of_model(model)
     if isinstance(what, Part):
@@ -80,15 +84,23 @@ def report(what: Any, **options: Any) -> Document:
         return part_report(what, _TYPICAL[what].structure())
     if isinstance(what, type) and issubclass(what, Law):
         return _of_law(what, structure_of(what, options))
-    raise OptionError(f"report({what!r}): give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
+    raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
+
+
+def _refuse(what: Any, options: dict[str, Any]) -> None:
+    """Options belong to classes of laws."""
+    if options:
+        name, value = next(iter(options.items()))
+        raise OptionError(f"{name} = {shown(value)}: {shown(what)} takes no options; only classes of laws do")
 
 
 def _by_name(name: str, options: dict[str, Any]) -> Document:
     known: dict[str, Any] = {"kinematic": Revolute, "classical": ClassicalRevolute, "recursive": Recursive, **exported()}
     if name == "clearance":
+        _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
-        raise OptionError(f"report '{name}': not known; give one of {', '.join(names())}, or a file")
+        raise OptionError(f"what = {shown(name)} is not known: give one of {', '.join(names())}, or a file")
     return report(known[name], **options)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.contact import Hertz
-from mbdae.errors import LawError
+from mbdae.errors import LawError, OptionError
 from mbdae.friction import LuGre
 from mbdae.joints import Revolute
 from mbdae.reports.calculus import Motion, actual, virtual
@@ -19,8 +19,9 @@ from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import AUGMENTED, Force, Joint, Law, Structure
 from mbdae.symbolic.outputs import dynamics, position, state_rows
-from mbdae.symbolic.part import Part
+from mbdae.symbolic.part import Part, PartStructure
 from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.values import flag, option, shown
 
 #: options of laws in a report of the class, where none are given
 OPTIONS: dict[str, Any] = {
@@ -31,6 +32,16 @@ OPTIONS: dict[str, Any] = {
     "normal": Hertz(1, damping=1).structure(),
     "friction": LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.1).structure(),
 }
+
+
+def check_kind(name: str, value: Any, typical: Any) -> None:
+    """Refuse an option of a law that is of another kind than a typical one: a switch, a class of laws, a part."""
+    if isinstance(typical, bool):
+        option(name, value, flag, "give True or False")
+    elif isinstance(typical, type) and not (isinstance(value, type) and issubclass(value, Law)):
+        raise OptionError(f"{name} = {shown(value)} is not a class of a law: give one such as mb.{typical.__name__}")
+    elif isinstance(typical, PartStructure) and not isinstance(value, Part | PartStructure):
+        raise OptionError(f"{name} = {shown(value)} is no {name} law: give one such as mb.{typical.cls.__name__}(...)")
 
 
 def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
@@ -45,6 +56,8 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
     unknown = sorted(set(options) - set(law.options))
     if unknown:
         raise LawError(f"{law.__name__} has no option '{unknown[0]}'; it has {sorted(law.options)}")
+    for name, value in options.items():
+        check_kind(name, value, OPTIONS.get(name))
     chosen = {name: options.get(name, OPTIONS.get(name)) for name in law.options}
     fixed = tuple((name, v.structure() if isinstance(v, Part) else v) for name, v in chosen.items())
     absent = frozenset(AUGMENTED) & frozenset(law.params) if issubclass(law, Joint) else frozenset()

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
 from mbdae.results.drawing import Picture, axes_for, figure_size, show_gravity
 from mbdae.results.geometry import Geometry
-from mbdae.results.plots import COLOURS, checked, dress, numbers, steady, strips, style, track
+from mbdae.results.plots import COLOURS, PLACE, checked, dress, numbers, steady, strips, style, track
 from mbdae.results.shapes import geometry
 from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.values import number, option, optional, sequence, text
 
 LARGEST = 600  #: frames
 SMOOTH = 240  #: least frames of a player, which may be slowed down, and least points of a line over time
@@ -55,25 +57,29 @@ class Film:
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> None:
     """Write a .gif or an .html player; see `Result.animate`."""
     file = checked(path, (".gif", ".html"), "animate")
-    sensors = [sensors] if isinstance(sensors, str) else list(sensors)
+    given = [sensors] if isinstance(sensors, str) else sensors
+    sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
+    fps = option("fps", fps, number, "give frames per second on the screen, up to 100", above=0, most=100)
+    speed = optional("speed", speed, number, "give simulated seconds per second on the screen, or None", above=0)
+    places = _listed(trail)
     for sensor in sensors:
         numbers(result, sensor)
+    for place in places:
+        track(result, place)
     if not len(result.t):
         raise OptionError("animate: this result has no times; ask for some with r(times)")
     duration = float(result.t[-1] - result.t[0])
     rate = natural_speed(duration) if speed is None else speed
-    if not (np.isfinite(rate) and rate > 0 and np.isfinite(fps) and 0 < fps <= 100):
-        raise OptionError(f"animate: fps = {fps}, speed = {speed}: give fps from 1 to 100 and a positive speed")
     gif = file.suffix.lower() == ".gif"
     delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts in hundredths of a second
     times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
-    film = filmed(result, times, sensors, _listed(trail), rate)
+    film = filmed(result, times, sensors, places, rate)
     if gif:
         write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
     else:
         from mbdae.results.player import page
 
-        file.write_text(page(film), encoding="utf-8")
+        write_file(file, page(film))
 
 
 def natural_speed(duration: float) -> float:
@@ -107,7 +113,12 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
 def _listed(trail: Any) -> list[Any]:
     if trail is None:
         return []
-    return [trail] if isinstance(trail, str | Place | Body | Connection) else list(trail)
+    alone = isinstance(trail, str | Place | Body | Connection)
+    return option("trail", [trail] if alone else trail, sequence, f"{PLACE}, or a list of them", each=_place)
+
+
+def _place(value: Any) -> Any:
+    return value if isinstance(value, Place | Body | Connection) else text(value)
 
 
 # ---- GIF ---------------------------------------------------------------------------------------------------------------
@@ -120,7 +131,7 @@ def write_gif(film: Film, file: Path, delay: float) -> None:
     stage = _Stage(film)
     rate: Any = 100 / max(2, round(100 * delay))
     writer = PillowWriter(fps=rate)
-    with writer.saving(stage.figure, str(file), dpi=80):
+    with replacing(file) as part, writer.saving(stage.figure, str(part), dpi=80):
         for i in range(len(film.seen.t)):
             stage.show(i)
             writer.grab_frame()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.results.geometry import INK, Geometry, Shape, started
-from mbdae.results.plots import checked, dress, written
+from mbdae.results.plots import dress, written
 from mbdae.results.shapes import geometry
 from mbdae.scene.components import Array
 from mbdae.system.prepare import Prepared
@@ -157,8 +157,6 @@ def draw(prepared: Prepared, path: Any = None) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    if path is not None:
-        checked(path, what="draw")
     seen = geometry(started(prepared))
     figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
     FigureCanvasAgg(figure)

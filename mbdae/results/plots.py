@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, SceneError
+from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.sensors import placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
 #: Okabe and Ito's colours, ordered by falling contrast; the line style changes with the colour for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -21,6 +23,7 @@ SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
 WIDTH = 100  #: letters a legend has room for beside each other
+PLACE = "name a body, a joint, a position sensor or a place such as body.at(point)"
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -58,19 +61,16 @@ def style(i: int) -> dict[str, Any]:
 
 def checked(path: Any, suffixes: Sequence[str] = PICTURES, what: str = "plot") -> Path:
     """The path to write to; OptionError where its suffix or its folder cannot be used."""
-    file = Path(path)
-    if file.suffix.lower() not in suffixes:
-        known = ", ".join(suffixes[:-1]) + f" or {suffixes[-1]}"
-        raise OptionError(f"{what} writes {known}, got {str(path)!r}")
-    if not file.parent.is_dir():
-        raise OptionError(f"{what}: there is no folder {str(file.parent)!r} to write {file.name!r} into; make it first")
+    known = ", ".join(suffixes[:-1]) + f" or {suffixes[-1]}"
+    file: Path = option("path", path, file_to_write, f"{what} writes {known} into a folder that exists", suffixes=suffixes)
     return file
 
 
 def written(figure: Any, path: Any, what: str = "plot") -> Any:
     """The figure, saved where a path is given."""
     if path is not None:
-        figure.savefig(checked(path, what=what), dpi=150)
+        with replacing(checked(path, what=what)) as part:
+            figure.savefig(part, dpi=150)
     return figure
 
 
@@ -132,10 +132,13 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
     if isinstance(place, Place):
         at = ", ".join(f"{x:g}" for x in place.point[: 2 if result.prepared.model.planar else 3])
         return f"{place.body.name} at ({at})", np.asarray(result[place].position)
-    path = place.name if isinstance(place, Body | Connection) else str(place)
+    path = place.name if isinstance(place, Body | Connection) else option("place", place, text, PLACE)
     name, quantity = split(path) if "." in path else (path, "position")
     quantity = quantity or "position"
-    item = placed(result.prepared.model.scene, name)[0]
+    try:
+        item = placed(result.prepared.model.scene, name)[0]
+    except SceneError as error:
+        raise SceneError([f"there is no place {shown(place)}: {'; '.join(error.problems)}"]) from error
     if isinstance(item, Connection) and quantity == "position":
         law: Any = item.joint
         at_l = getattr(law, "at_l", None)
@@ -147,14 +150,18 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
 
 def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tuple[str, Any]]:
     """(label, result) of a result and those it is compared with; labels are made where none are given."""
-    others = [] if against is None else list(against) if isinstance(against, list | tuple) else [against]
+    from mbdae.results.result import Result
+
+    given = [] if against is None else against if isinstance(against, list | tuple) else [against]
+    others = option("against", given, sequence, "give a Result, or a list of them", each=of_class, base=Result)
     results = [result, *others]
     if labels is None:
-        labels = _told_apart(results) if others else [""]
-    if isinstance(labels, str) or len(labels) != len(results):
-        given = 1 if isinstance(labels, str) else len(labels)
-        raise OptionError(f"labels has {given} entries for {len(results)} results; give one for each, this result first")
-    return list(zip(labels, results, strict=True))
+        return list(zip(_told_apart(results) if others else [""], results, strict=True))
+    remedy = f"give {len(results)} texts, one for each result, this one first"
+    told = option("labels", labels, sequence, remedy, each=text)
+    if len(told) != len(results):
+        raise OptionError(f"labels = {shown(labels)} has {len(told)} entries for {len(results)} results: {remedy}")
+    return list(zip(told, results, strict=True))
 
 
 def _told_apart(results: list[Any]) -> list[str]:
@@ -170,10 +177,9 @@ def _told_apart(results: list[Any]) -> list[str]:
 
 def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], path: Any = None) -> Any:
     """One panel per quantity; sensors of the same quantity share it, vectors show their components."""
+    place = checked(path) if path is not None else None
     if not sensors:
         raise OptionError("plot: name at least one sensor, e.g. r.plot('C.angle')")
-    if path is not None:
-        checked(path)
     first, panels = results[0][1], dict[tuple[str, str], list[str]]()
     for sensor in sensors:
         numbers(first, sensor)
@@ -187,7 +193,7 @@ def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], pat
         axis.set_ylabel(label)
         _legend(axis)
     axes[-1].set_xlabel(axis_label("time", "time"))
-    return written(figure, path)
+    return written(figure, place)
 
 
 def _panel(axis: Any, results: Sequence[tuple[str, Any]], sensors: Sequence[str], letter: str) -> None:
@@ -212,6 +218,7 @@ def _legend(axis: Any) -> None:
 
 def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = None) -> Any:
     """One sensor against another; components of vectors in pairs."""
+    place = checked(path, what="phase") if path is not None else None
     figure, (axis,) = new_figure(1, 6.0, 4.2)
     for label, result in results:
         across, up = components(result, x), components(result, y)
@@ -223,13 +230,14 @@ def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = N
             _path(axis, a, b, " ".join(p for p in (part, label) if p) or None)
     first = results[0][1]
     _frame(axis, label_of(first, x), label_of(first, y))
-    return written(figure, path, "phase")
+    return written(figure, place, "phase")
 
 
 def plot_orbit(results: Sequence[tuple[str, Any]], place: Any, axes: str, path: Any = None) -> Any:
     """Path of a place seen along the third axis, equal scales, m."""
-    if len(axes) != 2 or axes[0] == axes[1] or not set(axes) <= set("xyz"):
-        raise OptionError(f"orbit: axes={axes!r} is not a plane; give two of x, y and z, e.g. axes='xy'")
+    if not (isinstance(axes, str) and len(axes) == 2 and axes[0] != axes[1] and set(axes) <= set("xyz")):
+        raise OptionError(f"axes = {shown(axes)} is not a plane: give two of x, y and z, such as 'xy'")
+    file = checked(path, what="orbit") if path is not None else None
     figure, (axis,) = new_figure(1, 6.0, 4.8)
     i, j = "xyz".index(axes[0]), "xyz".index(axes[1])
     for label, result in results:
@@ -237,7 +245,7 @@ def plot_orbit(results: Sequence[tuple[str, Any]], place: Any, axes: str, path: 
         _path(axis, r[:, i], r[:, j], label or None)
     axis.set_aspect("equal", "datalim")
     _frame(axis, axis_label(f"{name} {axes[0]}", "position"), axis_label(f"{name} {axes[1]}", "position"))
-    return written(figure, path, "orbit")
+    return written(figure, file, "orbit")
 
 
 def _path(axis: Any, x: Array, y: Array, label: str | None) -> None:

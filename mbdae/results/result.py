@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError
+from mbdae.errors import OptionError, SceneError, Told
 from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.kernels.plan import Outputs
@@ -25,6 +25,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rows import smallest, unit_rows
 from mbdae.system.start import Start
+from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class RunInfo:
     reliable: bool = True  #: False where energy was made or lost beside contacts: see `Result.reliable`
 
 
-class Result:
+class Result(Told):
     """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
     body or beam; `r(t)` the result at other times."""
 
@@ -105,16 +106,23 @@ class Result:
 
     def states(self, t: Array) -> tuple[Array, Array, Array]:
         """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        return self.prepared.states(np.asarray(t, dtype=float), self.solution(t))
+        y = self.solution(t)
+        return self.prepared.states(np.ravel(np.asarray(t, dtype=float)), y.reshape(-1, y.shape[-1]))
 
     def stresses(self, t: Array) -> Array | None:
         """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
-        return stresses(self.prepared, self.solution, np.asarray(t, dtype=float))
+        return stresses(self.prepared, self.solution, np.atleast_1d(self.solution.times(t)))
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
         unknown."""
-        when = self.solution.t[-1:] if t is None else np.array([float(t)])
+        option("scene", scene, of_class, "give the scene that goes on from this state", base=SceneData)
+        optional("t", t, number, "give a time of the run in s, or None for its end")
+        when = self.solution.t[-1:] if t is None else self.solution.times(t)[None]
+        said, meant = ([b.name for b in known.bodies] for known in (self.prepared.model.scene, scene))
+        if said != meant:
+            raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
+                              f"'{scene.name}', cannot start it: give a state of a scene with the same bodies")  # fmt: skip
         (q,), (u,), (s,) = self.states(when)
         known = {c.name for c in scene.joints if c.joint.own_coordinates}
         coordinates = {n.name: float(q[n.q]) for n in self.prepared.model.joint_coordinates}
@@ -136,7 +144,7 @@ class Result:
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.everything.accelerations(self.t, *self._states, self.stresses(self.t))
+        return self.prepared.everything.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
 
     @property
     def acceleration(self) -> Array:
@@ -156,13 +164,19 @@ class Result:
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
         """The same run read at other times (dense output)."""
-        return Result(self.prepared, self.solution, self.info, np.atleast_1d(np.asarray(t, dtype=float)))
+        times = np.atleast_1d(self.solution.times(t))
+        if times.ndim > 1:
+            raise OptionError(f"t = {shown(t)} has shape {times.shape}: give a time of the run in s, or a list of them")
+        return Result(self.prepared, self.solution, self.info, times)
 
     # -- sensors
 
     def __getitem__(self, name: str | Body | Connection | Place) -> Any:
         if isinstance(name, Place):
             return body_sensor(self, self.prepared.model.scene[name.body.name], name.point)
+        if not isinstance(name, str | Body | Connection | BeamLoad):
+            scene = self.prepared.model.scene
+            raise OptionError(f"r[{shown(name)}]: name an item of scene '{scene.name}', such as {scene._names()}")
         key = name if isinstance(name, str) else name.name
         if key not in self._sensors:
             item, where = placed(self.prepared.model.scene, key)
@@ -174,11 +188,16 @@ class Result:
 
     def read(self, path: str) -> Array:
         """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
-        name, quantity = split(path)
-        sensor = self[name] if name and quantity else None
+        name, quantity = split(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        try:
+            sensor = self[name] if name and quantity else None
+        except SceneError as error:
+            raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
         if sensor is None or quantity.startswith("_") or not hasattr(type(sensor), quantity):
-            known = sorted(a for a in dir(type(sensor)) if not a.startswith("_")) if sensor is not None else "item.quantity"
-            raise SceneError([f"there is no sensor '{path}'; '{name}' has {known}"])
+            known = ", ".join(sorted(a for a in dir(type(sensor)) if not a.startswith("_"))) if sensor is not None else ""
+            items = self.prepared.model.scene._names()
+            told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
+            raise SceneError([f"there is no sensor '{path}'; {told}"])
         return np.asarray(getattr(sensor, quantity))
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
@@ -282,7 +301,7 @@ class Result:
         """Write scene and run to one .npz file; `mb.load` reads it."""
         from mbdae.results.storage import save
 
-        save(self, path)
+        save(self, option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists"))
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError
+from mbdae.errors import OptionError, SceneError, Told
 from mbdae.scene.components import Beam, Body, Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
@@ -58,13 +58,17 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     return item, where[0] if len(where) == 1 else where
 
 
-class BodySensor:
+class BodySensor(Told):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
     def __init__(self, result: Result, body: Body, point: Array | None = None) -> None:
         self._result, self._body = result, body
         drawn = body.position if point is None else point
         self._offset = body.rotation.T @ (drawn - body.position)
+
+    @property
+    def _called(self) -> str:
+        return f"the sensor of body '{self._body.name}'"
 
     def at(self, point: Any) -> BodySensor:
         """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
@@ -127,11 +131,15 @@ def body_sensor(result: Result, body: Body, point: Array | None = None) -> BodyS
     return BeamSensor(result, body) if point is None else BeamPlace(result, body, point)
 
 
-class ConnectionSensor:
+class ConnectionSensor(Told):
     """A joint or force element: coordinate, force and torque on body l, power; arrays over the result's times."""
 
     def __init__(self, result: Result, item: Connection) -> None:
         self._result, self._item = result, item
+
+    @property
+    def _called(self) -> str:
+        return f"the sensor of {self._item.kind} '{self._item.name}'"
 
     def _coordinate(self) -> tuple[Array, Array]:
         found = self._result.coordinate(self._item)

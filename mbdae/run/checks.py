@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from mbdae.errors import Told
 from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice, choose, prepared_by_default
@@ -15,7 +16,7 @@ from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Told):
     """Findings of `Scene.check`; `print` it."""
 
     prepared: Prepared

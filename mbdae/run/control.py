@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, WallClockError
 from mbdae.integrators.base import SHARE, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
@@ -30,6 +30,7 @@ from mbdae.system.contacts import gaps_of
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.nodes import Node
 from mbdae.system.prepare import Prepared
+from mbdae.values import number, option
 
 LOOSEST = 1e-2
 ATTEMPTS = 5  #: runs at tolerances below that of the first companions, and one
@@ -288,7 +289,7 @@ def _with_rtol(solver: Solver, rtol: float) -> Solver:
     return replace(solver, rtol=rtol)  # type: ignore[type-var]
 
 
-def plausible(accuracy: float) -> None:
-    """Refuse an accuracy nobody can mean."""
-    if not (np.isfinite(accuracy) and 1e-12 <= accuracy <= 1e-1):
-        raise OptionError(f"accuracy = {accuracy}: give a number from 1e-12 to 1e-1 (1e-6 is the default)")
+def plausible(accuracy: Any, name: str = "accuracy") -> float:
+    """An accuracy as a plain number; one nobody can mean is refused."""
+    found: float = option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1)
+    return found

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from mbdae.values import function, optional
+
 
 class Bar:
     """Callback (t, t_end, stats) of a run: a bar on the error stream, gone when the run ends."""
@@ -46,7 +50,8 @@ def bar() -> Bar:
 
 
 def progress_of(progress: Any) -> Any:
-    """The callback of a progress option: a bar for True."""
-    if progress is True:
-        return bar()
-    return progress or None
+    """The callback of a progress option: a bar for True, None for False."""
+    if isinstance(progress, bool | np.bool_):
+        return bar() if progress else None
+    return optional("progress", progress, function, "give True for a bar, a function progress(t, t_end, stats), or None",
+                    takes="t, t_end, stats")  # fmt: skip

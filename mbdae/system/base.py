@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.errors import OptionError
+from mbdae.values import array, function, sequence, set_option, shown, text, word
+
 Array = NDArray[np.float64]
 
 
@@ -36,6 +39,19 @@ class Switches:
     kinds: tuple[str, ...]
     weights: Array
     names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        set_option(self, "arguments", function, "give a function (t (k,), y (k, n)) -> (k, na)", takes="t, y")
+        set_option(self, "kinds", _words, "give one for every argument", each=word, words=SWITCH_KINDS)
+        set_option(self, "weights", array, "give one factor per argument")
+        set_option(self, "names", _words, "give one text per argument", each=text)
+        if not len(self.kinds) == len(self.names) == np.size(self.weights) or np.ndim(self.weights) != 1:
+            raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: "
+                              f"give one of each per argument")  # fmt: skip
+
+
+def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
+    return tuple(sequence(value, **bounds))
 
 
 class System:

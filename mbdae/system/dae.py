@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, issparse
 
 from mbdae.errors import OptionError
-from mbdae.system.base import SWITCH_KINDS, Array, Switches, System
+from mbdae.system.base import Array, Switches, System
 from mbdae.system.partition import checked_partition
 from mbdae.ties import largest
+from mbdae.values import array, function, number, of_class, option, optional, sequence, shown, text
 
 #: largest residual at the start, relative to the terms each equation cancels
 START_TOLERANCE = 1e-6
@@ -59,7 +60,7 @@ class DAE(System):
         switches: Switches | None = None,
         partition: tuple[Callable[..., Any], ...] | None = None,
     ) -> None:
-        self.t0 = float(t0)
+        self.t0 = option("t0", t0, number, "give the time of the start, s")
         self.y0 = finite_vector("y0", y0)
         self.n = len(self.y0)
         self.yp0 = finite_vector("yp0", yp0, self.n)
@@ -67,7 +68,11 @@ class DAE(System):
         self.names = self._checked_names(names)
         self.equations = tuple(f"F[{i}]" for i in range(self.n))
         self.sparsity = None if sparsity is None else csc_pattern(sparsity, self.n)
-        self._function, self._jacobian = residual, jacobian
+        self._function = option("residual", residual, function, "give a function F(t, y, y', out)", takes="t, y, yp, out")
+        self._jacobian = optional("jacobian", jacobian, function, "give a function J(t, y, y', cj, out), or None",
+                                  takes="t, y, yp, cj, out")  # fmt: skip
+        self.guards = optional("guards", guards, function, "give a function (t, y), or None", takes="t, y")
+        optional("switches", switches, of_class, "give mb.Switches(...), or None", base=Switches)
         self._check_residual()
         self._check_jacobian()
         parts = [self._dense_parts(*point) for point in self._probes()]
@@ -77,15 +82,12 @@ class DAE(System):
         self.kinds = tuple("lambda" if found else "y" for found in algebraic)
         if partition is not None:
             self.partition, self.kinds = checked_partition(self, partition)
-        self.guards = guards
         self.guard_names = self._checked_guards(guard_names)
         self.switches = self._checked_switches(switches)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
-        value = self._function(t, y, yp, out)
-        if value is not None:
-            out[:] = value
+        _fill("residual", self._function(t, y, yp, out), out, t)
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         """out[...] = dF/dy + cj dF/dy'."""
@@ -93,9 +95,7 @@ class DAE(System):
             fy, fyp = self.jacobian_parts(t, y, yp)
             out[...] = fy + cj * fyp
             return
-        value = self._jacobian(t, y, yp, cj, out)
-        if value is not None:
-            out[...] = value
+        _fill("jacobian", self._jacobian(t, y, yp, cj, out), out, t)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy'."""
@@ -142,17 +142,16 @@ class DAE(System):
         return [(self.t0, self.y0 + k * dy, self.yp0 + k * dyp) for k in (0.0, 1e-3, -7e-4)]
 
     def _checked_scale(self, scale: ArrayLike) -> Array:
-        values = np.full(self.n, scale, dtype=float) if np.ndim(scale) == 0 else finite_vector("scale", scale, self.n)
-        if not (np.isfinite(values).all() and (values > 0).all()):
-            raise OptionError(f"scale = {scale!r}: give positive typical magnitudes, one number or one per unknown")
-        return values
+        remedy = "give positive typical magnitudes, one number or one per unknown"
+        values: Array = option("scale", scale, array, remedy)
+        if values.shape not in ((), (self.n,)) or not (values > 0).all():
+            raise OptionError(f"scale = {shown(scale)}: {remedy}")
+        return np.full(self.n, values) if values.ndim == 0 else values
 
     def _checked_names(self, names: Sequence[str] | None) -> tuple[str, ...]:
         if names is None:
             return tuple(f"y[{i}]" for i in range(self.n))
-        if len(names) != self.n or len(set(names)) != self.n:
-            raise OptionError(f"names = {list(names)}: give {self.n} different names, one per unknown")
-        return tuple(names)
+        return _different("names", names, self.n, "unknown")
 
     def _checked_switches(self, switches: Switches | None) -> Switches | None:
         """The switches, whose arguments are tried at the start."""
@@ -160,31 +159,26 @@ class DAE(System):
             return None
         values = np.asarray(switches.arguments(np.full(2, self.t0), np.array([self.y0, self.y0])))
         count = len(switches.kinds)
-        if values.shape != (2, count) or np.shape(switches.weights) != (count,) or len(switches.names) != count:
-            raise OptionError(
-                f"switches: arguments at 2 points have shape {values.shape}, weights {np.shape(switches.weights)}, names "
-                f"({len(switches.names)},) for {count} kinds: return (2, {count}), and give {count} weights and names"
-            )
-        unknown = sorted(set(switches.kinds) - set(SWITCH_KINDS))
-        if unknown:
-            raise OptionError(f"switches: kind {unknown[0]!r} is not known: give one of {list(SWITCH_KINDS)}")
+        if values.shape != (2, count) or values.dtype.kind not in "fiu":
+            raise OptionError(f"switches: arguments at 2 points are {shown(values)} of shape {values.shape}: return numbers of "
+                              f"shape (2, {count})")  # fmt: skip
         return switches
 
     def _checked_guards(self, names: Sequence[str] | None) -> tuple[str, ...]:
         """Names (nc,) of the contacts, whose guards are tried at the start."""
         if self.guards is None:
             if names is not None:
-                raise OptionError(f"guard_names = {list(names)} without guards: give guards too")
+                raise OptionError(f"guard_names = {shown(names)} without guards: give guards too")
             return ()
-        try:
-            gap, rate, duration = (np.asarray(part, dtype=float) for part in self.guards(self.t0, self.y0.copy()))
-        except (TypeError, ValueError) as error:
-            raise OptionError("guards returns no three arrays: return (gap, gap rate, duration), each (nc,)") from error
+        given = self.guards(self.t0, self.y0.copy())
+        parts = [np.asarray(part) for part in given] if isinstance(given, tuple | list | np.ndarray) else []
+        if len(parts) != 3 or any(part.dtype.kind not in "fiu" for part in parts):
+            raise OptionError(f"guards returns {shown(given)}: return (gap, gap rate, duration), three arrays of numbers (nc,)")
+        gap, rate, duration = parts
         if gap.ndim != 1 or not gap.shape == rate.shape == duration.shape:
             raise OptionError(f"guards returns shapes {gap.shape}, {rate.shape}, {duration.shape}: return three times (nc,)")
-        chosen = tuple(f"contact[{i}]" for i in range(len(gap))) if names is None else tuple(names)
-        if len(chosen) != len(gap) or len(set(chosen)) != len(gap):
-            raise OptionError(f"guard_names = {list(chosen)}: give {len(gap)} different names, one per contact")
+        default = tuple(f"contact[{i}]" for i in range(len(gap)))
+        chosen = default if names is None else _different("guard_names", names, len(gap), "contact")
         for name, g, r, d in zip(chosen, gap, rate, duration, strict=True):
             if not (np.isfinite(g) and np.isfinite(r) and d > 0):
                 raise OptionError(
@@ -195,11 +189,7 @@ class DAE(System):
 
     def _check_residual(self) -> None:
         out = np.full(self.n, np.nan)
-        value = self._function(self.t0, self.y0.copy(), self.yp0.copy(), out)
-        if value is not None:
-            if np.shape(value) != (self.n,):
-                raise OptionError(f"residual returns shape {np.shape(value)}: return ({self.n},) or fill out")
-            out[:] = value
+        self.residual(self.t0, self.y0.copy(), self.yp0.copy(), out)
         if not np.isfinite(out).all():
             row = int(np.flatnonzero(~np.isfinite(out))[0])
             raise OptionError(
@@ -212,11 +202,8 @@ class DAE(System):
             return
         shape = (self.n, self.n) if self.sparsity is None else (self.sparsity.nnz,)
         out = np.zeros(shape)
-        value = self._jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
-        if value is not None and np.shape(value) != shape:
-            raise OptionError(f"jacobian returns shape {np.shape(value)}: return {shape} or fill out")
-        found = out if value is None else np.asarray(value, dtype=float)
-        if not np.isfinite(found).all():
+        self.jacobian(self.t0, self.y0.copy(), self.yp0.copy(), 1.0, out)
+        if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0}: check its formulas")
 
     def _check_start(self, fy: Array, fyp: Array) -> None:
@@ -238,9 +225,10 @@ class DAE(System):
 
     def _checked_index(self, index: Any, parts: list[tuple[Array, Array]]) -> NDArray[np.int_]:
         """(n,) index of each unknown."""
-        values = np.asarray(index)
-        if values.shape not in ((), (self.n,)) or values.dtype.kind not in "iu" or not np.isin(values, (1, 2, 3)).all():
-            raise OptionError(f"index = {index}: give 1, 2 or 3, or {self.n} of them, one per unknown")
+        remedy = f"give 1, 2 or 3, or {self.n} of them, one per unknown"
+        values: Array = option("index", index, array, remedy)
+        if values.shape not in ((), (self.n,)) or not np.isin(values, (1, 2, 3)).all():
+            raise OptionError(f"index = {shown(index)}: {remedy}")
         if values.ndim:
             return values.astype(int)
         present_y = np.any([fy != 0 for fy, _ in parts], axis=0)
@@ -255,19 +243,39 @@ class DAE(System):
 
 def finite_vector(name: str, values: ArrayLike, n: int | None = None) -> Array:
     """A float copy (n,) of values, or an error that names the entry at fault."""
-    vector = np.array(values, dtype=float)
+    remedy = f"give {n or 'at least 1'} finite numbers in one dimension"
+    vector: Array = option(name, values, array, remedy)
     if vector.ndim != 1 or len(vector) == 0 or (n is not None and len(vector) != n):
-        raise OptionError(f"{name} has shape {vector.shape}: give {n or 'at least 1'} numbers in one dimension")
-    if not np.isfinite(vector).all():
-        j = int(np.flatnonzero(~np.isfinite(vector))[0])
-        raise OptionError(f"{name}[{j}] = {vector[j]}: give finite numbers")
+        raise OptionError(f"{name} = {shown(values)} has shape {vector.shape}: {remedy}")
     return vector
+
+
+def _different(name: str, values: Any, n: int, what: str) -> tuple[str, ...]:
+    """n different texts, one per unknown or the like."""
+    remedy = f"give {n} different names, one per {what}"
+    found = option(name, values, sequence, remedy, each=text)
+    if len(found) != n or len(set(found)) != n:
+        raise OptionError(f"{name} = {shown(values)}: {remedy}")
+    return tuple(found)
+
+
+def _fill(name: str, value: Any, out: Array, t: float) -> None:
+    """Put what a function of the user returned into `out`, which it may have filled itself; other shapes and what is no real
+    number are refused."""
+    if value is None:
+        return
+    found = np.asarray(value)
+    if found.shape != out.shape or found.dtype.kind not in "fiu":
+        raise OptionError(f"{name} returns {shown(value)} of shape {found.shape} and type {found.dtype} at t = {t:g} s: return "
+                          f"real numbers of shape {out.shape}, or fill out and return None")  # fmt: skip
+    out[...] = found
 
 
 def csc_pattern(pattern: Any, n: int) -> csc_matrix:
     """CSC pattern (n, n) with sorted indices."""
-    result = csc_matrix(pattern, dtype=float)
+    remedy = f"give the pattern of the Jacobian, ({n}, {n}), as an array or a sparse matrix of SciPy"
+    result = csc_matrix(pattern if issparse(pattern) else option("sparsity", pattern, array, remedy), dtype=float)
     if result.shape != (n, n):
-        raise OptionError(f"sparsity has shape {result.shape}: give ({n}, {n})")
+        raise OptionError(f"sparsity = {shown(pattern)} has shape {result.shape}: {remedy}")
     result.sort_indices()
     return result

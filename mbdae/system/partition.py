@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.system.base import System
+from mbdae.values import BadValueError, option, sequence, shown
 
 TOLERANCE = 1e-6  #: of the parts against the start, over the largest term
 
@@ -17,15 +18,19 @@ Parts = tuple[Callable[..., Any], ...]
 
 def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
     """The parts (M, f, g, G) and the kinds of the unknowns; refused where they do not fit the unknowns or the start."""
-    if len(parts) != 4 or not all(callable(part) for part in parts):
-        raise OptionError("partition: give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)")
-    M, f, g, G = parts
+    remedy = "give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)"
+    given = option("partition", parts, sequence, remedy, each=_function)
+    if len(given) != 4:
+        raise OptionError(f"partition = {shown(parts)}: {remedy}")
+    M, f, g, G = given
+    failure: Exception | None = None
     for nu in range(system.n // 2, 0, -1):
         left = system.n - 2 * nu
         try:
             q, u = system.y0[:nu], system.y0[nu : 2 * nu]
             shapes = [np.shape(value) for value in (M(system.t0, q), f(system.t0, q, u), g(system.t0, q), G(system.t0, q))]
-        except (IndexError, ValueError, TypeError):
+        except (IndexError, ValueError, TypeError) as error:  # so many velocities may be too many for the functions
+            failure = error
             continue
         m = shapes[2][0] if shapes[2] else 0
         if shapes == [(nu, nu), (nu,), (m,), (m, nu)] and left in (m, 2 * m):
@@ -33,7 +38,14 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
             kinds = ("q",) * nu + ("v",) * nu + ("lambda",) * m + ("mu",) * (left - m)
             return (M, f, g, G), kinds
     raise OptionError(f"partition does not fit {system.n} unknowns: y = (q, u, lambda) or (q, u, lambda, mu) with M (nu, nu), "
-                      f"f (nu,), g (m,), G (m, nu)")  # fmt: skip
+                      f"f (nu,), g (m,), G (m, nu)") from failure  # fmt: skip
+
+
+def _function(value: Any) -> Callable[..., Any]:
+    """A function of any number of arguments."""
+    if not callable(value):
+        raise BadValueError(f"{shown(value)} is not a function")
+    return value  # type: ignore[no-any-return]
 
 
 def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m: int) -> None:

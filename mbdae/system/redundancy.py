@@ -129,6 +129,7 @@ def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> 
 
 
 def null_space(A: Array) -> Array:
+    """Orthonormal basis (n, k) of the x with A x = 0; rows of A (m, n) of about the same size."""
     if not len(A):
         return np.eye(A.shape[1])
     _, sizes, V = np.linalg.svd(A, full_matrices=True)

@@ -198,9 +198,9 @@ def test_what_does_not_repeat_is_named(scene: Callable[[], mb.Scene], period: fl
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"period": 0.0}, "period = 0.0: give the time in s after which the motion repeats"),
+        ({"period": 0.0}, "period = 0.0 is not positive: give the time in s after which the motion repeats"),
         ({"period": "T"}, "period = 'T'"),
-        ({"period": T, "count": 0}, "count = 0: give the number of largest multipliers"),
+        ({"period": T, "count": 0}, "count = 0 is not 1 or more: give the number of largest multipliers"),
         ({"period": T, "accuracy": 1.0}, "accuracy = 1.0"),
         ({"period": T, "at": 3.0}, r"at = 3.0: give a Result"),
     ],

@@ -304,10 +304,10 @@ def test_lowest_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     ("options", "message"),
     [
         ({"at": 3.0}, r"at = 3.0: give a Result, \(Result, t\), an equilibrium, or None"),
-        ({"frame": "nothing"}, "there is no item 'nothing'"),
-        ({"count": 0}, "count = 0: give the number of lowest modes"),
+        ({"frame": "nothing"}, "frame = 'nothing' is no body of scene 'pendulum'"),
+        ({"count": 0}, "count = 0 is not 1 or more: give the number of lowest modes"),
         ({"at": top(1.0).simulate(0.01)}, "at is a state of scene 'top', which has other items than 'pendulum'"),
-        ({"frame": 4}, "frame = 4 is no body of scene 'pendulum'; give s.ground or a body"),
+        ({"frame": 4}, "frame = 4 is no body of scene 'pendulum': give s.ground or one of 'ground', 'rod'"),
     ],
 )
 def test_bad_options(options: dict[str, Any], message: str) -> None:

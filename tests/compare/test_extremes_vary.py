@@ -97,9 +97,9 @@ def test_arguments_of_the_scene_and_options_of_the_run():
     ({"mount.speed": [1.0]}, "'mount.speed': the item has no speed at the start"),
     ({"A.speed": [0.0]}, "multiples of the one stated, 5; neither may be 0"),
     ({"disc.mass": (0.0, 1.0)}, "two bounds of one sign"),
-    ({"disc.mass": []}, "at least one value"),
+    ({"disc.mass": []}, "'disc.mass' = \\[\\] is empty"),
     ({"disc.mass": ["heavy"]}, "give \\(low, high\\)"),
-    ({"disc.mass": [float("nan")]}, "all of them finite"),
+    ({"disc.mass": [float("nan")]}, "nan is not finite"),
 ])  # fmt: skip
 def test_what_cannot_be_varied_is_refused_by_name(vary, words):
     with pytest.raises(mb.OptionError, match=words):

@@ -39,3 +39,5 @@ ONES: dict[str, Any] = {
     "SymPy's float": sp.Float(1.0),
 }  # fmt: skip
 HOSTILE = NO_NUMBERS | NO_USE
+#: numbers that some options take and others do not
+SIGNS: dict[str, Any] = {"zero": 0, "minus one": -1.0, "numpy's minus one": np.int64(-1), "a half": 0.5, "much": 1e9}

@@ -199,10 +199,10 @@ def test_failure_names_the_unknown():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: mb.GeneralizedAlpha(rho=1.1), r"rho = 1\.1: give the spectral radius"),
+        (lambda: mb.GeneralizedAlpha(rho=1.1), r"rho = 1\.1 is not between 0 and 1: give the spectral radius"),
         (lambda: mb.GeneralizedAlpha(rho=float("nan")), "rho = nan"),
-        (lambda: mb.HHT(alpha=0.5), r"alpha = 0\.5: give 0 \(Newmark\) to 1/3"),
-        (lambda: mb.HHT(step=0.0), r"step = 0\.0: give a positive number"),
+        (lambda: mb.HHT(alpha=0.5), r"alpha = 0\.5 is not between -0\.333333 and 0\.333333: give 0 \(Newmark\) to 1/3"),
+        (lambda: mb.HHT(step=0.0), r"step = 0\.0 is not positive: give a positive number"),
         (lambda: mb.GeneralizedAlpha(step=1e-3, accuracy=1e-3), "give one of the two"),
         (lambda: mb.HHT(step=1e-2).solve(decay(), 1.0), r"no partition into them.*partition=\(M, f, g, G\)"),
         (lambda: mb.HHT(step=1e-2).solve(pendulum("ggl_rates"), 1.0), "no partition into them"),

@@ -150,11 +150,11 @@ def test_singular_state_has_no_rates():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"baumgarte": -1.0}, r"baumgarte = -1\.0: give alpha >= 0"),
+        ({"baumgarte": -1.0}, r"baumgarte = -1\.0 is not 0 or more: give alpha >= 0"),
         ({"baumgarte": float("nan")}, "baumgarte = nan"),
         ({"baumgarte": (1.0, 2.0, 3.0)}, "the pair"),
         ({"baumgarte": "much"}, "baumgarte = 'much'"),
-        ({"multipliers": "none"}, "multipliers = 'none': give one of derivatives, algebraic, eliminated"),
+        ({"multipliers": "none"}, "multipliers = 'none' is not one of 'derivatives', 'algebraic', 'eliminated'"),
     ],
 )
 def test_options(options, message):

@@ -52,7 +52,7 @@ def test_save_writes_pictures_beside_the_text(tmp_path):
     assert "![a photo](a-2.png)" in (tmp_path / "a.md").read_text(encoding="utf-8")
     SAMPLE.save(tmp_path / "a.tex")
     assert r"{a-2.png}" in (tmp_path / "a.tex").read_text(encoding="utf-8")
-    with pytest.raises(mb.OptionError, match=r"end the name with one of them"):
+    with pytest.raises(mb.OptionError, match=r"does not end in \.html or \.md or \.tex"):
         SAMPLE.save(tmp_path / "a.pdf")
 
 

@@ -10,6 +10,9 @@ import time
 import pytest
 
 import mbdae as mb
+from mbdae.contact import JournalContact
+from mbdae.forces import JointSpring
+from mbdae.joints import ClearanceRevolute
 from mbdae.reports.document import Equation, Paragraph, Section, Table
 from mbdae.reports.formulas import split_text
 from mbdae.reports.report import exported, names
@@ -137,7 +140,7 @@ def test_of_values_models_and_joints():
     assert mb.report(mb.Coulomb(0.2, 0.01)).title == "Coulomb friction"
     with pytest.raises(mb.OptionError, match="give a law"):
         mb.report(3)
-    with pytest.raises(mb.OptionError, match="not known; give one of"):
+    with pytest.raises(mb.OptionError, match="what = 'revolut' is not known: give one of"):
         mb.report("revolut")
     assert issubclass(exported()["revolute"], Law)
 
@@ -151,3 +154,15 @@ def test_cold_report_takes_less_than_five_seconds(name, tmp_path):
                        capture_output=True)  # fmt: skip
         assert time.perf_counter() - start < 5
         start = time.perf_counter()
+
+
+@pytest.mark.parametrize("read", [mb.report, mb.selftest])
+def test_options_of_another_kind_are_refused(read):
+    for law, options, said in (
+        (JournalContact, {"normal": 3}, r"normal = 3 is no normal law: give one such as mb\.Hertz"),
+        (ClearanceRevolute, {"tilting": "yes"}, "tilting = 'yes' is neither True nor False"),
+        (JointSpring, {"joint": 3}, "joint = 3 is not a class of a law: give one such as mb.Revolute"),
+        (mb.Revolute, {"tilt": True}, "tilt"),
+    ):
+        with pytest.raises(mb.MbdaeError, match=said):
+            read(law, **options)

@@ -229,13 +229,13 @@ def test_massless_hub_that_is_held_is_legal() -> None:
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, 1e-13, 0.2, math.nan])
 def test_accuracy_out_of_range(accuracy: float) -> None:
-    with pytest.raises(mb.OptionError, match="give a number from 1e-12 to 1e-1"):
+    with pytest.raises(mb.OptionError, match=r"^accuracy = .*: give a number from 1e-12 to 0.1"):
         rod().simulate(1.0, accuracy=accuracy)
 
 
 @pytest.mark.parametrize("t_end", [0.0, -1.0, math.nan, math.inf, "1"])
 def test_end_not_after_the_start(t_end: Any) -> None:
-    with pytest.raises(mb.OptionError, match="give a time after the start t = 0 s"):
+    with pytest.raises(mb.OptionError, match=r"^t_end = .*: give a time in s after the start t = 0 s"):
         rod().simulate(t_end)
 
 

@@ -10,12 +10,16 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from mbdae.errors import OptionError
+from mbdae.files import write_file
 from mbdae.reports.audit import latex
 from mbdae.reports.audit.claims import Count, count
 from mbdae.reports.audit.notation import AuditError
 from mbdae.reports.audit.reading import Printed, read
 from mbdae.reports.audit.verdicts import Row, audit_text
 from mbdae.reports.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.values import file_to_write, of_class, option, optional, shown
+from mbdae.values import path as path_of
 
 VERDICTS = {
     "RIGHT": "both sides agree in random states of motion, and are defined wherever the text speaks of",
@@ -45,7 +49,7 @@ class Audit:
         for row in self.equations:
             if row.equation == str(number):
                 return row
-        raise KeyError(number)
+        raise AuditError(f"there is no equation {shown(number)}; there is {', '.join(row.equation for row in self.equations)}")
 
     def table(self) -> str:
         """One line per equation: number, verdict, residual, repair or remark."""
@@ -73,8 +77,9 @@ class Audit:
     def to_json(self, path: str | Path | None = None) -> str:
         """The same as JSON text, written to a file where one is named."""
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        if path is not None:
-            Path(path).write_text(text + "\n", encoding="utf-8")
+        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+        if place is not None:
+            write_file(place, text + "\n")
         return text
 
     def document(self) -> Document:
@@ -150,14 +155,25 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None) -> Audit:
     """Compare published formulas with their derivation: a file, or its text; `laws` are classes of your own it names.
 
     The notation and the wordings of meanings are described in docs/reports.md."""
-    text = str(source)
+    remedy = "give a file of printed formulas, or its text"
+    text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
+    known = option("laws", laws if laws is not None else {}, of_class, "give {name: class of a law}", base=Mapping)
+    wrong = [name for name, law in known.items() if not (isinstance(name, str) and isinstance(law, type))]
+    if wrong:
+        raise OptionError(f"laws: {shown(wrong[0])} = {shown(known[wrong[0]])}: give {{name: class of a law}}")
     if "\n" not in text:
-        path = Path(text)
-        if not path.is_file():
-            raise AuditError(f"there is no file '{text}'; give a file of printed formulas, or its text")
-        text = path.read_text(encoding="utf-8")
-    found = read(text, laws)
+        if not Path(text).is_file():
+            raise AuditError(f"there is no file '{text}'; {remedy}")
+        text = _text_of(Path(text))
+    found = read(text, known)
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c) for c in found.claims))
+
+
+def _text_of(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise AuditError(f"'{file}' cannot be read: {error}; give a text file in UTF-8") from error
 
 
 def audit_paper() -> Audit:

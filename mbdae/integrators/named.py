@@ -1,0 +1,42 @@
+"""Solvers by object, class or name. The names are made from the classes; nobody types them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from mbdae.integrators.base import Solver
+from mbdae.integrators.cvode import CVODE
+from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
+from mbdae.integrators.ida import IDA
+from mbdae.integrators.radau import RadauIIA
+from mbdae.values import instance, option, plain
+
+SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, RadauIIA, GeneralizedAlpha, HHT)
+REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
+
+
+@cache
+def solver_words() -> dict[str, Solver]:
+    """Word of every solver, as a command line takes it -> the solver with its defaults: "ida", "radau", "radau2", "cvodebdf"."""
+    found: dict[str, Solver] = {}
+    for made in SOLVERS:
+        word = made.word or plain(made.__name__)
+        for variant in made.variants():
+            found.setdefault(word, made())
+            found[plain(variant.label).replace(plain(made.__name__), word)] = variant
+    return found
+
+
+@cache
+def _full_names() -> dict[str, Solver]:
+    """The same by the names of the classes: "radauiia3", "generalizedalpha"."""
+    by_label = {plain(variant.label): variant for made in SOLVERS for variant in made.variants()}
+    return {plain(made.__name__): made() for made in SOLVERS} | by_label
+
+
+def solver_of(value: Any, name: str = "solver", remedy: str = REMEDY) -> Solver:
+    """The solver that an object, a class (the user's own too) or a name stands for; OptionError with the known names."""
+    meant = _full_names().get(plain(value), value) if isinstance(value, str) else value
+    found: Solver = option(name, meant, instance, remedy, base=Solver, known=solver_words())
+    return found

@@ -1,0 +1,330 @@
+"""The public callables outside a scene's statements: a good value of every option, and what hostile values are legitimate."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mbdae as mb
+from mbdae.analysis import Equilibrium, Floquet, Linearization
+from mbdae.analysis.shapes import Mode
+from mbdae.compare import Run
+from mbdae.compare.comparison import Comparison
+from mbdae.compare.extremes_map import Block, Extremes
+from mbdae.compare.sweep import Sweep
+from mbdae.integrators.solution import Solution
+from mbdae.reports.document import Document
+from mbdae.results.result import Result
+from mbdae.scene.components import JointModel
+from mbdae.scene.scene import SceneData
+from mbdae.scene.section import Section
+from mbdae.symbolic.law import Law
+from mbdae.symbolic.part import Part
+
+EXPORTED = [getattr(mb, name) for name in mb.__all__]
+FUNCTIONS = [f for f in EXPORTED if inspect.isfunction(f)]
+#: laws, their parts and joint models are statements of a scene
+STATED = (SceneData, Law, Part, JointModel, Section, BaseException)
+CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c is not mb.Audit]
+#: classes whose objects users get from others: their methods alone
+GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, Comparison, Extremes, Block, Sweep, mb.Audit,
+         Document]  # fmt: skip
+#: what other tests fuzz, or who writes a solver, a form or a system of his own provides
+ELSEWHERE = {
+    "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
+    "Solver.dense": "interface", "Solver.integrate": "interface",
+    "Solver.check": "interface", "Solver.factor": "interface",
+    "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
+    "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
+    "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
+    "_Alpha.doubts": "interface", "Result.coordinate": "between modules", "Result.coordinate_at": "between modules",
+    "Result.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
+    "Solution.times": "as Solution.__call__",
+}  # fmt: skip
+
+
+def public() -> set[str]:
+    """Names of all public callables with options: functions, constructors, and methods where they are defined."""
+    found = {f.__name__ for f in FUNCTIONS} | {c.__name__ for c in CLASSES}
+    for owner in (*CLASSES, *GIVEN):
+        for name in dir(owner):
+            method = inspect.getattr_static(owner, name)
+            named = not name.startswith("_") or name in ("__call__", "__getitem__")
+            stated = hasattr(method, "__wrapped__") or _elsewhere(owner, name)
+            if named and inspect.isfunction(method) and not stated and len(inspect.signature(method).parameters) > 1:
+                found.add(method.__qualname__)
+    return found - set(ELSEWHERE)
+
+
+def _elsewhere(owner: type, name: str) -> bool:
+    """Whether `ELSEWHERE` names the method, or that of a base which it redefines."""
+    return any(f"{base.__name__}.{name}" in ELSEWHERE for base in owner.__mro__)
+
+
+@dataclass(frozen=True)
+class Call:
+    """A callable with a good value of every option, in its order; stop: a function it calls when all of them are read."""
+
+    make: Callable[[], Callable[..., Any]]
+    good: Callable[[], dict[str, Any]]
+    stop: str = ""
+
+
+@functools.cache
+def scene() -> Any:
+    """A pendulum."""
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), damper=0.5)
+    return s
+
+
+@functools.cache
+def result() -> Any:
+    """A short run of it."""
+    return scene().simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-4), outputs=3)
+
+
+@functools.cache
+def hanging() -> Any:
+    """The pendulum at rest."""
+    return scene().equilibrium()
+
+
+@functools.cache
+def linear() -> Any:
+    """Its modes there."""
+    return scene().linearize(hanging())
+
+
+@functools.cache
+def floquet() -> Any:
+    """Its multipliers there."""
+    return scene().floquet(1.0, hanging(), accuracy=1e-3)
+
+
+@functools.cache
+def dae() -> Any:
+    """Three unknowns that decay."""
+    return mb.DAE(lambda t, y, yp, out: yp + y, [1.0, 2.0, 3.0], [-1.0, -2.0, -3.0])
+
+
+@functools.cache
+def comparison() -> Any:
+    """Two runs of the pendulum."""
+    return mb.compare(dae(), 0.1, [mb.RadauIIA(3)], [1e-3])
+
+
+@functools.cache
+def folder() -> Path:
+    """Where pictures and files go."""
+    return Path(tempfile.mkdtemp())
+
+
+def job(a: float) -> dict[str, float]:
+    """A job of a sweep."""
+    return {"b": a}
+
+
+def tell(*_: Any) -> None:
+    """A progress function."""
+
+
+def residual(t: float, y: Any, yp: Any, out: Any) -> Any:
+    """Three unknowns that decay."""
+    return yp + y
+
+
+def jacobian(t: float, y: Any, yp: Any, cj: float, out: Any) -> Any:
+    """Of the same."""
+    return (1 + cj) * np.eye(3)
+
+
+def guards(t: float, y: Any) -> Any:
+    """A contact far away."""
+    return np.array([1.0]), np.array([0.0]), np.array([np.inf])
+
+
+def _parts() -> Any:
+    return mb.Switches(lambda t, y: np.ones((len(t), 0)), (), np.zeros(0), ())
+
+
+def _block() -> Block:
+    return Block("a", (1.0,), ("none",), ())
+
+
+def _sweep() -> Sweep:
+    return mb.sweep(job, [{"a": 1.0}], executor=_Now())
+
+
+class _Now:
+    """An executor that does what it is given at once."""
+
+    def submit(self, function: Any, *args: Any) -> Any:
+        """A finished future."""
+        from concurrent.futures import Future
+
+        done: Any = Future()
+        done.set_result(function(*args))
+        return done
+
+
+TOLERANCES: dict[str, Any] = {"rtol": 1e-6, "atol": None}
+SOLVE = {"system": dae(), "t_end": 0.1, "outputs": 3, "max_wall": 60.0, "progress": tell, "h0": 0.01, "max_residuals": 1e5,
+         "begin": 0.0, "share": 1.0}  # fmt: skip
+RUNS: dict[str, Any] = {"max_wall": 60.0, "progress": tell, "resume": None}
+PICTURE: dict[str, Any] = {"against": None, "labels": None, "path": None}
+FILE = {"path": None}
+INTEGRATE = "mbdae.integrators.base.StepLoop"
+
+CALLS: dict[str, Call] = {
+    "IDA": Call(lambda: mb.IDA, lambda: TOLERANCES | {"max_order": 5}),
+    "CVODE": Call(lambda: mb.CVODE, lambda: TOLERANCES | {"method": "Adams", "max_order": None}),
+    "RadauIIA": Call(lambda: mb.RadauIIA, lambda: {"stages": 3, **TOLERANCES, "step": 0.1, "newton": 1e-6}),
+    "GeneralizedAlpha": Call(lambda: mb.GeneralizedAlpha, lambda: {"rho": 0.7, "step": None, "accuracy": None}),
+    "HHT": Call(lambda: mb.HHT, lambda: {"alpha": 0.1, "step": None, "accuracy": None}),
+    "GGL": Call(lambda: mb.GGL, lambda: {"algebraic": None, "waves": False}),
+    "Index1": Call(lambda: mb.Index1, lambda: {"baumgarte": 1.0, "multipliers": None, "waves": False}),
+    "Index3": Call(lambda: mb.Index3, lambda: {"waves": False}),
+    "ODE": Call(lambda: mb.ODE, lambda: {"mixed": False, "waves": False}),
+    "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None}),
+    "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
+    "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
+    "_Alpha.solve": Call(lambda: mb.HHT().solve, lambda: {k: SOLVE[k] for k in ("system", "t_end", "outputs")},
+                         "mbdae.integrators.generalized_alpha.halved"),
+    "_Alpha.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
+    "DAE": Call(lambda: mb.DAE, lambda: {
+        "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
+        "names": ["a", "b", "c"], "t0": 0.0, "scale": 1.0, "sparsity": None, "guards": guards, "guard_names": ["gap"],
+        "switches": _parts(), "partition": None}),
+    "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
+    "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
+    "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
+    "Scene.draw": Call(lambda: scene().draw, lambda: FILE, "mbdae.results.drawing.draw"),
+    "Scene.equilibrium": Call(lambda: scene().equilibrium, lambda: {"frame": None, "progress": tell},
+                              "mbdae.analysis.equilibrium.Statics"),
+    "Scene.linearize": Call(lambda: scene().linearize, lambda: {"at": hanging(), "frame": None, "count": None},
+                            "mbdae.analysis.linearization.complete_system"),
+    "Scene.floquet": Call(lambda: scene().floquet, lambda: {"period": 1.0, "at": hanging(), "count": 1, "accuracy": 1e-6},
+                          "mbdae.analysis.multipliers.prepare"),
+    "Scene.simulate": Call(lambda: scene().simulate, lambda: {
+        "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
+        "max_wall": 60.0, "progress": None}, "mbdae.api.Job"),
+    "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
+    "audit": Call(lambda: mb.audit, lambda: {"source": "title: none\n", "laws": None}),
+    "compare": Call(lambda: mb.compare, lambda: {
+        "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
+        "reference": None, **RUNS}, "mbdae.compare.comparison.statement"),
+    "extremes": Call(lambda: mb.extremes, lambda: {
+        "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
+        "measure": "hinge.angle", **RUNS}, "mbdae.compare.extremes._Work"),
+    "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
+    "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
+    "sweep": Call(lambda: mb.sweep, lambda: {
+        "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None},
+        "mbdae.compare.sweep.with_processes"),
+    "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
+    "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
+    "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
+    "Result.__getitem__": Call(lambda: result().__getitem__, lambda: {"name": "hinge"}),
+    "Result.read": Call(lambda: result().read, lambda: {"path": "hinge.angle"}),
+    "Result.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
+    "Result.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
+    "Result.state_for": Call(lambda: result().state_for, lambda: {"scene": scene(), "t": 0.1}),
+    "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.results.plots.new_figure"),
+    "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
+    "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
+    "Result.animate": Call(lambda: result().animate, lambda: {
+        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.results.animation.filmed"),
+    "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.storage.save"),
+    "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
+    "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
+    "Equilibrium.save": Call(lambda: hanging().save, lambda: {"path": "a.npz"}),
+    "Linearization.shares": Call(lambda: linear().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
+    "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
+    "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
+    "Comparison.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
+    "Comparison.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.compare.kept.write_file"),
+    "Comparison.to_html": Call(lambda: comparison().to_html, lambda: FILE, "mbdae.compare.page.page"),
+    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.picture.work_precision"),
+    "Extremes.to_json": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_json, lambda: FILE,
+                             "mbdae.compare.kept.write_file"),
+    "Extremes.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
+                             "mbdae.compare.kept.write_file"),
+    "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
+    "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
+    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.compare.kept.write_file"),
+    "Audit.__getitem__": Call(lambda: mb.Audit("none", ()).__getitem__, lambda: {"number": "1"}),
+    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.reports.audit.page.write_file"),
+    "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
+                       "mbdae.reports.document.write_file"),
+    "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
+                          "mbdae.reports.document.write_file"),
+}  # fmt: skip
+
+FLAGS = {"a truth value", "numpy's"}
+TEXT = {"text", "digits as text"}
+LISTS = {"a list", "a nested list", "a range", "an array", "one entry"}
+ANY = "any text may be a name"
+#: (callable, option) -> hostile values that are legitimate there, and why
+LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
+    **{(c, "atol"): ({"a list", "one entry"}, "one number per unknown") for c in ("IDA", "CVODE", "RadauIIA")},
+    **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
+    ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
+    ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
+    ("Index1", "baumgarte"): ({"a list"}, "a pair"),
+    ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
+    ("Switches", "weights"): ({"one entry"}, "one per argument"),
+    ("Run", "label"): (TEXT, ANY),
+    ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("_Alpha.at_accuracy", "form_label"): (TEXT, ANY),
+    ("Block.at", "label"): (TEXT, ANY),
+    ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
+    **{(c, "path"): (TEXT, "a file may have any ending") for c in (
+        "Result.save", "Comparison.to_json", "Comparison.to_html", "Extremes.to_json", "Extremes.to_html", "Sweep.to_json",
+        "Audit.to_json")},
+    **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
+    ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
+    **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
+}  # fmt: skip
+NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
+#: values of `hostile.SIGNS` -> options that take them
+SIZES: list[tuple[set[str], str]] = [
+    ({"a half", "much"},
+     "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
+     "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
+     "Comparison.cheapest.accuracy"),
+    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t Result.states.t "
+                         "Result.stresses.t Result.state_for.t"),
+    ({"zero", "a half", "much"}, "Index1.baumgarte"),
+    ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy _Alpha.at_accuracy.accuracy GeneralizedAlpha.accuracy "
+                 "HHT.accuracy Result.animate.fps"),
+    ({"zero"}, "HHT.alpha"),
+    ({"much"}, "Scene.linearize.count Scene.floquet.count"),
+    (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
+]  # fmt: skip
+
+
+def legitimate(name: str, option: str) -> set[str]:
+    """Hostile values that an option takes."""
+    sizes: set[str] = set().union(*(values for values, takers in SIZES if f"{name}.{option}" in takers.split()))
+    return sizes | LEGITIMATE.get((name, option), (set(), ""))[0]
+
+
+#: (callable, option) -> values that are refused in other words, and what those name
+OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
+    ("Switches", "weights"): ({"a list", "a nested list", "a range", *NUMBERS}, "the numbers of each"),
+    ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
+    ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
+    ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),
+    ("sweep", "grid"): ({"a dict", "a generator"}, "the entry"),
+    ("Result.animate", "sensors"): ({"a tuple of text"}, "the entry"),
+    ("Result.animate", "trail"): ({"a tuple of text"}, "the entry"),
+    ("compare", "reference"): ({"a function"}, "the error of the function itself"),
+}  # fmt: skip
