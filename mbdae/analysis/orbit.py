@@ -13,7 +13,7 @@ from mbdae.errors import SteadyError
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.radau import RadauIIA
 from mbdae.integrators.radau_tables import RadauTable
-from mbdae.integrators.solution import Solution
+from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembly import SceneSystem
 from mbdae.system.base import Array
@@ -60,7 +60,7 @@ def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
 
 def _systems(run: Solution, system: SceneSystem, t: Array) -> list[SceneSystem]:
     """The system (k,) at every time of a run."""
-    return run.systems_at(t, system)  # type: ignore[return-value]
+    return systems_at(run, t, system)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)

@@ -108,13 +108,6 @@ class Solution(Told):
         """dy/dt at the time or times t, shape t.shape + (n,)."""
         return self._evaluate(t, self.interpolant.derivative)
 
-    def systems_at(self, t: Array, otherwise: System) -> list[System]:
-        """The system (k,) that was integrated at times t (k,), at an instant of renewal the new one; otherwise: if all is one."""
-        begins = np.array([begin for begin, _ in self.systems])
-        if len(begins) < 2:
-            return [otherwise] * len(t)
-        return [self.systems[max(i, 0)][1] for i in np.searchsorted(begins, t, side="right") - 1]
-
     def times(self, t: Any) -> Array:
         """Times as an array; one outside the solution is refused."""
         times: Array = option("t", t, array, "give a time in s, or an array of them")
@@ -131,3 +124,12 @@ class Solution(Told):
         times, first, last = self.times(t), self.t[0], self.t[-1]
         flat = function(np.clip(times.ravel(), first, last))
         return flat.reshape(*times.shape, flat.shape[-1])
+
+
+def systems_at(run: Solution, t: Array, otherwise: System) -> list[System]:
+    """The system (k,) that was integrated at times t (k,) of a run, at an instant of renewal the new one; otherwise: where all
+    steps are of one system."""
+    begins = np.array([begin for begin, _ in run.systems])
+    if len(begins) < 2:
+        return [otherwise] * len(t)
+    return [run.systems[max(i, 0)][1] for i in np.searchsorted(begins, t, side="right") - 1]

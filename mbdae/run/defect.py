@@ -19,7 +19,7 @@ from numpy.polynomial import legendre
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
-from mbdae.integrators.solution import Solution
+from mbdae.integrators.solution import Solution, systems_at
 from mbdae.integrators.sundials import as_csc
 from mbdae.run.control import Motion, motion_distance
 from mbdae.run.hiding import can_hide
@@ -118,7 +118,7 @@ class Defect:
         part = np.empty((size, n))
         for first in range(0, len(times), size):
             at = np.minimum(np.arange(first, first + size), len(times) - 1)
-            systems = self.run.systems_at(times[at], self.system)
+            systems = systems_at(self.run, times[at], self.system)
             for system in dict.fromkeys(systems):
                 try:
                     system.residual_stages(times[at], y[at], yp[at], part)
@@ -158,7 +158,7 @@ class Defect:
     def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
         """What the unknowns are moved by, (m, k, n): - J^-1 right with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
-        system = self.run.systems_at(times[k : k + 1], self.system)[0]
+        system = systems_at(self.run, times[k : k + 1], self.system)[0]
         if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
             return -h * right
         J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
