@@ -80,19 +80,41 @@ def word(value: Any, words: Iterable[str]) -> str:
 
 def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     """Finite numbers in an array of one of some shapes (any where none is given); no text, no truth values, no complex."""
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+        raise BadValueError(f"{shown(value)} has masked entries")
+    found = entries(value)
     try:
-        found = value if isinstance(value, np.ndarray) else np.asarray(value, dtype=object)
         if found.dtype.kind in "iuf":
-            plain: Array = found.astype(float)
+            plain: Array = np.array(found, dtype=float, subok=False)
         else:
             plain = np.array([_float(entry) for entry in found.flat], dtype=float).reshape(found.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadValueError(f"{shown(value)} is not an array of numbers") from error
+        raise BadValueError(f"{shown(value)} is not {'a number' if found.ndim == 0 else 'an array of numbers'}") from error
     if shapes and plain.shape not in shapes:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
     for entry in plain.flat:
-        number(float(entry))
+        try:
+            number(float(entry))
+        except BadValueError as error:
+            raise BadValueError(f"{shown(value)}: {error}" if plain.ndim else str(error)) from None
     return plain
+
+
+def entries(value: Any) -> NDArray[Any]:
+    """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        return np.asarray(value, dtype=object)
+    except Exception as error:  # sequences of the user's own may raise anything
+        raise BadValueError(f"{shown(value)} is not an array") from error
+
+
+def text(value: Any) -> str:
+    """Text that is not empty."""
+    if isinstance(value, str) and value.strip():
+        return str(value)
+    raise BadValueError(f"{shown(value)} is not text" if not isinstance(value, str) else f"{shown(value)} is empty")
 
 
 def option(name: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
@@ -107,7 +129,7 @@ def _float(value: Any) -> float:
     """The nearest double of a real number of any kind."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating) or not _is_number(value):
+    if isinstance(value, bool | np.bool_ | str | bytes | complex | np.complexfloating | np.timedelta64) or not _is_number(value):
         raise BadValueError(f"{shown(value)} is not a number")
     try:
         return float(value)

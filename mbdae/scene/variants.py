@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.record import Statement, encode, replay
+from mbdae.values import shown
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
@@ -18,16 +19,19 @@ MODELLED = {"revolute": 5, "prismatic": 11}
 
 def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
     """The scene with another model of some joints; see `SceneData.replace`."""
+    if scene.problems:
+        raise SceneError(scene.problems)
     if not isinstance(model, JointModel):
-        raise SceneError([f"model={model!r} is not a joint model; use {MODELS}"])
+        raise SceneError([f"replace: model = {shown(model)} is not a joint model; use {MODELS}"])
     known = [c.name for c in scene.connections if c.kind in MODELLED]
-    wrong = [n for n in names if n not in known]
+    wrong = [n for n in names if not (isinstance(n, str) and n in known)]
     if wrong:
-        raise SceneError([f"there is no revolute or prismatic joint '{wrong[0]}' in scene '{scene.name}'; it has {known}"])
+        raise SceneError([f"replace: names = {shown(n)} is no revolute or prismatic joint of scene '{scene.name}'; it has {known}"
+                          for n in wrong])  # fmt: skip
     plain = model in (Kinematic(), Classical(), Recursive())
     chosen = set(names or (c.name for c in scene.connections if c.kind == "revolute" or (plain and c.name in known)))
     if not chosen:
-        raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {model!r}"])
+        raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])
     statements: list[Statement] = []
     for method, args, kwargs in scene.statements:
         if method in MODELLED and (args[0] if args else kwargs["name"]) in chosen:
@@ -41,6 +45,8 @@ def with_recursive_tree(scene: SceneData) -> Any:
     """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
     from mbdae.scene.topology import spanning_tree
 
+    if scene.problems:
+        raise SceneError(scene.problems)
     turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose or c.rubs)]
     closing = [c.name for c in spanning_tree(scene, turning).closing]
     tree = [c.name for c in turning if c.name not in closing]
