@@ -168,7 +168,7 @@ class BeamStatements:
     def line_load(self, name: str, beam: Beam, per_length: Any, frame: str = "inertial") -> BeamLoad:
         """A force per reference length on the axis of a beam, N/m: dead (frame="inertial"), or following (frame="section")."""
         values = {f"f{i + 1}": v for i, v in enumerate(per_length)}
-        law = LineLoad(name, follows=frame == "section", **{key: v for key, v in values.items() if v != 0})
+        law = LineLoad(name, following=frame == "section", **{key: v for key, v in values.items() if v != 0})
         self._claim(name)  # type: ignore[attr-defined]
         load = BeamLoad(name, beam, law)
         self.line_loads.append(load)
