@@ -83,10 +83,10 @@ def test_statement(say: Callable[[mb.Scene], Any], finding: str) -> None:
 @pytest.mark.parametrize(
     ("make", "finding"),
     [
-        (lambda: mb.Section(1, 1, 1, 1, -2, 0, 1, 1), "section: EI2 = -2 N m^2, EI3 = 0 N m^2: give positive numbers"),
-        (lambda: mb.Section(1, 1, 1, 1, 1, 1, 0, -1), "section: mass_per_length = 0 kg/m, rotary_inertia[0] = -2 kg m, rotary_inertia[1] = -1 kg m"),
-        (lambda: mb.Section.circular(-0.1, 1, 0.3, 1), "section: radius = -0.1 m: give positive numbers"),
-        (lambda: mb.Section.circular(0.1, 1, 0.3, 1, damping=-1), "section: damping = -1 s: give 0 or more; a negative one would feed energy"),
+        (lambda: mb.Section(1, 1, 1, 1, -2, 0, 1, 1), "section: EI2 = -2 N m^2 is not positive, EI3 = 0 N m^2 is not positive: give positive numbers"),
+        (lambda: mb.Section(1, 1, 1, 1, 1, 1, 0, -1), "section: mass_per_length = 0 kg/m is not positive, rotary_inertia[0] = -2 kg m is not positive, rotary_inertia[1] = -1 kg m"),
+        (lambda: mb.Section.circular(-0.1, 1, 0.3, 1), "section: radius = -0.1 m is not positive: give positive numbers"),
+        (lambda: mb.Section.circular(0.1, 1, 0.3, 1, damping=-1), "section: damping = -1 s is not 0 or more: give 0 or more; a negative one would feed energy"),
     ],
 )
 def test_section(make: Callable[[], Any], finding: str) -> None:
