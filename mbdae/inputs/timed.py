@@ -16,6 +16,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.inputs.numpy_functions import teach
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import LARGEST, BadValueError, number, shown
@@ -33,9 +34,10 @@ HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
 
 @lru_cache(maxsize=1)
 def time_symbol() -> Any:
-    """The SymPy symbol `mb.t`."""
+    """The SymPy symbol `mb.t`; expressions of it take NumPy's functions."""
     import sympy
 
+    teach()
     return sympy.Symbol("t")
 
 
