@@ -83,20 +83,22 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
     if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise BadValueError(f"{shown(value)} has masked entries")
     found = entries(value)
+    if found.ndim == 0 and () in (shapes or [()]):
+        return np.array(number(value))
     try:
         if found.dtype.kind in "iuf":
             plain: Array = np.array(found, dtype=float, subok=False)
         else:
             plain = np.array([_float(entry) for entry in found.flat], dtype=float).reshape(found.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadValueError(f"{shown(value)} is not {'a number' if found.ndim == 0 else 'an array of numbers'}") from error
+        raise BadValueError(f"{shown(value)} is not an array of numbers") from error
     if shapes and plain.shape not in shapes:
         raise BadValueError(f"{shown(value)} has shape {plain.shape}, needs {' or '.join(str(s) for s in shapes)}")
     for entry in plain.flat:
         try:
             number(float(entry))
         except BadValueError as error:
-            raise BadValueError(f"{shown(value)}: {error}" if plain.ndim else str(error)) from None
+            raise BadValueError(f"{shown(value)}: {error}") from None
     return plain
 
 
@@ -104,6 +106,8 @@ def entries(value: Any) -> NDArray[Any]:
     """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
     if isinstance(value, np.ndarray):
         return value
+    if isinstance(value, bytes | bytearray | memoryview):
+        raise BadValueError(f"{shown(value)} is not an array of numbers")
     try:
         return np.asarray(value, dtype=object)
     except Exception as error:  # sequences of the user's own may raise anything

@@ -94,7 +94,7 @@ class Beam(Body):
     def load(self, per_length: Any, frame: str = "inertial", name: str | None = None) -> Any:
         """A force per reference length on the axis, N/m, three numbers or expressions of mb.t: dead (in the inertial
         frame), or following the section (frame="section": its axes 1, 2, 3)."""
-        return self.scene.line_load(name or f"load on {self.name}", self, per_length, frame)
+        return self.scene.line_load(f"load on {self.name}" if name is None else name, self, per_length, frame)
 
 
 @dataclass(eq=False)

@@ -259,7 +259,8 @@ def counts(told: Told, value: Any) -> Any:
         many = tuple(whole(n, least=1, most=MOST_ELEMENTS) for n in found.flat)
         return many if found.ndim else many[0]
     except BadValueError as refused:
-        told.wrong(f"{shown(value)}: {refused}" if isinstance(value, list | tuple | np.ndarray) else refused,
+        alone = str(refused).startswith(shown(value))
+        told.wrong(refused if alone else f"{shown(value)}: {refused}",
                    f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")  # fmt: skip
         return None
 

@@ -131,7 +131,7 @@ def _torsion_of_rectangle(width: float, height: float) -> float:
 def _told(name: str, value: Any, unit: str, refused: BadValueError) -> str:
     """What is wrong with a value, its unit after it where it is a number."""
     head, text = shown(value), str(refused)
-    return f"{name} = {head} {unit}{text[len(head):]}" if isinstance(value, int | float) else f"{name} = {text} ({unit})"
+    return f"{name} = {head} {unit}{text[len(head):]}" if type(value) in (int, float) else f"{name} = {text} ({unit})"
 
 
 def _poisson(nu: Any) -> float:
