@@ -172,7 +172,7 @@ class _Derivation:
         """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
         law, kind = self.law, type(self.law).__name__
         rows = law.constraints(*self.frames[:2]) if isinstance(law, Joint) else {}
-        taken = {str(s): "the frames" for f in self.frames for s in f.symbols}
+        taken = dict.fromkeys(_names_of_frames(), "the frames")
         taken |= {f"{mark}_{row}": f"row '{row}'" for row in rows for mark in ("lambda", "mu")}
         taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
         taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
@@ -293,6 +293,12 @@ class _Derivation:
                 self._refuse(f"{what} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
+
+
+@lru_cache(maxsize=1)
+def _names_of_frames() -> tuple[str, ...]:
+    """Names of the symbols of frames on every kind of node."""
+    return tuple({str(s) for side in "bklc" for kind in NodeKind for s in make_frame(side, kind).symbols})
 
 
 def _letters(e: Any) -> set[Expr]:
