@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdae.inputs.numpy_functions import teach
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
-from mbdae.values import LARGEST, BadValueError, number, shown
+from mbdae.values import BadValueError, number, shown
 
 TIME, SIDE = se.Symbol("t"), se.Symbol("t_of_conditions")
 #: functions with derivatives the kernels can compile
@@ -90,8 +90,8 @@ def _with_plain_numbers(e: Expr) -> Expr:
             size = abs(float(node))
         except (TypeError, ValueError, OverflowError, RuntimeError):
             size = math.inf
-        if not size <= LARGEST:
-            raise BadValueError(f"{shown(e)} contains the number {shown(node)}, which is not real or beyond {LARGEST:g}")
+        if not math.isfinite(size):
+            raise BadValueError(f"{shown(e)} contains the number {shown(node)}, which is not real, not finite or too large")
         return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
 
     return rebuilt(e, rule)

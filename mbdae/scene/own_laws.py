@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from mbdae.scene import reading
-from mbdae.scene.components import Body
 from mbdae.scene.reading import Told
 from mbdae.symbolic.law import Force, Joint
 from mbdae.values import shown
@@ -21,13 +20,13 @@ def plain_law(told: Told, law: Any) -> Joint | Force:
     if not isinstance(law, Joint | Force):
         told.wrong(f"{shown(law)} is no joint or force law", "give an object of a class derived from mb.Joint or mb.Force, with "
                    "its name, bodies and parameters")  # fmt: skip
-        return _nothing()
+        return _nothing(told)
     kind = type(law).__name__
     missing = [key for key in (*NEEDED, *law.params, *law.options) if key not in vars(law)]
     if missing:
         told.wrong(f"a {kind} without {missing[0]}", f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, "
                    f"**parameters)")  # fmt: skip
-        return _nothing()
+        return _nothing(told)
     found: Any = copy.copy(law)
     found.name = reading.name(Told(told.scene, kind, "name"), law.name)
     head = Told(told.scene, f"{kind} '{found.name}'", "")
@@ -54,7 +53,5 @@ def _refuse_unhashable(told: Told, value: Any) -> None:
                                                                    "such as mb.Coulomb(mu, v_c)")  # fmt: skip
 
 
-def _nothing() -> Force:
-    zero, eye = np.zeros(3), np.eye(3)
-    k, l = (Body("?", 0.0, eye, zero, eye, zero, zero) for _ in "kl")
-    return Force(reading.NAMELESS, k, l, at=zero)
+def _nothing(told: Told) -> Force:
+    return Force(reading.NAMELESS, reading.nobody(told.scene), reading.nobody(told.scene), at=np.zeros(3))

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.inputs import timed
-from mbdae.scene.components import Array, Place
+from mbdae.scene.components import Array, Body, Place
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -288,6 +288,12 @@ def instance(what: Iterable[type] | type, noun: str, remedy: str, instead: Any =
         return instead
 
     return read
+
+
+def nobody(scene: Any) -> Body:
+    """A body that stands for one that is not known; it is in no list, and its mistake has been told."""
+    zero, eye = np.zeros(3), np.eye(3)
+    return Body("?", 0.0, eye, zero, eye, zero, zero, scene=scene)
 
 
 def body(told: Told, value: Any) -> Any:

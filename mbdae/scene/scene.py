@@ -263,8 +263,7 @@ class SceneData(BeamStatements, JointStatements):
             told.wrong(f"{what} of {other}", remedy)
         else:
             told.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
-        zero, eye = np.zeros(3), np.eye(3)
-        return Body("?", 0.0, eye, zero, eye, zero, zero)
+        return reading.nobody(self)
 
 
 def _place_of(body: Body | Place) -> Array:
