@@ -35,7 +35,7 @@ def _curve(told: Told, value: Any) -> Any:
 
 def _beam(told: Told, value: Any) -> Any:
     """A beam of the scene, by itself or its name."""
-    before, found = len(told.scene.problems), told.scene.body_of(told, value)
+    before, found = len(told.scene.problems), reading.body(told, value)
     if not isinstance(found, Beam) and len(told.scene.problems) == before:
         told.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
     return found

@@ -61,31 +61,23 @@ def reads(**readers: Reader) -> Callable[[F], F]:
             except TypeError as error:
                 names = ", ".join(p.name for p in parameters)
                 raise TypeError(f"{method.__name__}: {error}; its arguments are {names}") from None
-            item = f"{kind} {_named(bound.arguments.get('name', getattr(bound.arguments.get('law'), 'name', None)))}"
-            plain: dict[str, Any] = {}
+            found = bound.arguments
+            item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
-                value, told = bound.arguments.get(p.name), Told(self, item, p.name)
-                if p.name not in bound.arguments or (value is None and p.default is None):
-                    continue
-                if p.kind is inspect.Parameter.VAR_POSITIONAL:
-                    plain[p.name] = [readers[p.name](told.part(f"point {i + 1}"), v) for i, v in enumerate(value or ())]
-                else:
-                    plain[p.name] = readers[p.name](told, value)
-            return method(self, *_positional(parameters, plain, len(args), args), **{k: plain.get(k) for k in given})
+                if p.name in found and not (found[p.name] is None and p.default is None):
+                    found[p.name] = _plain(Told(self, item, p.name), readers[p.name], p, found[p.name])
+            return method(*bound.args, **bound.kwargs)
 
         return read  # type: ignore[return-value]
 
     return decorate
 
 
-def _positional(parameters: list[Any], plain: dict[str, Any], count: int, given: tuple[Any, ...]) -> list[Any]:
-    """The plain values of the arguments given by their places."""
-    found: list[Any] = []
-    for p in parameters[:count]:
-        if p.kind is inspect.Parameter.VAR_POSITIONAL:
-            return found + list(plain.get(p.name, ()))
-        found.append(plain.get(p.name))
-    return found
+def _plain(told: Told, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
+    """A value read; of `*points` every point by its number."""
+    if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
+        return reader(told, value)
+    return tuple(reader(told.part(f"{told.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
 
 
 def _named(stated: Any) -> str:
@@ -300,4 +292,17 @@ def body(told: Told, value: Any) -> Any:
     """A body of the scene, by itself, its name or a place on it."""
     if isinstance(value, Place):
         return Place(body(told, value.body), np.array(value.point, dtype=float))
-    return told.scene.body_of(told, value)
+    scene = told.scene
+    if isinstance(value, Body) and value.scene is scene:
+        return value
+    named = [b for b in [scene.ground, *scene.bodies] if isinstance(value, str) and b.name == value]
+    if named:
+        return named[0]
+    known = ", ".join(repr(b.name) for b in [scene.ground, *scene.bodies][:12])
+    if isinstance(value, Body) and value.scene is not None:
+        other = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}', not of this scene"
+        what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"it has {known}")
+        told.wrong(f"{what} of {other}", remedy)
+    else:
+        told.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
+    return nobody(scene)

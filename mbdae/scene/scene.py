@@ -36,7 +36,6 @@ from mbdae.scene.reading import FEEDS, Told, reads
 from mbdae.scene.record import Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
-from mbdae.values import shown
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
@@ -248,22 +247,6 @@ class SceneData(BeamStatements, JointStatements):
     def _claim(self, name: str) -> None:
         if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
             self.problems.append(f"two items have the name '{name}'; give each its own")
-
-    def body_of(self, told: Told, value: Any) -> Body:
-        """The body of this scene that is meant, by itself or by its name."""
-        if isinstance(value, Body) and value.scene is self:
-            return value
-        named = [b for b in [self.ground, *self.bodies] if isinstance(value, str) and b.name == value]
-        if named:
-            return named[0]
-        known = ", ".join(repr(b.name) for b in [self.ground, *self.bodies][:12])
-        if isinstance(value, Body) and value.scene is not None:
-            other = f"{'another ' if value.scene.name == self.name else ''}scene '{value.scene.name}', not of this scene"
-            what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"it has {known}")
-            told.wrong(f"{what} of {other}", remedy)
-        else:
-            told.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
-        return reading.nobody(self)
 
 
 def _place_of(body: Body | Place) -> Array:

@@ -149,7 +149,8 @@ class _Derivation:
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
                            f"give that an expression of mb.t")  # fmt: skip
-        for symbol in sorted(map(str, symbols - self._known - _letters(e))):
+        unknown = symbols - self._known
+        for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
             raise LawError(f"{what} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
                            f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
         for frame, quantity in self._undefined(e):
@@ -165,15 +166,18 @@ class _Derivation:
         """Every symbol a statement may contain."""
         law = self.law
         own = {se.Symbol(name) for name in law.params} | {se.Symbol(f"state_{name}") for name in law.states} | {_TIME}
-        rows = law.constraints(*self.frames[:2]) if isinstance(law, Joint) else {}
-        return own.union(*(f.symbols for f in self.frames), {se.Symbol(f"lambda_{row}") for row in rows})
+        return own.union(*(f.symbols for f in self.frames), {se.Symbol(f"lambda_{row}") for row in self._rows})
+
+    @cached_property
+    def _rows(self) -> dict[str, Expr]:
+        """The rows of a joint as stated."""
+        return self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
 
     def _refuse_clashes(self) -> None:
         """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
         law, kind = self.law, type(self.law).__name__
-        rows = law.constraints(*self.frames[:2]) if isinstance(law, Joint) else {}
         taken = dict.fromkeys(_names_of_frames(), "the frames")
-        taken |= {f"{mark}_{row}": f"row '{row}'" for row in rows for mark in ("lambda", "mu")}
+        taken |= {f"{mark}_{row}": f"row '{row}'" for row in self._rows for mark in ("lambda", "mu")}
         taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
         taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
         for name in law.params:
@@ -185,7 +189,7 @@ class _Derivation:
         law, sides = self.law, self.frames[:2]
         stated: list[tuple[str, Any]] = []
         if isinstance(law, Joint) and self._oriented():
-            stated += [(f"row '{name}'", e) for name, e in law.constraints(*sides).items()]
+            stated += [(f"row '{name}'", e) for name, e in self._rows.items()]
             stated += [("the coordinate", law.coordinate(*sides) or _ZERO)]
             stated += [(f"the branch '{name}'", e) for name, e in law.branches(*sides).items()]
         for what, e in stated:
@@ -198,8 +202,7 @@ class _Derivation:
         undefined: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
-        stated = self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
-        for name, statement in stated.items():
+        for name, statement in self._rows.items():
             missing = self._undefined(statement)
             if missing and not any(frame.kind.oriented for frame, _ in missing):
                 vanished.append(name)

@@ -19,6 +19,7 @@ from mbdae.values import BadValueError, number, shown
 
 Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
+OF_STATES = ("rate", "rates", "initial")  #: methods that nobody asks where there are no states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
@@ -152,7 +153,8 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
             raise LawError(f"{cls.__name__}: {what} = {shown(table)}: write {what} = mb.params(name=('unit', 'meaning'))")
     known = dict.fromkeys(instance, "an attribute that every object of this kind has")
     for base in cls.__mro__[:-1]:
-        known |= {name: f"{base.__name__}.{name} of the class" for name in vars(base) if not name.startswith("__")}
+        known |= {name: f"{base.__name__}.{name} of the class" for name in vars(base)
+                  if not name.startswith("__") and (cls.states or name not in OF_STATES)}  # fmt: skip
     for what, names in (*tables.items(), ("options", cls.options)):
         for name in names:
             if name in known:

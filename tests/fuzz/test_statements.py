@@ -66,7 +66,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
     "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {}),
 }  # fmt: skip
-NO_STATEMENTS = {"replace", "recursive", "body_of", "joints"}  #: public, but they state nothing
+NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
 LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
