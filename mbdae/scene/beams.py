@@ -107,7 +107,7 @@ class BeamStatements:
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3) and the curve, if it is one."""
         outline, head = np.array(points).reshape(-1, 3), Told(self, f"beam '{name}'", "curve")
-        if curve == "arc":
+        if isinstance(curve, str):  # "arc", the only word there is
             if len(outline) == 3:
                 try:
                     return self._sampled(head, arc(*outline))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbdae.contact import Normal
-from mbdae.friction import Friction
+from mbdae.friction import Coulomb, Friction
 from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
 from mbdae.scene.components import Classical, Clearance, Constrained, Kinematic, Recursive
 from mbdae.scene.reading import Told, instance, quantity
@@ -14,7 +14,7 @@ from mbdae.symbolic.law import Joint
 from mbdae.values import shown
 
 BY_ITSELF: dict[type[Joint], type[Joint]] = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}
-friction_law = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None")
+friction_law = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 
 

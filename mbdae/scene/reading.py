@@ -7,7 +7,7 @@ expression of time); where it cannot, it tells the scene and returns a harmless 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, TypeVar
@@ -270,11 +270,11 @@ def integer(least: int, most: int) -> Reader:
     return read
 
 
-def instance(what: Iterable[type] | type, noun: str, remedy: str, instead: Any = None) -> Reader:
+def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
     """An object of a class; `instead` where it is none."""
 
     def read(told: Told, value: Any) -> Any:
-        if isinstance(value, what if isinstance(what, type) else tuple(what)):
+        if isinstance(value, what):
             return value
         told.wrong(f"{shown(value)} is no {noun}", remedy)
         return instead
