@@ -7,6 +7,7 @@
     │   └── StartError      no consistent start: loops that cannot close, prescribed values that contradict
     ├── LawError            a joint or force law is not well stated
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
+    │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
     ├── SolverError         the integration stopped; carries the time, the culprit and the solution so far
     │   └── WallClockError  its wall-clock time was used up
     ├── EquilibriumError    no state at rest was found; carries the last one that is, and its load factor
@@ -43,6 +44,10 @@ class LawError(MbdaeError):
 
 class OptionError(MbdaeError, ValueError):
     """An option has a value that cannot be used."""
+
+
+class ExpressionError(OptionError, TypeError):
+    """An expression of time was used where only a number has a meaning."""
 
 
 class SolverError(MbdaeError):

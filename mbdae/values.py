@@ -127,7 +127,7 @@ def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
 
 def several(value: Any) -> bool:
     """Whether a value is a list of others: no text, no mapping, and nothing whose entries cannot be read."""
-    if isinstance(value, str | bytes | Mapping):
+    if isinstance(value, str | bytes | bytearray | memoryview | Mapping):
         return False
     try:
         iter(value)
@@ -204,6 +204,8 @@ def entries(value: Any) -> NDArray[Any]:
     """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
     if isinstance(value, np.ndarray):
         return value
+    if isinstance(value, bytes | bytearray | memoryview):
+        raise BadValueError(f"{shown(value)} is not an array of numbers")
     try:
         return np.asarray(value, dtype=object)
     except Exception as error:  # sequences of the user's own may raise anything

@@ -16,6 +16,7 @@ from mbdae.errors import OptionError
 from mbdae.values import (
     BadValueError,
     array,
+    entries,
     file_to_write,
     flag,
     function,
@@ -23,6 +24,7 @@ from mbdae.values import (
     option,
     sequence,
     shown,
+    text,
     whole,
     word,
 )
@@ -71,6 +73,26 @@ def test_words_switches_and_shapes() -> None:
             read(value, "ab") if read is word else read(value)
     with pytest.raises(BadValueError, match=r"has shape \(2,\), needs \(3,\)"):
         array([1, 2], (3,))
+
+
+def test_arrays_are_the_users_no_more_and_show_what_he_wrote() -> None:
+    given = np.ones(3)
+    array(given)[:] = 7
+    assert given.tolist() == [1, 1, 1]
+    assert type(array(np.ma.array([1.0]))) is np.ndarray
+    for value, told in (((0, math.inf), r"^\(0, inf\) has a wrong entry, inf is not finite$"),
+                        (Decimal("nan"), r"^Decimal\('NaN'\) is not finite$"),
+                        (np.ma.array([1.0, 2.0], mask=[0, 1]), "has masked entries$"), (b"12", "not an array of numbers$"),
+                        (bytearray(b"12"), "not an array of numbers$"),
+                        (np.timedelta64(1, "s"), "is not a number$")):  # fmt: skip
+        with pytest.raises(BadValueError, match=told):
+            array(value)
+    assert entries([1, [2, 3]]).shape == (2,)
+    assert text(np.str_("rod")) == "rod"
+    assert type(text(np.str_("rod"))) is str
+    for value in ("", " ", b"rod", 5, None):
+        with pytest.raises(BadValueError):
+            text(value)
 
 
 def test_an_option_is_named_with_its_value_and_what_to_give() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import symengine as se
 
 from mbdae.contact.normal import Normal
-from mbdae.errors import LawError
-from mbdae.symbolic.part import params
+from mbdae.symbolic.part import params, stated
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import number
 
 #: duration of an elastic impact over largest penetration / speed: 2 int_0^1 dx / sqrt(1 - x^2.5)
 DURATION = 2.9432751796
@@ -29,24 +29,22 @@ class Hertz(Normal):
     )  # fmt: skip
 
     def __init__(self, stiffness: float, damping: float = 0.0) -> None:
-        super().__init__(stiffness=stiffness, damping=damping or None)
-        if self.stiffness <= 0:
-            raise self.refuse("stiffness", "is not positive")
-        if self.damping is not None and self.damping < 0:
-            raise self.refuse("damping", "is negative: every impact would gain energy; give a value from 0")
+        super().__init__(stiffness=stiffness, damping=damping)
+        self.number("stiffness", "above 0")
+        self.damping = self.number("damping", why="every impact would gain energy") or None
 
     @classmethod
     def restitution(cls, stiffness: float, e: float, v: float) -> Self:
         """The law that returns the fraction e of an impact speed v (m/s), exactly: see `coefficient_of_restitution`."""
-        if not 0 < e <= 1:
-            raise LawError(f"Hertz.restitution: e = {e!r}: give the coefficient of restitution, above 0 and up to 1")
-        if not v > 0:
-            raise LawError(f"Hertz.restitution: v = {v!r} m/s: give the impact speed at which e holds, above 0")
-        return cls(stiffness, _damping_of(e) / v)
+        told = "Hertz.restitution"
+        kept = stated(told, "e", e, number, "give the coefficient of restitution, above 0 and up to 1", above=0, most=1)
+        speed = stated(told, "v", v, number, "give the impact speed at which e holds, above 0, m/s", above=0)
+        return cls(stiffness, _damping_of(kept) / speed)
 
     def coefficient_of_restitution(self, v: float) -> float:
         """Exit speed over impact speed v (m/s): (1 - d e) exp(d e) = (1 + d) exp(-d), d = damping v; falls with v."""
-        d = (self.damping or 0.0) * v
+        told = "Hertz.coefficient_of_restitution"
+        d = (self.damping or 0.0) * stated(told, "v", v, number, "give the impact speed, above 0, m/s", above=0)
         if d == 0:
             return 1.0
         low, high = 0.0, min(1.0, 1 / d)

@@ -12,8 +12,8 @@ class LineLoad(LineLaw):
 
     params = params(f1=("N/m", "along x, or axis 1 of the section"), f2=("N/m", "along y, or axis 2"),
                     f3=("N/m", "along z, or axis 3"))  # fmt: skip
-    options = ("follows",)
+    options = ("following",)
 
     def load(self, x: LinePoint) -> Vec:
         f = components(self.f1, self.f2, self.f3)
-        return sum((axis * c for axis, c in zip(x.axes, f, strict=True)), ZERO) if self.follows else f
+        return sum((axis * c for axis, c in zip(x.axes, f, strict=True)), ZERO) if self.following else f

@@ -21,10 +21,8 @@ class Coulomb(Friction):
 
     def __init__(self, mu: float, v_c: float) -> None:
         super().__init__(mu=mu, v_c=v_c)
-        if self.mu < 0:
-            raise self.refuse("mu", "is negative: friction would feed energy; give a value from 0")
-        if self.v_c <= 0:
-            raise self.refuse("v_c", "is not positive: it smooths the change of sign; give about 1e-3 of the sliding velocity")
+        self.number("mu", why="friction would feed energy")
+        self.number("v_c", "above 0", "it smooths the change of sign; about 1e-3 of the sliding velocity is usual")
 
     def coefficient(self, v: Expr) -> Expr:
         x = v / self.v_c

@@ -7,10 +7,11 @@ import warnings
 
 import symengine as se
 
-from mbdae.errors import AccuracyWarning, LawError
+from mbdae.errors import AccuracyWarning
 from mbdae.friction.base import Friction, magnitude
-from mbdae.symbolic.part import Parameter, params
+from mbdae.symbolic.part import Parameter, params, stated
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import flag, number
 
 
 class LuGre(Friction):
@@ -31,18 +32,16 @@ class LuGre(Friction):
 
     def __init__(self, mu_k: float, mu_s: float, v_s: float, sigma0: float, sigma1: float, sigma2: float = 0.0,
                  gamma: float = 2, damping_decay: bool = True) -> None:  # fmt: skip
-        values = {"mu_k": mu_k, "mu_s": mu_s, "v_s": v_s, "sigma0": sigma0, "sigma1": sigma1 or None, "sigma2": sigma2 or None}
-        super().__init__(**values, gamma=float(gamma), damping_decay=bool(damping_decay))
-        for key in ("mu_k", "v_s", "sigma0"):
-            if getattr(self, key) <= 0:
-                raise self.refuse(key, "is not positive")
+        values = {"mu_k": mu_k, "mu_s": mu_s, "v_s": v_s, "sigma0": sigma0, "sigma1": sigma1, "sigma2": sigma2}
+        exponent = stated("LuGre", "gamma", gamma, number, "give the Stribeck curve's exponent (2 is usual)", least=0.5, most=4)
+        falls = stated("LuGre", "damping_decay", damping_decay, flag, "give True or False")
+        super().__init__(**values, gamma=exponent, damping_decay=falls)
+        for key in ("mu_k", "mu_s", "v_s", "sigma0"):
+            self.number(key, "above 0")
         for key in ("sigma1", "sigma2"):
-            if getattr(self, key) is not None and getattr(self, key) < 0:
-                raise self.refuse(key, "is negative: friction would feed energy")
+            setattr(self, key, self.number(key, why="friction would feed energy") or None)
         if self.mu_s < self.mu_k:
             raise self.refuse("mu_s", f"is below mu_k = {self.mu_k:g}: breaking away takes at least the force of sliding")
-        if not 0.5 <= self.gamma <= 4:
-            raise LawError(f"LuGre: gamma = {gamma!r}: give the exponent of the Stribeck curve, 0.5 to 4 (2 is usual)")
         for doubt in self.doubts():
             warnings.warn(doubt, AccuracyWarning, stacklevel=2)
 

@@ -8,6 +8,7 @@ either side of it, and every expression is smooth up to both its ends.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -15,8 +16,10 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.inputs.numpy_functions import teach
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
+from mbdae.values import BadValueError, number, shown
 
 TIME, SIDE = se.Symbol("t"), se.Symbol("t_of_conditions")
 #: functions with derivatives the kernels can compile
@@ -31,26 +34,67 @@ HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
 
 @lru_cache(maxsize=1)
 def time_symbol() -> Any:
-    """The SymPy symbol `mb.t`."""
+    """The SymPy symbol `mb.t`; expressions of it take NumPy's functions."""
     import sympy
 
+    teach()
     return sympy.Symbol("t")
 
 
 def expression(value: Any) -> Expr:
-    """A number or expression of time as symengine sees it; raises TypeError or ValueError with the reason."""
-    if isinstance(value, bool | str):
-        raise TypeError(f"{value!r} is neither a number nor an expression of mb.t")
+    """A number or expression of time as symengine sees it, its numbers plain; raises BadValueError with the reason."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if callable(value) and not isinstance(value, type) and not hasattr(value, "free_symbols"):
+        raise BadValueError(f"{shown(value)} is a function of Python: write what it returns as an expression of mb.t, with the "
+                            f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")  # fmt: skip
+    if not _has_symbols(value):
+        return _plain_number(value)
     try:
-        e = _canonical(value) if getattr(value, "free_symbols", None) else se.sympify(value)
-    except (TypeError, RuntimeError, AttributeError, se.SympifyError) as error:
-        raise TypeError(f"{value!r} is neither a number nor an expression of mb.t") from error
-    if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix):
-        raise TypeError(f"{value!r} is neither a number nor an expression of mb.t")
+        e = _canonical(value)
+    except BadValueError:
+        raise
+    except Exception as error:  # SymPy raises what it likes on what it cannot read
+        raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
+    if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
+        raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
     others = sorted(str(s) for s in e.free_symbols if s != TIME)
     if others:
-        raise ValueError(f"{value} contains the symbol {others[0]}; only mb.t may appear")
-    return e
+        raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only mb.t may appear")
+    return _with_plain_numbers(e) if e.free_symbols else _plain_number(e)
+
+
+def _has_symbols(value: Any) -> bool:
+    try:
+        return bool(getattr(value, "free_symbols", None))
+    except Exception:  # an object of the user's own
+        return False
+
+
+def _plain_number(value: Any) -> Expr:
+    try:
+        return se.RealDouble(number(value))
+    except BadValueError as error:
+        if "finite" in str(error) or "calculated" in str(error):
+            raise
+        raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
+
+
+def _with_plain_numbers(e: Expr) -> Expr:
+    """The expression with doubles for numbers of more digits; refuses numbers that no calculation survives."""
+
+    def rule(node: Expr, _: list[Expr]) -> Expr | None:
+        if not getattr(node, "is_Number", False):
+            return None
+        try:
+            size = abs(float(node))
+        except (TypeError, ValueError, OverflowError, RuntimeError):
+            size = math.inf
+        if not math.isfinite(size):
+            raise BadValueError(f"{shown(e)} contains the number {shown(node)}, which is not real, not finite or too large")
+        return se.RealDouble(float(node)) if type(node).__name__ == "RealMPFR" else None
+
+    return rebuilt(e, rule)
 
 
 def _canonical(value: Any) -> Expr:
@@ -61,17 +105,17 @@ def _canonical(value: Any) -> Expr:
 
     value = sympy.sympify(value)
     if value.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise ValueError(f"{value} is not finite")
+        raise BadValueError(f"{shown(value)} is not finite")
     used = {type(f).__name__ for f in value.atoms(sympy.core.function.Application)}
     unknown = sorted(used - {*FUNCTIONS, *REWRITTEN, *LOGIC, "ITE"})
     if unknown:
         known = ", ".join(FUNCTIONS + REWRITTEN)
-        raise ValueError(f"{value} contains the function {unknown[0]}; expressions of mb.t may use {known}")
+        raise BadValueError(f"{shown(value)} contains the function {unknown[0]}; expressions of mb.t may use {known}")
     for piecewise in value.atoms(sympy.Piecewise):
         if not _complete(piecewise):
-            raise ValueError(f"{piecewise} has no value where none of its conditions holds; end it with (value, True)")
+            raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
-        raise ValueError(f"{value} is not real")
+        raise BadValueError(f"{shown(value)} is not real")
     return tamed(_rewritten(*_exponents(_without_steps(value))))
 
 

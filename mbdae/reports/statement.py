@@ -27,7 +27,6 @@ from mbdae.values import flag, option, shown
 OPTIONS: dict[str, Any] = {
     "joint": Revolute,
     "following": False,
-    "follows": False,
     "tilting": False,
     "normal": Hertz(1, damping=1).structure(),
     "friction": LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.1).structure(),

@@ -295,7 +295,7 @@ class _Builder(_Collected):
         for k in range(len(t)):
             row = []
             for place in places:
-                f = place.rotation[k] @ values[k] if load.law.follows else values[k]
+                f = place.rotation[k] @ values[k] if load.law.following else values[k]
                 tip = place.position[k]
                 row.append(symbols.arrow(tip - 4 * self.mark * f / largest, tip, 0.8 * self.mark))
             back = [arrow[[0, 1, 2, 1, 4, 1, 0]] for arrow in row]

@@ -11,17 +11,35 @@ from mbdae.elements.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.elements.line_shape import ORDERS, node_positions
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.forces.line_load import LineLoad
+from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, Connection
-from mbdae.scene.reading import Reading
+from mbdae.scene.reading import Told, reads
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 from mbdae.ties import nearest
+from mbdae.values import shown
 
 HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
 FOLDED = 1e-6  #: rad, how near to half a turn a corner may come
 TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
+
+
+def _curve(told: Told, value: Any) -> Any:
+    """A function, or the word "arc"."""
+    if callable(value) or (isinstance(value, str) and value == "arc"):
+        return value
+    told.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
+    return None
+
+
+def _beam(told: Told, value: Any) -> Any:
+    """A beam of the scene, by itself or its name."""
+    before, found = len(told.scene.problems), reading.body(told, value)
+    if not isinstance(found, Beam) and len(told.scene.problems) == before:
+        told.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +51,16 @@ class BeamLoad:
     law: LineLoad
 
 
-class BeamStatements(Reading):
+class BeamStatements:
     """`beam` and its distributed loads."""
 
+    problems: list[str]
     line_loads: list[BeamLoad]
     attachments: dict[Beam, tuple[float, ...]]  #: places on beams where something is attached, as `nearest_place` has them
 
+    @reads(name=reading.name, points=reading.point, section=reading.instance(Section, "cross-section", "give mb.Section(...)"),
+           elements=reading.counts, order=reading.integer(min(ORDERS), max(ORDERS)), curve=_curve, axis2=reading.direction,
+           velocity=reading.vector("m/s"), angular_velocity=reading.vector("rad/s"))  # fmt: skip
     @statement
     def beam(self, name: str, *points: Any, section: Any, elements: Any = 4, order: int = 2, curve: Any = None, axis2: Any = None,
              velocity: Any = None, angular_velocity: Any = None) -> Beam:  # fmt: skip
@@ -49,27 +71,19 @@ class BeamStatements(Reading):
         (no points then). axis2: direction of section axis 2; by default it lies in the plane of the beam. velocity (m/s, of
         the centre) and angular_velocity (rad/s) of its start as a rigid body, inertial frame."""
         outline, function = self._line(name, points, curve)
-        if not isinstance(section, Section):
-            self.problems.append(f"beam '{name}': section={section!r} is not a cross-section; give mb.Section(...)")
-            section = HARMLESS_SECTION
-        elif section.rigid:
+        section = section if section is not None else HARMLESS_SECTION
+        if section.rigid:
             self.problems.append(f"beam '{name}': section.{section.rigid[0]} is infinite: a scene needs the motion of every "
                                  f"strain; give a finite value, such as 1e4 times the others")  # fmt: skip
             section = HARMLESS_SECTION
-        rates = (("velocity", velocity, "m/s"), ("angular_velocity", angular_velocity, "rad/s"))
-        v, w = (np.zeros(3) if given is None else self._vector(name, what, given, unit) for what, given, unit in rates)
-        direction = None if axis2 is None else self._vector(name, "axis2", axis2, "")
-        if direction is not None and not np.any(direction):
-            self.problems.append(f"beam '{name}': axis2 = {direction.tolist()} has length zero; give a direction across the beam")
-            direction = None
-        if not isinstance(order, int | np.integer) or order not in ORDERS:
-            self.problems.append(f"beam '{name}': order = {order!r}: give 1, 2, 3 or 4")
-            order = 2
+        v, w = (np.zeros(3) if given is None else given for given in (velocity, angular_velocity))
+        if elements is None:
+            elements = len(outline) - 1 if function is None else SAMPLES
         lengths = np.linalg.norm(np.diff(outline, axis=0), axis=1)
         center = lengths @ (outline[1:] + outline[:-1]) / (2 * lengths.sum())
         body = Beam(name, section.mass_per_length * float(lengths.sum()), None, center, np.eye(3), v, w,
                     given_velocity=bool(np.any(v) or np.any(w)), outline=outline, section=section, elements=elements,
-                    order=order, curve=function, axis2=direction, scene=self)  # fmt: skip
+                    order=order, curve=function, axis2=axis2, scene=self)  # fmt: skip
         self._check_mesh(body)
         if body.curve is not None:
             mesh = mesh_of(body)
@@ -93,44 +107,40 @@ class BeamStatements(Reading):
 
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3) and the curve, if it is one."""
-        outline = np.array([self._vector(name, f"point {i + 1}", p, "m") for i, p in enumerate(points)]).reshape(-1, 3)
-        function = None
-        try:
-            if callable(curve):
-                if len(points):
-                    self.problems.append(f"beam '{name}': curve={curve!r} with {len(points)} points: leave them out, the curve "
-                                         f"gives all points")  # fmt: skip
-                return self._sampled(name, curve)
-            if curve == "arc" and len(outline) == 3:
-                function = arc(*outline)
-            elif curve is not None:
-                self.problems.append(f"beam '{name}': curve={curve!r} with {len(outline)} points: give 'arc' and three points, "
-                                     f"or a function of a parameter from 0 to 1")  # fmt: skip
-        except MbdaeError as error:
-            self.problems.append(f"beam '{name}': {error}")
-        if function is not None:
-            return self._sampled(name, function)
+        outline, head = np.array(points).reshape(-1, 3), Told(self, f"beam '{name}'", "curve")
+        if isinstance(curve, str):  # "arc", the only word there is
+            if len(outline) == 3:
+                try:
+                    return self._sampled(head, arc(*outline))
+                except OptionError as error:
+                    self.problems.append(f"beam '{name}': {error}")
+            else:
+                head.wrong(f"'arc' with {len(outline)} points", "give three points")
+        elif curve is not None:
+            if len(points):
+                head.wrong(f"{shown(curve)} with {len(outline)} points", "leave them out, the curve gives all points")
+            return self._sampled(head, curve)
         if len(outline) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"beam '{name}': needs at least two points, each different from the one before")
             outline = HARMLESS
         return outline, None
 
-    def _sampled(self, name: str, curve: Any) -> tuple[Array, Any]:
+    def _sampled(self, head: Told, curve: Any) -> tuple[Array, Any]:
         """Points (k, 3) of a curve and the curve itself; a straight line without curve where it cannot be evaluated."""
-        points = []
+        points: list[Array] = []
         for s in np.linspace(0, 1, SAMPLES + 1):
             before = len(self.problems)
             try:
-                points.append(self._vector(name, f"curve({s:g})", curve(s), "m"))
-            except Exception as error:
-                self.problems.append(f"'{name}': curve({s:g}) fails ({type(error).__name__}: {error}); give a function of a "
-                                     f"parameter from 0 to 1 that returns 2 or 3 coordinates, m")  # fmt: skip
+                points.append(np.asarray(reading.point(head.part(f"curve({s:g})"), curve(s))))
+            except Exception as error:  # a function of the user's own may raise anything
+                head.wrong(f"{shown(curve)} fails at the parameter {s:g} ({type(error).__name__}: {error})",
+                           "give a function of a parameter from 0 to 1 that returns 2 or 3 coordinates, m")  # fmt: skip
             if len(self.problems) > before:
                 return HARMLESS, None
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if not np.all(lengths > 0):
             s = float(np.argmin(lengths)) / SAMPLES
-            self.problems.append(f"beam '{name}': its curve stands still at the parameter {s:g}; give one that moves on there")
+            head.wrong(f"{shown(curve)} stands still at the parameter {s:g}", "give one that moves on there")
             return HARMLESS, None
         return np.array(points), curve
 
@@ -154,23 +164,12 @@ class BeamStatements(Reading):
                                          f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
                                          f"at the node, {closest} m, or move it away from there")  # fmt: skip
 
+    @reads(name=reading.name, beam=_beam, per_length=reading.components("N/m"), frame=reading.one_of("inertial", "section"))
     @statement
     def line_load(self, name: str, beam: Beam, per_length: Any, frame: str = "inertial") -> BeamLoad:
         """A force per reference length on the axis of a beam, N/m: dead (frame="inertial"), or following (frame="section")."""
-        if isinstance(beam, str):
-            beam = next((b for b in self.bodies if b.name == beam), beam)  # type: ignore[attr-defined]
-        if not isinstance(beam, Beam):
-            self.problems.append(f"load '{name}': {getattr(beam, 'name', beam)!r} is not a beam of this scene; give one, or use "
-                                 f"s.force for a rigid body")  # fmt: skip
-        if frame not in ("inertial", "section"):
-            self.problems.append(f"load '{name}': frame={frame!r} is unknown; use 'inertial' or 'section'")
-        entries = list(per_length) if np.ndim(np.asarray(per_length, dtype=object)) == 1 else []
-        if len(entries) not in (2, 3):
-            self.problems.append(f"load '{name}': per_length = {per_length!r}: give 2 or 3 components (N/m)")
-            entries = []
-        entries += [0.0] * (3 - len(entries))
-        values = {f"f{i + 1}": self._timed(name, f"per_length[{i}]", v, "N/m") for i, v in enumerate(entries)}
-        law = LineLoad(name, follows=frame == "section", **{key: v for key, v in values.items() if v != 0})
+        values = {f"f{i + 1}": v for i, v in enumerate(per_length)}
+        law = LineLoad(name, following=frame == "section", **{key: v for key, v in values.items() if v != 0})
         self._claim(name)  # type: ignore[attr-defined]
         load = BeamLoad(name, beam, law)
         self.line_loads.append(load)

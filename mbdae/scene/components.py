@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +16,7 @@ from mbdae.errors import OptionError
 from mbdae.friction import Friction
 from mbdae.joints import Revolute, Spherical, Weld
 from mbdae.symbolic.law import Law
+from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
 FINE = 2048  #: chords the length along a curve is measured by
@@ -36,6 +38,7 @@ class Body:
     is_point: bool = False
     is_ground: bool = False
     principal_plane: bool = False  #: inertia given as one number: about z only
+    scene: Any = field(default=None, repr=False)  #: the scene it was stated in
 
     @property
     def owner(self) -> Body:
@@ -49,18 +52,22 @@ class Body:
 
     def at(self, point: Any) -> Place:
         """A place fixed to the body, given as drawn (inertial coordinates, m); `at(s)` with 0..1 along a link."""
-        if np.ndim(point) == 0:
-            return Place(self, self._along(float(point)))
-        p = np.zeros(3)
-        p[: len(point)] = point
-        return Place(self, p)
+        try:
+            given = array(point)
+            if given.ndim == 0:
+                return Place(self, self._along(number(given, least=0, most=1)))
+            if given.shape not in ((2,), (3,)):
+                raise BadValueError(f"{shown(point)} has shape {given.shape}")
+        except BadValueError as refused:
+            raise OptionError(f"'{self.name}'.at: point = {refused}; give a number from 0 to 1 along it, or a point of 2 or 3 "
+                              f"coordinates, m") from None  # fmt: skip
+        return Place(self, np.append(given, np.zeros(3 - len(given))))
 
     def _along(self, s: float) -> Array:
         points = self.outline
         if len(points) < 2:
-            raise ValueError(f"'{self.name}' has no length to measure along; give a point")
-        if not 0 <= s <= 1:
-            raise OptionError(f"'{self.name}'.at({s:g}): give a number from 0 to 1 along it, or a point")
+            raise OptionError(f"'{self.name}'.at: point = {s:g}: it has no length to measure along; give a point of 2 or 3 "
+                              f"coordinates, m")  # fmt: skip
         lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         return np.array([np.interp(s * lengths[-1], lengths, points[:, i]) for i in range(3)])
 
@@ -74,7 +81,6 @@ class Beam(Body):
     order: int = 2
     curve: Callable[[float], Any] | None = None
     axis2: Any = None
-    scene: Any = field(default=None, repr=False)
 
     def _along(self, s: float) -> Array:
         if self.curve is None or not 0 < s < 1:
@@ -88,7 +94,7 @@ class Beam(Body):
     def load(self, per_length: Any, frame: str = "inertial", name: str | None = None) -> Any:
         """A force per reference length on the axis, N/m, three numbers or expressions of mb.t: dead (in the inertial
         frame), or following the section (frame="section": its axes 1, 2, 3)."""
-        return self.scene.line_load(name or f"load on {self.name}", self, per_length, frame)
+        return self.scene.line_load(f"load on {self.name}" if name is None else name, self, per_length, frame)
 
 
 @dataclass(eq=False)
@@ -133,6 +139,9 @@ class Constrained(JointModel):
     scaling: float = 1.0
     penalty: float = 0.0
 
+    def __post_init__(self) -> None:
+        _plain(self, "scaling", "penalty")
+
 
 @dataclass(frozen=True)
 class Kinematic(Constrained):
@@ -166,6 +175,16 @@ class Clearance(JointModel):
     normal: Normal
     friction: Friction | None = None
     length: float | None = None
+
+    def __post_init__(self) -> None:
+        _plain(self, "outer", "inner", "length")
+
+
+def _plain(model: JointModel, *fields: str) -> None:
+    """Numbers of every kind become floats; what is none stays as it is, for the scene to tell where the model is used."""
+    for key in fields:
+        with suppress(BadValueError):
+            object.__setattr__(model, key, number(getattr(model, key)))
 
 
 @dataclass(eq=False)

@@ -30,8 +30,6 @@ def matrix(value: Array) -> Array:
 
 def problems(name: str, J: Array, planar: bool) -> list[str]:
     """What is wrong with an inertia matrix, one sentence each."""
-    if J.shape != (3, 3):
-        return [f"body '{name}': inertia has shape {J.shape}; give one number, 3 values or 3x3 (kg m^2)"]
     if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
         return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2)"]
     moments = np.linalg.eigvalsh(J)

@@ -1,76 +1,308 @@
-"""Reading what the user wrote: numbers, vectors and functions of time; every mistake becomes a problem of the scene."""
+"""Reading what the user wrote: every argument of a statement becomes a plain value, every mistake a problem of the scene.
+
+`@reads(...)` names a reader for every argument of a statement. A reader returns the plain value (float, text, array of its own,
+expression of time); where it cannot, it tells the scene and returns a harmless value, so that what follows can be checked too.
+"""
 
 from __future__ import annotations
 
-import math
-from typing import Any
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mbdae.inputs import timed
-from mbdae.scene.components import Array, Place
+from mbdae.scene.components import Array, Body, Place
+from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
+
+F = TypeVar("F", bound=Callable[..., Any])
+NAMELESS = "without a name"  #: stands for a name that is no text
+ORTHOGONAL = 1e-9  #: what rounding may leave of R R^T - 1
+MOST_ELEMENTS = 100_000
+FEEDS = "it would feed energy"  #: what a negative damping does
 
 
-class Reading:
-    """Collects `problems` instead of raising: they are reported together."""
+@dataclass(frozen=True)
+class Told:
+    """One argument of one statement: where it is read, and where a mistake in it is told."""
 
-    problems: list[str]
+    scene: Any
+    item: str  #: such as "revolute 'R'"
+    option: str
 
-    def _number(self, item: str, option: str, value: Any, unit: str) -> float:
+    def wrong(self, refused: Any, remedy: str) -> None:
+        """Add a problem: what is wrong (it begins with the value), and what to give."""
+        self.scene.problems.append(f"{self.item}: {self.option} = {refused}; {remedy}")
+
+    def part(self, option: str) -> Told:
+        """A part of the argument, such as one of several points."""
+        return Told(self.scene, self.item, option)
+
+
+Reader = Callable[[Told, Any], Any]
+
+
+def reads(**readers: Reader) -> Callable[[F], F]:
+    """Let a statement see plain values only. readers: of all its arguments by name; None stays None where it is the default."""
+
+    def decorate(method: F) -> F:
+        signature = inspect.signature(method)
+        parameters = list(signature.parameters.values())[1:]
+        assert {p.name for p in parameters} == set(readers), f"{method.__name__}: arguments and readers differ"
+        kind = method.__name__.replace("_", " ")
+
+        @wraps(method)
+        def read(self: Any, *args: Any, **given: Any) -> Any:
+            try:
+                bound = signature.bind(self, *args, **given)
+            except TypeError as error:
+                names = ", ".join(p.name for p in parameters)
+                raise TypeError(f"{method.__name__}: {error}; its arguments are {names}") from None
+            found = bound.arguments
+            item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
+            for p in parameters:
+                if p.name in found and not (found[p.name] is None and p.default is None):
+                    found[p.name] = _plain(Told(self, item, p.name), readers[p.name], p, found[p.name])
+            return method(*bound.args, **bound.kwargs)
+
+        return read  # type: ignore[return-value]
+
+    return decorate
+
+
+def _plain(told: Told, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
+    """A value read; of `*points` every point by its number."""
+    if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
+        return reader(told, value)
+    return tuple(reader(told.part(f"{told.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
+
+
+def _named(stated: Any) -> str:
+    return f"'{stated}'" if isinstance(stated, str) and stated.strip() else NAMELESS
+
+
+# ---- readers ----------------------------------------------------------------------------------------------------------------
+
+
+def name(told: Told, value: Any) -> str:
+    """The name of an item."""
+    try:
+        return text(value)
+    except BadValueError as refused:
+        told.wrong(refused, "give every item a name of its own, text such as 'rod'")
+        return NAMELESS
+
+
+def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
+    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: what a negative one would do."""
+    kind = {"": "a number", "not negative": "a number from 0", "positive": "a positive number"}[bound]
+    measured = kind + (f" in {unit}" if unit not in ("", "1") else "")
+
+    def read(told: Told, value: Any) -> float:
         try:
-            number = float(value)
-        except (TypeError, ValueError):
-            self.problems.append(f"'{item}': {option} = {value!r} is not a number{f' ({unit})' if unit else ''}")
-            return 0.0
-        if not math.isfinite(number):
-            self.problems.append(f"'{item}': {option} = {number} {unit} is not finite")
-            return 0.0
-        return number
+            found = number(value)
+        except BadValueError as refused:
+            told.wrong(refused, f"give {measured}")
+            return 1.0 if bound == "positive" else 0.0
+        if (bound and found < 0) or (bound == "positive" and found == 0):
+            told.wrong(f"{_with_unit(found, unit)} is {'negative' if found < 0 else 'not positive'}{why and f': {why}'}",
+                       f"give {measured}")  # fmt: skip
+            return 1.0 if bound == "positive" else 0.0
+        return found
 
-    def _damping(self, item: str, option: str, value: Any, unit: str) -> float:
-        number = self._number(item, option, value, unit)
-        if number < 0:
-            self.problems.append(f"'{item}': {option} = {number:g} {unit} is negative: it would feed energy; give 0 or more")
-        return number
+    return read
 
-    def _array(self, item: str, option: str, value: Any, shape: tuple[int, ...] | None) -> Array:
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:g} {unit}" if unit not in ("", "1") else f"{value:g}"
+
+
+def vector(unit: str) -> Reader:
+    """Two or three numbers (3,); two mean z = 0."""
+
+    def read(told: Told, value: Any) -> Array:
         try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            self.problems.append(f"'{item}': {option} = {value!r} is not an array of numbers")
-            return np.zeros(shape or 3)
-        if shape is not None and array.shape != shape:
-            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs {shape}")
-            return np.eye(3) if shape == (3, 3) else np.zeros(shape)
-        if not np.all(np.isfinite(array)):
-            self.problems.append(f"'{item}': {option} = {array.tolist()} is not finite")
-            return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))
-        return array
-
-    def _vector(self, item: str, option: str, value: Any, unit: str) -> Array:
-        array = self._array(item, option, value.point if isinstance(value, Place) else value, None)
-        if array.shape == (2,):
-            array = np.append(array, 0.0)
-        if array.shape != (3,):
-            self.problems.append(f"'{item}': {option} has shape {array.shape}, needs 2 or 3 numbers ({unit})")
+            found = array(value)
+            if found.shape not in ((2,), (3,)):
+                raise BadValueError(f"{shown(value)} has shape {found.shape}")
+        except BadValueError as refused:
+            told.wrong(refused, f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)")
             return np.zeros(3)
-        return array
+        return np.append(found, np.zeros(3 - len(found)))
 
-    def _axis(self, item: str, axis: Any) -> Array:
-        direction = self._vector(item, "axis", axis, "")
-        length = float(np.linalg.norm(direction))
-        if length == 0:
-            self.problems.append(f"'{item}': axis = {np.asarray(axis).tolist()} has length zero; give a direction")
-            return np.array([0.0, 0.0, 1.0])
-        return direction / length
+    return read
 
-    def _timed(self, item: str, option: str, value: Any, unit: str = "") -> Any:
-        """None, a float, or an expression of time."""
-        if value is None:
-            return None
+
+def point(told: Told, value: Any) -> Array:
+    """A point (3,), m: coordinates, or a place of a body."""
+    return np.array(value.point, dtype=float) if isinstance(value, Place) else np.asarray(vector("m")(told, value))
+
+
+def direction(told: Told, value: Any) -> Array:
+    """A vector (3,) that is not zero, of any length: `unit` makes it one of length 1."""
+    before = len(told.scene.problems)
+    found = np.asarray(vector("")(told, value))
+    if np.any(found):
+        return found
+    if len(told.scene.problems) == before:
+        told.wrong(f"{found.tolist()} has length zero", "give a direction")
+    return np.array([0.0, 0.0, 1.0])
+
+
+def unit(direction: Any) -> Array:
+    """The vector (3,) of length 1 in a direction."""
+    found = np.array(direction, dtype=float)
+    return np.asarray(found / np.linalg.norm(found))
+
+
+def rotation(told: Told, value: Any) -> Array:
+    """A rotation matrix (3, 3)."""
+    try:
+        R = array(value, (3, 3))
+        off = float(np.max(np.abs(R @ R.T - np.eye(3))))
+        if not off < ORTHOGONAL or np.linalg.det(R) < 0:
+            raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
+                                f"{np.linalg.det(R):.3g})")  # fmt: skip
+    except BadValueError as refused:
+        told.wrong(refused, "give three columns of unit length, each normal to the others, right-handed (body to inertial)")
+        return np.eye(3)
+    return R
+
+
+def inertia(told: Told, value: Any) -> Any:
+    """One number, 3 values (3,) or a matrix (3, 3), kg m^2."""
+    remedy = "give one number (about z), 3 values or 3x3 (kg m^2)"
+    try:
+        found = array(value)
+        if found.shape in ((), (3,), (3, 3)):
+            return found if found.ndim else float(found)
+        told.wrong(f"{shown(value)} has shape {found.shape}", remedy)
+    except BadValueError as refused:
+        told.wrong("None: it is missing" if value is None else refused, remedy)
+    return np.zeros((3, 3))
+
+
+def values(remedy: str, *counts: int) -> Reader:
+    """As many numbers as one of the counts says."""
+
+    def read(told: Told, value: Any) -> Array:
         try:
-            e = timed.expression(value)
-        except (TypeError, ValueError) as error:
-            self.problems.append(f"'{item}': {option}: {error}")
+            return array(value, *((n,) for n in counts))
+        except BadValueError as refused:
+            told.wrong(refused, remedy)
+            return np.zeros(counts[0])
+
+    return read
+
+
+def driven(unit: str) -> Reader:
+    """A float, or an expression of time."""
+
+    def read(told: Told, value: Any) -> Any:
+        try:
+            found = timed.expression(value)
+            return found if found.free_symbols else float(found)
+        except BadValueError as refused:
+            told.wrong(refused, f"its unit is {unit}")
             return 0.0
-        return e if e.free_symbols else self._number(item, option, e, unit)
+
+    return read
+
+
+def components(unit: str) -> Reader:
+    """Three numbers or expressions of time; two mean that the third is 0."""
+
+    def read(told: Told, value: Any) -> list[Any]:
+        try:
+            found = entries(value)
+            if found.shape not in ((2,), (3,)):
+                raise BadValueError(f"{shown(value)} has shape {found.shape}" if found.ndim else f"{shown(value)} is no list")
+        except BadValueError as refused:
+            told.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
+            return [0.0, 0.0, 0.0]
+        read_one = driven(unit)
+        return [read_one(told.part(f"{told.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
+
+    return read
+
+
+def one_of(*words: str) -> Reader:
+    """One of some words; the first where it is none of them."""
+
+    def read(told: Told, value: Any) -> str:
+        try:
+            return word(value, words)
+        except BadValueError:
+            told.wrong(f"{shown(value)} is unknown", f"use {' or '.join(repr(w) for w in words)}")
+            return words[0]
+
+    return read
+
+
+def counts(told: Told, value: Any) -> Any:
+    """A whole number, or a tuple of them, each at least 1; None where it is neither."""
+    try:
+        found = entries(value)
+        if found.ndim > 1 or not found.size:
+            raise BadValueError(f"{shown(value)} has shape {found.shape}")
+        many = tuple(whole(n, least=1, most=MOST_ELEMENTS) for n in found.flat)
+        return many if found.ndim else many[0]
+    except BadValueError as refused:
+        alone = str(refused).startswith(shown(value))
+        told.wrong(refused if alone else f"{shown(value)}: {refused}",
+                   f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")  # fmt: skip
+        return None
+
+
+def integer(least: int, most: int) -> Reader:
+    """A whole number between two."""
+
+    def read(told: Told, value: Any) -> int:
+        try:
+            return whole(value, least=least, most=most)
+        except BadValueError as refused:
+            told.wrong(refused, f"give a whole number from {least} to {most}")
+            return least
+
+    return read
+
+
+def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
+    """An object of a class; `instead` where it is none."""
+
+    def read(told: Told, value: Any) -> Any:
+        if isinstance(value, what):
+            return value
+        told.wrong(f"{shown(value)} is no {noun}", remedy)
+        return instead
+
+    return read
+
+
+def nobody(scene: Any) -> Body:
+    """A body that stands for one that is not known; it is in no list, and its mistake has been told."""
+    zero, eye = np.zeros(3), np.eye(3)
+    return Body("?", 0.0, eye, zero, eye, zero, zero, scene=scene)
+
+
+def body(told: Told, value: Any) -> Any:
+    """A body of the scene, by itself, its name or a place on it."""
+    if isinstance(value, Place):
+        return Place(body(told, value.body), np.array(value.point, dtype=float))
+    scene = told.scene
+    if isinstance(value, Body) and value.scene is scene:
+        return value
+    named = [b for b in [scene.ground, *scene.bodies] if isinstance(value, str) and b.name == value]
+    if named:
+        return named[0]
+    known = ", ".join(repr(b.name) for b in [scene.ground, *scene.bodies][:12])
+    if isinstance(value, Body) and value.scene is not None:
+        other = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}', not of this scene"
+        what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"it has {known}")
+        told.wrong(f"{what} of {other}", remedy)
+    else:
+        told.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
+    return nobody(scene)

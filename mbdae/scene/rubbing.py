@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
 from mbdae.forces import SlideFriction
-from mbdae.friction import Friction
 from mbdae.joints import (
     ClassicalPrismatic,
     ClassicalRevolute,
@@ -56,11 +54,13 @@ def rubbing(problems: list[str], kind: str, name: str, friction: Any, option: st
     head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"
     if friction is None:
         if value is not None:
-            problems.append(f"{head}{option} = {value!r} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or "
+            problems.append(f"{head}{option} = {value:g} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or "
                             f"omit it")  # fmt: skip
         return Rubbing()
     own_reaction = option == "radius" or value is None
-    wrong = _wrong(head, friction, option, value, unit)
+    wrong = []
+    if option == "radius" and value is None:
+        wrong.append(f"{head}radius = None: friction in a bearing needs the radius of its pin, a positive number in m")
     if isinstance(model, Clearance):
         wrong.append(f"{head}friction of a joint with clearance belongs to its model: omit friction= and {option}=, say "
                      f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
@@ -72,18 +72,5 @@ def rubbing(problems: list[str], kind: str, name: str, friction: Any, option: st
     if wrong:
         return Rubbing()
     if not own_reaction:
-        return Rubbing(given={"friction": friction, "normal_force": float(value)})
-    return Rubbing(own={"friction": friction} | ({"radius": float(value)} if option == "radius" else {}))
-
-
-def _wrong(head: str, friction: Any, option: str, value: Any, unit: str) -> list[str]:
-    found = []
-    if not isinstance(friction, Friction):
-        found.append(f"{head}friction = {friction!r} is no friction law; give mb.Coulomb(mu, v_c), mb.LuGre(...) or None")
-    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    if option == "radius" and not (number and value > 0):
-        found.append(f"{head}radius = {value!r}: friction in a bearing needs the radius of its pin, a positive number in m")
-    if option == "normal_force" and value is not None and not (number and value >= 0):
-        found.append(f"{head}normal_force = {value!r}: give a number from 0 in {unit}, or omit it: then the joint's own reaction "
-                     f"presses")  # fmt: skip
-    return found
+        return Rubbing(given={"friction": friction, "normal_force": value})
+    return Rubbing(own={"friction": friction} | ({"radius": value} if option == "radius" else {}))

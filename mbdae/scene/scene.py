@@ -20,6 +20,7 @@ from mbdae.forces import (
     RotationalBushing,
 )
 from mbdae.scene import inertia as mass_properties
+from mbdae.scene import reading
 from mbdae.scene.beams import BeamLoad, BeamStatements
 from mbdae.scene.components import (
     Array,
@@ -30,9 +31,14 @@ from mbdae.scene.components import (
     Place,
 )
 from mbdae.scene.joints import JointStatements
+from mbdae.scene.own_laws import plain_law
+from mbdae.scene.reading import FEEDS, Told, reads
 from mbdae.scene.record import Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
+
+MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
+FRAME = reading.one_of("inertial", "body")
 
 
 class SceneData(BeamStatements, JointStatements):
@@ -40,15 +46,15 @@ class SceneData(BeamStatements, JointStatements):
 
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
         """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
-        self.name, self.space = name, space
         self.problems: list[str] = []
+        self.name = reading.name(Told(self, "scene", "name"), name)
+        head = f"scene '{self.name}'"
+        self.space = reading.one_of("auto", "planar", "spatial")(Told(self, head, "space"), space)
         self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
         self.recording = True
-        self.gravity = self._vector("scene", "gravity", gravity, "m/s^2")
-        if space not in ("auto", "planar", "spatial"):
-            self.problems.append(f"scene: space={space!r} is unknown; use 'auto', 'planar' or 'spatial'")
+        self.gravity = reading.vector("m/s^2")(Told(self, head, "gravity"), gravity)
         eye, zero = np.eye(3), np.zeros(3)
-        self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True)
+        self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
         self.bodies: list[Body] = []
         self.connections: list[Connection] = []
         self.line_loads: list[BeamLoad] = []
@@ -56,26 +62,36 @@ class SceneData(BeamStatements, JointStatements):
 
     # -- bodies
 
+    @reads(name=reading.name, mass=MASS, inertia=reading.inertia, at=reading.point, rotation=reading.rotation,
+           velocity=SPEED, angular_velocity=TURNING)  # fmt: skip
     @statement
     def rigid_body(self, name: str, mass: float, inertia: Any, at: Any = (0, 0, 0), rotation: Any = None,
                    velocity: Any = (0, 0, 0), angular_velocity: Any = (0, 0, 0)) -> Body:  # fmt: skip
         """A rigid body: `mass` kg; `inertia` about its centre of mass in body axes, kg m^2 (one number: about z; 3
         principal values; or 3x3); `at` centre of mass, m; `rotation` 3x3 (body to inertial); `velocity` m/s and
         `angular_velocity` rad/s in the inertial frame."""
-        return self._body(name, mass, inertia, at, rotation, velocity, angular_velocity)
+        R = np.eye(3) if rotation is None else rotation
+        v, w, where = (np.array(a, dtype=float) for a in (velocity, angular_velocity, at))
+        matrix, planar = mass_properties.matrix(np.asarray(inertia)), np.ndim(inertia) == 0
+        self.problems += mass_properties.problems(name, matrix, planar)
+        body = Body(name, mass, matrix, where, R, v, w, given_velocity=bool(np.any(v) or np.any(w)), outline=where[None],
+                    principal_plane=planar)  # fmt: skip
+        return self._add_body(body)
 
+    @reads(name=reading.name, mass=MASS, at=reading.point, velocity=SPEED)
     @statement
     def point_mass(self, name: str, mass: float, at: Any, velocity: Any = (0, 0, 0)) -> Body:
         """A mass point: no orientation, rotation rows of joints on it fall away."""
-        where, speed = self._vector(name, "at", at, "m"), self._vector(name, "velocity", velocity, "m/s")
-        body = Body(name, self._number(name, "mass", mass, "kg"), None, where, np.eye(3), speed, np.zeros(3),
-                    given_velocity=bool(np.any(speed)), outline=where[None], is_point=True)  # fmt: skip
+        speed = np.array(velocity, dtype=float)
+        body = Body(name, mass, None, at, np.eye(3), speed, np.zeros(3), given_velocity=bool(np.any(speed)), outline=at[None],
+                    is_point=True)  # fmt: skip
         return self._add_body(body)
 
+    @reads(name=reading.name, points=reading.point, mass=MASS, mass_per_length=reading.quantity("kg/m", "not negative"))
     @statement
     def link(self, name: str, *points: Any, mass: float | None = None, mass_per_length: float | None = None) -> Body:
         """A rigid polyline of slender rods through `points`; `mass` kg in all, or `mass_per_length` kg/m."""
-        outline = np.array([self._vector(name, f"point {i + 1}", p, "m") for i, p in enumerate(points)])
+        outline = np.array(points)
         if len(points) < 2 or not np.all(np.linalg.norm(np.diff(outline, axis=0), axis=1) > 0):
             self.problems.append(f"link '{name}': needs at least two points, each different from the one before")
             outline = np.array([np.zeros(3), np.eye(3)[0]])
@@ -83,80 +99,59 @@ class SceneData(BeamStatements, JointStatements):
             self.problems.append(f"link '{name}': give either mass (kg) or mass_per_length (kg/m)")
             mass, mass_per_length = 1.0, None
         length = float(np.sum(np.linalg.norm(np.diff(outline, axis=0), axis=1)))
-        total = self._number(name, "mass", mass if mass is not None else mass_per_length * length, "kg")  # type: ignore[operator]
+        total = mass if mass is not None else mass_per_length * length  # type: ignore[operator]
         center, J = mass_properties.of_rods(outline, total)
         body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline)
         return self._add_body(body)
 
-    def _body(self, name: str, mass: float, J: Any, at: Any, rotation: Any, velocity: Any, angular_velocity: Any) -> Body:
-        R = np.eye(3) if rotation is None else self._array(name, "rotation", rotation, (3, 3))
-        if not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
-            self.problems.append(f"body '{name}': rotation is not a rotation matrix (R R^T differs from 1 by "
-                                 f"{np.max(np.abs(R @ R.T - np.eye(3))):.2g}, det {np.linalg.det(R):.3g})")  # fmt: skip
-            R = np.eye(3)
-        v = self._vector(name, "velocity", velocity, "m/s")
-        w = self._vector(name, "angular_velocity", angular_velocity, "rad/s")
-        matrix, planar = np.zeros((3, 3)), np.ndim(J) == 0
-        if J is None:
-            self.problems.append(f"body '{name}': inertia is missing; give one number (about z), 3 values or 3x3, kg m^2")
-        else:
-            matrix = mass_properties.matrix(self._array(name, "inertia", J, None))
-            self.problems += mass_properties.problems(name, matrix, planar)
-        where = self._vector(name, "at", at, "m")
-        body = Body(name, self._number(name, "mass", mass, "kg"), matrix, where, R, v, w,
-                    given_velocity=bool(np.any(v) or np.any(w)), outline=where[None], principal_plane=planar)  # fmt: skip
-        return self._add_body(body)
-
     def _add_body(self, body: Body) -> Body:
-        if body.mass < 0:
-            self.problems.append(f"body '{body.name}': mass = {body.mass:g} kg is negative")
+        body.scene = self
         self._claim(body.name)
         self.bodies.append(body)
         return body
 
     # -- forces
 
+    @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point,
+           stiffness=reading.quantity("N/m"), damping=reading.quantity("N s/m", "not negative", FEEDS),
+           length=reading.quantity("m", "not negative"))  # fmt: skip
     @statement
     def spring(self, name: str, k: Any, l: Any, at_k: Any, at_l: Any, stiffness: float, damping: float = 0.0,
                length: float | None = None) -> Connection:  # fmt: skip
         """Spring (N/m) and damper (N s/m) between two points; natural `length` m (default: as drawn)."""
-        a, b = self._vector(name, "at_k", at_k, "m"), self._vector(name, "at_l", at_l, "m")
-        natural = float(np.linalg.norm(b - a)) if length is None else self._number(name, "length", length, "m")
-        damping = self._damping(name, "damping", damping, "N s/m")
-        if natural < 0:
-            self.problems.append(f"spring '{name}': length = {natural:g} m is negative")
+        natural = float(np.linalg.norm(at_l - at_k)) if length is None else length
         if damping and natural == 0:
             self.problems.append(f"spring '{name}': its natural length is 0 m, so its damper has no direction where the points "
                                  f"meet; use s.bushing, or give a length")  # fmt: skip
             damping = 0.0
-        law = PointSpring(name, k, l, a, at_l=b, stiffness=self._number(name, "stiffness", stiffness, "N/m"),
-                          damping=damping or None, length=natural or None)  # fmt: skip
+        law = PointSpring(name, k, l, at_k, at_l=at_l, stiffness=stiffness, damping=damping or None, length=natural or None)
         return self._connect(Connection(name, "spring", k, l, [law]))
 
+    @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point,
+           stiffness=reading.values("give 3 numbers (translation, N/m), or 6 (then rotation, N m/rad)", 3, 6),
+           damping=reading.values("give 3 numbers (translation, N s/m), or 6 (then rotation, N m s/rad)", 3, 6))  # fmt: skip
     @statement
     def bushing(self, name: str, k: Any, l: Any, at: Any, stiffness: Any, damping: Any = (0, 0, 0)) -> Connection:
         """Elastic connection: 3 translational values (N/m, N s/m), or 6 with rotations (N m/rad, N m s/rad), along k's axes."""
         values: dict[str, Any] = {}
         for what, entries, names in (("stiffness", stiffness, ("k", "r")), ("damping", damping, ("c", "s"))):
-            numbers = self._array(name, what, entries, None).ravel()
-            if numbers.size not in (3, 6):
-                self.problems.append(f"bushing '{name}': {what} has {numbers.size} values; give 3 (translation) or 6 (rotation)")
-                continue
+            numbers = np.asarray(entries, dtype=float)
             if what == "damping" and np.any(numbers < 0):
                 self.problems.append(f"bushing '{name}': damping = {numbers.tolist()} has a negative value: it would feed energy")
             for letter, part in zip(names, (numbers[:3], numbers[3:]), strict=True):
                 if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
-        where = self._vector(name, "at", at, "m")
         own = {law: {p: values[p] for p in law.params if p in values} for law in (Bushing, RotationalBushing)}
-        laws: list[Law] = [law(name, k, l, where, **numbers) for law, numbers in own.items() if numbers]
-        return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, where)]))
+        laws: list[Law] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
+        return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, at)]))
 
+    @reads(name=reading.name, body=reading.body, value=reading.components("N"), at=reading.point, frame=FRAME)
     @statement
     def force(self, name: str, body: Any, value: Any, at: Any = None, frame: str = "inertial") -> Connection:
         """Applied force, N, three numbers or expressions of mb.t, in the inertial frame or along the body's axes."""
         return self._load("force", AppliedForce, ("fx", "fy", "fz"), name, body, value, at, frame)
 
+    @reads(name=reading.name, body=reading.body, value=reading.components("N m"), frame=FRAME)
     @statement
     def torque(self, name: str, body: Any, value: Any, frame: str = "inertial") -> Connection:
         """Applied torque, N m, three numbers or expressions of mb.t."""
@@ -164,38 +159,24 @@ class SceneData(BeamStatements, JointStatements):
 
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
               frame: str) -> Connection:  # fmt: skip
-        if frame not in ("inertial", "body"):
-            self.problems.append(f"{kind} '{name}': frame={frame!r} is unknown; use 'inertial' or 'body'")
-        entries = list(value) if np.ndim(np.asarray(value, dtype=object)) == 1 else [value]
-        if len(entries) == 2:
-            entries.append(0.0)
-        if len(entries) != 3:
-            self.problems.append(f"{kind} '{name}': value has {len(entries)} components, needs 3")
-            entries = [0.0, 0.0, 0.0]
-        if isinstance(body, Place):
-            at = at if at is not None else body.point
-        components = {n: self._timed(name, f"value[{i}]", v) or None for i, (n, v) in enumerate(zip(names, entries, strict=True))}
-        where = self._place_of(body) if at is None else self._vector(name, "at", at, "m")
-        following = frame == "body"
-        load = law(name, self.ground, body, where, following=following, **components)
+        components = {n: v or None for n, v in zip(names, value, strict=True)}
+        where = _place_of(body) if at is None else at
+        load = law(name, self.ground, body, where, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
+    @reads(law=plain_law)
     @statement
     def add(self, law: Joint | Force) -> Connection:
-        """Add a joint or force law, the package's or the user's own."""
-        is_joint = isinstance(law, Joint)
-        law.at = self._vector(law.name, "at", law.at if law.at is not None else self._place_of(law.l), "m")
-        law.axis = self._axis(law.name, law.axis)
-        for key, parameter in law.params.items():
-            value = getattr(law, key)
-            if value is not None:
-                setattr(law, key, self._timed(law.name, key, value, parameter.unit))
-        kind = type(law).__name__.lower()
-        return self._connect(Connection(law.name, kind, law.k, law.l, [law], is_joint))
+        """Add a joint or force law, the package's or the user's own. The scene keeps a copy: what happens to the law afterwards
+        does not change it."""
+        if law.at is None:
+            law.at = _place_of(law.l)
+        law.axis = reading.unit(law.axis)
+        return self._connect(Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint)))
 
     def _connect(self, item: Connection) -> Connection:
         item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
-        item.k, item.l = self._resolve(item, item.k), self._resolve(item, item.l)
+        item.k, item.l = (b.body if isinstance(b, Place) else b for b in (item.k, item.l))
         for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
             if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
@@ -264,29 +245,10 @@ class SceneData(BeamStatements, JointStatements):
     # -- reading what the user wrote
 
     def _claim(self, name: str) -> None:
-        if not isinstance(name, str) or not name:
-            self.problems.append(f"an item has the name {name!r}; names are non-empty strings")
-        if name == "ground" or any(item.name == name for item in self._items):
+        if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
             self.problems.append(f"two items have the name '{name}'; give each its own")
 
-    def _resolve(self, item: Connection, body: Any) -> Body:
-        if isinstance(body, Place):
-            body = body.body
-        if isinstance(body, str):
-            for candidate in [self.ground, *self.bodies]:
-                if candidate.name == body:
-                    return candidate
-        if isinstance(body, Body) and (body is self.ground or body in self.bodies):
-            return body
-        name = body.name if isinstance(body, Body) else body
-        known = ", ".join(repr(b.name) for b in [self.ground, *self.bodies][:12])
-        self.problems.append(f"{item.kind} '{item.name}': body {name!r} is not in this scene; it has {known}")
-        zero, eye = np.zeros(3), np.eye(3)
-        return self.ground if item.k is not self.ground else Body("?", 0.0, eye, zero, eye, zero, zero)
 
-    def _place_of(self, body: Any) -> Array:
-        if isinstance(body, Place):
-            return body.point
-        if isinstance(body, str):
-            body = next((b for b in self.bodies if b.name == body), self.ground)
-        return np.asarray(body.position if isinstance(body, Body) else np.zeros(3))
+def _place_of(body: Body | Place) -> Array:
+    """Where a joint or force is that names no point: at the place, or the body's centre of mass."""
+    return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)

@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from mbdae.errors import OptionError
+from mbdae.values import BadValueError, array, number, option, shown
 
 _STIFFNESSES = {"EA": "N1", "GA2": "N2", "GA3": "N3", "GJ": "M1", "EI2": "M2", "EI3": "M3"}
 _UNITS = {**dict.fromkeys(("EA", "GA2", "GA3"), "N"), **dict.fromkeys(("GJ", "EI2", "EI3"), "N m^2")}
@@ -39,24 +38,33 @@ class Section:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        inertia = self.rotary_inertia
-        if np.shape(inertia) == ():
-            inertia = (2 * _number("rotary_inertia", inertia), inertia, inertia)
-        if np.shape(inertia) != (3,):
-            raise OptionError(f"section: rotary_inertia has shape {np.shape(inertia)}; give one number or three (kg m)")
-        object.__setattr__(self, "rotary_inertia", tuple(float(_number("rotary_inertia", j)) for j in inertia))
-        for name, unit in (*_UNITS.items(), ("mass_per_length", "kg/m"), ("damping", "s")):
-            object.__setattr__(self, name, _number(name, getattr(self, name), unit))
-        wrong = [f"{name} = {getattr(self, name):g} {unit}" for name, unit in _UNITS.items() if not getattr(self, name) > 0]
-        wrong += [f"{name} = {value:g} {unit}" for name, value, unit in self._inertias() if not 0 < value < math.inf]
+        given = self.rotary_inertia
+        try:
+            inertia = array(given, (), (3,))
+        except BadValueError as refused:
+            raise OptionError(f"section: rotary_inertia = {refused}; give one number or three, kg m") from None
+        about = inertia.tolist()
+        object.__setattr__(self, "rotary_inertia", tuple(about) if inertia.ndim else (2 * about, about, about))
+        wrong = []
+        for name, unit in _UNITS.items():
+            value = getattr(self, name)
+            rigid = isinstance(value, float) and value == math.inf
+            wrong += [] if rigid else self._read(name, unit, above=0)
+        wrong += self._read("mass_per_length", "kg/m", above=0)
+        wrong += [f"rotary_inertia[{i}] = {j:g} kg m is not positive" for i, j in enumerate(self.rotary_inertia) if j <= 0]
         if wrong:
             raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
-        if not 0 <= self.damping < math.inf:
-            raise OptionError(f"section: damping = {self.damping:g} s: give 0 or more; a negative one would feed energy")
+        wrong = self._read("damping", "s", least=0)
+        if wrong:
+            raise OptionError(f"section: {wrong[0]}: give 0 or more; a negative one would feed energy")
 
-    def _inertias(self) -> list[tuple[str, float, str]]:
-        rotary = [(f"rotary_inertia[{i}]", j, "kg m") for i, j in enumerate(self.rotary_inertia)]
-        return [("mass_per_length", self.mass_per_length, "kg/m"), *rotary]
+    def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
+        """Make a field a plain number; what is wrong with it."""
+        try:
+            object.__setattr__(self, name, number(getattr(self, name), **bounds))
+        except BadValueError as refused:
+            return [_told(name, getattr(self, name), unit, refused)]
+        return []
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -79,14 +87,15 @@ class Section:
     @classmethod
     def circular(cls, radius: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
         """Solid circle of `radius` m; E Pa, nu Poisson's ratio, rho kg/m^3."""
-        _positive(radius=(radius, "m"))
+        (radius,) = _positive(radius=(radius, "m"))
         return cls.tube(radius, 0.0, E, nu, rho, damping)
 
     @classmethod
     def tube(cls, outer: float, inner: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
         """Circular tube of radii `outer` > `inner` >= 0, m; E Pa, nu Poisson's ratio, rho kg/m^3."""
-        _positive(outer=(outer, "m"))
-        if not 0 <= _number("inner", inner, "m") < outer:
+        (outer,), nu = _positive(outer=(outer, "m")), _poisson(nu)
+        inner = option("section: inner", inner, number, "give the inner radius in m, 0 or more", least=0)
+        if not inner < outer:
             raise OptionError(f"section: inner = {inner:g} m: give 0 or more and less than outer = {outer:g} m")
         m = (inner / outer) ** 2
         k = 6 * (1 + nu) * (1 + m) ** 2 / ((7 + 6 * nu) * (1 + m) ** 2 + (20 + 12 * nu) * m)
@@ -97,7 +106,7 @@ class Section:
     def rectangular(cls, width: float, height: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
         """Rectangle, `height` m along axis 2 (in the plane of a planar beam) and `width` m along axis 3: EI3 = E width
         height^3 / 12. E Pa, nu Poisson's ratio, rho kg/m^3."""
-        _positive(width=(width, "m"), height=(height, "m"))
+        (width, height), nu = _positive(width=(width, "m"), height=(height, "m")), _poisson(nu)
         A, I2, I3 = width * height, height * width**3 / 12, width * height**3 / 12
         k = 10 * (1 + nu) / (12 + 11 * nu)
         return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping)
@@ -106,9 +115,7 @@ class Section:
     def _of_shape(cls, A: float, I: tuple[float, float, float], k: float, J: float, E: float, nu: float, rho: float,
                   damping: float) -> Section:  # fmt: skip
         """From area, polar and second moments, shear correction factor and torsion constant."""
-        _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
-        if not -1 < _number("nu", nu) <= 0.5:
-            raise OptionError(f"section: nu = {nu:g}: Poisson's ratio lies above -1 and not above 0.5")
+        E, rho = _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
         G = E / (2 * (1 + nu))
         inertia = tuple(rho * i for i in I)
         return cls(E * A, k * G * A, k * G * A, G * J, E * I[1], E * I[2], rho * A, inertia, damping)
@@ -121,19 +128,25 @@ def _torsion_of_rectangle(width: float, height: float) -> float:
     return a * b**3 * (1 / 3 - 64 * b / (math.pi**5 * a) * series)
 
 
-def _number(name: str, value: Any, unit: str = "") -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise OptionError(f"section: {name} = {value!r} is not a number{f' ({unit})' if unit else ''}") from None
-    if math.isnan(number):
-        raise OptionError(f"section: {name} = {number} {unit}: give a number")
-    return number
+def _told(name: str, value: Any, unit: str, refused: BadValueError) -> str:
+    """What is wrong with a value, its unit after it where it is a number."""
+    head, text = shown(value), str(refused)
+    return f"{name} = {head} {unit}{text[len(head):]}" if type(value) in (int, float) else f"{name} = {text} ({unit})"
 
 
-def _positive(**values: tuple[Any, str]) -> None:
-    """Refuse values that are not positive and finite, all at once."""
-    wrong = [f"{name} = {value:g} {unit}" for name, (value, unit) in values.items()
-             if not 0 < _number(name, value, unit) < math.inf]  # fmt: skip
+def _poisson(nu: Any) -> float:
+    remedy = "Poisson's ratio lies above -1 and not above 0.5"
+    return option("section: nu", nu, number, remedy, above=-1, most=0.5)
+
+
+def _positive(**values: tuple[Any, str]) -> list[float]:
+    """Plain numbers; refuses values that are not positive and finite, all at once."""
+    found, wrong = [], []
+    for name, (value, unit) in values.items():
+        try:
+            found.append(number(value, above=0))
+        except BadValueError as refused:
+            wrong.append(_told(name, value, unit, refused))
     if wrong:
         raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
+    return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import symengine as se
@@ -16,7 +16,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
-from mbdae.symbolic.rebuild import one_sided, tamed
+from mbdae.symbolic.rebuild import nodes, one_sided, tamed
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -117,6 +117,7 @@ class _Derivation:
         self.law, self.variation, self.frames = law, variation, variation.frames
 
     def run(self) -> Derived:
+        self._refuse_clashes()
         self._refuse_undefined()
         rows, vanished, undefined, g, G = self._constraints()
         force, powers = self._forces(_reactions(self.law, rows, vanished))
@@ -148,6 +149,10 @@ class _Derivation:
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
                            f"give that an expression of mb.t")  # fmt: skip
+        unknown = symbols - self._known
+        for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
+            raise LawError(f"{what} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
+                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
         for frame, quantity in self._undefined(e):
             law = type(self.law).__name__
             if frame.kind.oriented:
@@ -156,12 +161,35 @@ class _Derivation:
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body")  # fmt: skip
 
+    @cached_property
+    def _known(self) -> set[Expr]:
+        """Every symbol a statement may contain."""
+        law = self.law
+        own = {se.Symbol(name) for name in law.params} | {se.Symbol(f"state_{name}") for name in law.states} | {_TIME}
+        return own.union(*(f.symbols for f in self.frames), {se.Symbol(f"lambda_{row}") for row in self._rows})
+
+    @cached_property
+    def _rows(self) -> dict[str, Expr]:
+        """The rows of a joint as stated."""
+        return self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
+
+    def _refuse_clashes(self) -> None:
+        """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
+        law, kind = self.law, type(self.law).__name__
+        taken = dict.fromkeys(_names_of_frames(), "the frames")
+        taken |= {f"{mark}_{row}": f"row '{row}'" for row in self._rows for mark in ("lambda", "mu")}
+        taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
+        taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
+        for name in law.params:
+            if name in taken:
+                raise LawError(f"{kind}: '{name}' in params is the symbol of {taken[name]} in derivations; choose another name")
+
     def _refuse_undefined(self) -> None:
         """Raise LawError where anything but a row of a joint on a point mass is undefined for these nodes."""
         law, sides = self.law, self.frames[:2]
         stated: list[tuple[str, Any]] = []
         if isinstance(law, Joint) and self._oriented():
-            stated += [(f"row '{name}'", e) for name, e in law.constraints(*sides).items()]
+            stated += [(f"row '{name}'", e) for name, e in self._rows.items()]
             stated += [("the coordinate", law.coordinate(*sides) or _ZERO)]
             stated += [(f"the branch '{name}'", e) for name, e in law.branches(*sides).items()]
         for what, e in stated:
@@ -174,8 +202,7 @@ class _Derivation:
         undefined: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
-        stated = self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
-        for name, statement in stated.items():
+        for name, statement in self._rows.items():
             missing = self._undefined(statement)
             if missing and not any(frame.kind.oriented for frame, _ in missing):
                 vanished.append(name)
@@ -263,9 +290,24 @@ class _Derivation:
         rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
         for what, table in (("the rate", rates), ("the start", starts)):
             for n in names:
+                if n not in table:
+                    raise LawError(f"{type(self.law).__name__} states no value for {what} of its state '{n}'; "
+                                   f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
                 self._refuse(f"{what} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
+
+
+@lru_cache(maxsize=1)
+def _names_of_frames() -> tuple[str, ...]:
+    """Names of the symbols of frames on every kind of node."""
+    return tuple({str(s) for side in "bklc" for kind in NodeKind for s in make_frame(side, kind).symbols})
+
+
+def _letters(e: Any) -> set[Expr]:
+    """Letters that intermediate results have in reports: they are no symbols of the statement."""
+    found = (node for part in (e if isinstance(e, Vec) else (e,)) for node in nodes(se.sympify(part)))
+    return {n.args[1] for n in found if isinstance(n, se.FunctionSymbol) and n.get_name() == "let" and len(n.args) > 1}
 
 
 def _scaled(law: Any, e: Expr) -> Expr:

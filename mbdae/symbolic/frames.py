@@ -111,6 +111,14 @@ class Frame:
     attached: list[Vec] = field(default_factory=list)
     undefined: dict[Expr, str] = field(default_factory=dict)  #: symbols this kind of node cannot give a value, with their names
 
+    @property
+    def symbols(self) -> set[Expr]:
+        """Every symbol by which a law may read the frame, or that follows from it."""
+        seen, node = (self.r, self.v, self.x, self.y, self.z, self.w), (self.center, self.center_velocity, self.arm, self.spin)
+        scalars = (c for vector in (*seen, *node, *self.body) for c in vector)
+        named = {*self.q, *self.u, *self.parameters, *self.structure, *self.meaning}
+        return named.union(*(se.sympify(e).free_symbols for e in (*scalars, self.heading)))
+
     def to_body(self, a: Vec) -> Vec:
         """Body components of an inertial vector."""
         return Vec(*(column @ a for column in self.body))

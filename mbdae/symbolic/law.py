@@ -29,7 +29,9 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
+from mbdae.symbolic.stated import hold_to_contract
 from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.values import shown
 
 __all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "params"]
 
@@ -60,12 +62,16 @@ class Law:
     sticks: ClassVar[bool | None] = None
     follows: ClassVar[str] = ""  #: the state that follows the coordinate of the law's joint through whole turns, if any
 
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        hold_to_contract(cls, ("name", "k", "l", "at", "axis", "at_l"))
+
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name
         known = {*self.params, *self.options}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise LawError(f"{type(self).__name__} '{name}': unknown parameter {unknown[0]!r}; it has {sorted(known)}")
+            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {unknown[0]!r}; it has {sorted(known)}")
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()

@@ -6,14 +6,19 @@ part become parameters of the law, named "<option>_<parameter>"; a parameter lef
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import keyword
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import symengine as se
 
 from mbdae.errors import LawError
+from mbdae.symbolic.stated import hold_to_contract
+from mbdae.values import BadValueError, number, shown
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,27 @@ class Parameter:
 
 def params(**units: str | tuple[str, str]) -> dict[str, Parameter]:
     """Declare parameters: `params(pitch="m/rad")` or `params(pitch=("m/rad", "travel per turn"))`."""
-    return {name: Parameter(*((spec,) if isinstance(spec, str) else spec)) for name, spec in units.items()}
+    return {name: _parameter(name, spec) for name, spec in units.items()}
+
+
+def _parameter(name: str, spec: Any) -> Parameter:
+    words = (spec,) if isinstance(spec, str) else spec
+    if not (isinstance(words, tuple | list) and len(words) in (1, 2) and all(isinstance(w, str) for w in words)):
+        raise LawError(f"params: {name} = {shown(spec)} is neither a unit nor a pair (unit, meaning); write "
+                       f"{name}=('m', 'what it is')")  # fmt: skip
+    if not words[0].strip():
+        raise LawError(f"params: {name} = {shown(spec)} has no unit; give one, '1' for a pure number")
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise LawError(f"params: {name} = {shown(spec)}: '{name}' cannot be the name of an attribute; use letters, digits and _")
+    return Parameter(*map(str, words))
+
+
+def stated(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
+    """A value of a law or part as `read` returns it (see `mbdae.values`); LawError with item, name, value and what to give."""
+    try:
+        return read(value, **bounds)
+    except BadValueError as refused:
+        raise LawError(f"{item}: {key} = {refused}; {remedy}") from None
 
 
 @dataclass(frozen=True)
@@ -63,13 +88,22 @@ class Part:
     sticks: ClassVar[bool | None] = None
 
     def __init__(self, **values: Any) -> None:
-        known = (*self.params, *self.options)
+        known, kind = (*self.params, *self.options), type(self).__name__
         unknown = sorted(set(values) - set(known))
         if unknown:
-            raise LawError(f"{type(self).__name__}: unknown parameter {unknown[0]!r}; it has {list(known)}")
+            raise LawError(f"{kind}: unknown parameter {unknown[0]!r}; it has {list(known)}")
         for key in known:
             value = values.get(key)
             setattr(self, key, self._number(key, value) if key in self.params and value is not None else value)
+        try:
+            hash(tuple(values[key] for key in self.options if key in values))
+        except Exception as error:  # a hash of the user's own may raise anything
+            told = {key: shown(values[key]) for key in self.options if key in values}
+            raise LawError(f"{kind}: the options {told} cannot be kept; give numbers, text or tuples of them") from error
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        hold_to_contract(cls, ())
 
     if TYPE_CHECKING:
 
@@ -77,14 +111,20 @@ class Part:
             """Parameters, options and states are attributes by name."""
 
     def _number(self, key: str, value: Any) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = float("nan")
-        if not abs(number) < float("inf"):
-            unit = self.params[key].unit
-            raise LawError(f"{type(self).__name__}: {key} = {value!r} is not a finite number; give {unit}")
-        return number
+        unit = self.params[key].unit
+        return stated(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
+
+    def number(self, key: str, bound: str = "from 0", why: str = "") -> float:
+        """The value of a parameter that must be given and be "from 0" or "above 0"; LawError where it is not.
+
+        why: what a wrong one would do."""
+        found = getattr(self, key)
+        if found is None:
+            return self._number(key, found)
+        if found < 0 or (found == 0 and bound == "above 0"):
+            what = "negative" if found < 0 else "not positive"
+            raise self.refuse(key, f"is {what}{why and f': {why}'}; give a value {bound}")
+        return float(found)
 
     def refuse(self, key: str, why: str) -> LawError:
         """The error that names a parameter with its value and unit."""

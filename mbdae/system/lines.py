@@ -127,7 +127,7 @@ class Line:
         for load in self._loads:
             values = {name: getattr(load.law, name) for name in load.law.params if getattr(load.law, name) is not None}
             timed = {name: v for name, v in values.items() if not isinstance(v, float)}
-            if values and (load.law.follows or timed):
+            if values and (load.law.following or timed):
                 out.append((load_kernel(self.mesh, load.law, self.kind, tuple(timed)), timed))
         return out
 
@@ -137,7 +137,7 @@ class Line:
         per_length = self.gravity.copy()
         for load in self._loads:
             values = [getattr(load.law, f"f{i}") or 0.0 for i in (1, 2, 3)]
-            if not load.law.follows and all(isinstance(v, float) for v in values):
+            if not load.law.following and all(isinstance(v, float) for v in values):
                 per_length += values
         n = self.kind.translations
         out = np.zeros((*self.mesh.elements.shape, self.kind.sizes[1]))

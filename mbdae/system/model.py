@@ -170,7 +170,7 @@ def out_of_plane(scene: SceneData) -> str | None:
     for load in scene.line_loads:
         if load.law.f3 is not None:
             return f"load '{load.name}' has a component 3, out of the plane"
-        if load.law.follows and not _upright(load.beam):
+        if load.law.following and not _upright(load.beam):
             return f"load '{load.name}' follows a section whose axis 3 is not z"
     for c in scene.connections:
         for law in c.laws:

@@ -77,13 +77,6 @@ class Pump(mb.Force):
         return self.damping * (d @ (l.v - k.v - k.w.cross(d))) / (d @ d) * d, ZERO
 
 
-class NoUnit(mb.Force):
-    params = mb.params(stiffness="")
-
-    def energy(self, k: Any, l: Any) -> Any:
-        return self.stiffness * (l.r - k.r) @ (l.r - k.r) / 2
-
-
 class Gimbal(mb.Force):
     """An angle that has no derivative at half a turn."""
 
@@ -123,7 +116,6 @@ def test_own_joint_passes() -> None:
     [
         (NotObjective, {}, ["action = reaction, spatial - spatial: force x", "invariance, spatial - spatial: energy"]),
         (Pump, {}, ["power, spatial - spatial: dissipated power below zero"]),
-        (NoUnit, {}, ["parameter 'stiffness' has no unit"]),
         (Gimbal, {}, ["singular states, spatial - spatial: values half turn"]),
         (Nothing, {}, ["no variant can be derived", "does not state `constraints(self, k, l)`"]),
         (Optioned, {}, ["has the option 'power': say mb.selftest(Optioned, power=...)"]),

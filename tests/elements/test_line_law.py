@@ -80,7 +80,7 @@ def test_jacobian_at_a_point(kind, mixed):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_following_load(kind):
-    law = LineLoad("wind", f1=0.4, f2=-1.2, follows=True)
+    law = LineLoad("wind", f1=0.4, f2=-1.2, following=True)
     mesh = bent(kind, 2)
     kernel = load_kernel(mesh, law, kind, given=("f2",))
     x = random_inputs(kernel, 2)
@@ -90,7 +90,7 @@ def test_following_load(kind):
 
 
 def test_dead_load_is_constant():
-    law, mesh = LineLoad("snow", f2=-2.0, follows=False), bent(NodeKind.PLANAR, 2)
+    law, mesh = LineLoad("snow", f2=-2.0, following=False), bent(NodeKind.PLANAR, 2)
     kernel = load_kernel(mesh, law, NodeKind.PLANAR)
     values = kernel.values(random_inputs(kernel, 2)).reshape(2, 3, 3)
     assert values[..., 1] == pytest.approx(2.0 * mesh.lumped)

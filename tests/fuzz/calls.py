@@ -270,15 +270,15 @@ CALLS: dict[str, Call] = {
 
 FLAGS = {"a truth value", "numpy's"}
 TEXT = {"text", "digits as text"}
-LISTS = {"a list", "a nested list", "a range", "an array", "one entry"}
+LISTS = {"a list", "a nested list", "a range", "an array", "one entry", "a matrix"}
 ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
-    **{(c, "atol"): ({"a list", "one entry"}, "one number per unknown") for c in ("IDA", "CVODE", "RadauIIA")},
+    **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown") for c in ("IDA", "CVODE", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
-    ("Index1", "baumgarte"): ({"a list"}, "a pair"),
+    ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
@@ -314,12 +314,13 @@ SIZES: list[tuple[set[str], str]] = [
 def legitimate(name: str, option: str) -> set[str]:
     """Hostile values that an option takes."""
     sizes: set[str] = set().union(*(values for values, takers in SIZES if f"{name}.{option}" in takers.split()))
-    return sizes | LEGITIMATE.get((name, option), (set(), ""))[0]
+    taken = sizes | LEGITIMATE.get((name, option), (set(), ""))[0]
+    return taken | ({"a matrix"} if "a nested list" in taken else set())  # of one row and column
 
 
 #: (callable, option) -> values that are refused in other words, and what those name
 OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
-    ("Switches", "weights"): ({"a list", "a nested list", "a range", *NUMBERS}, "the numbers of each"),
+    ("Switches", "weights"): ({"a list", "a nested list", "a matrix", "a range", *NUMBERS}, "the numbers of each"),
     ("DAE", "y0"): ({"a list", "one entry", "a range"}, "yp0, which no longer fits"),
     ("DAE", "yp0"): ({"a range"}, "the equation that the start does not satisfy"),
     ("audit", "laws"): ({"a dict"}, "the entry"), ("extremes", "vary"): ({"a dict"}, "the entry"),

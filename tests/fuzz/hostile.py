@@ -26,6 +26,8 @@ NO_NUMBERS: dict[str, Any] = {
     "a class": float, "a module": math, "an object": object(), "no repr": Loud(), "one entry": np.array([1.0]),
     "an array": np.ones((2, 2)), "an array of objects": np.array([None, "x"], dtype=object), "a free symbol": sp.Symbol("w"),
     "a generator": (i for i in range(3)), "a range": range(3), "not a time": np.datetime64("2020-01-01"), "ellipsis": ...,
+    "a duration": np.timedelta64(1, "s"), "masked": np.ma.masked, "a masked entry": np.ma.array([1.0, 2.0], mask=[True, False]),
+    "a condition": sp.Symbol("w") > 1, "a matrix": sp.Matrix([1.0]), "a lambda": lambda t: t, "a bytearray": bytearray(b"1"),
 }  # fmt: skip
 #: numbers that no calculation survives
 NO_USE: dict[str, Any] = {

@@ -35,30 +35,30 @@ def problems(s: mb.Scene) -> list[str]:
     [
         (lambda s: s.link("a", (1, 0), (2, 0), mass=1), "two items have the name 'a'; give each its own"),
         (lambda s: s.point_mass("ground", 1, (0, 0)), "two items have the name 'ground'; give each its own"),
-        (lambda s: s.point_mass("", 1, (0, 0)), "an item has the name ''; names are non-empty strings"),
-        (lambda s: s.revolute("R", s.ground, "b", at=(0, 0)), "revolute 'R': body 'b' is not in this scene; it has 'ground', 'a'"),
+        (lambda s: s.point_mass("", 1, (0, 0)), "name = '' is empty; give every item a name of its own, text such as 'rod'"),
+        (lambda s: s.revolute("R", s.ground, "b", at=(0, 0)), "revolute 'R': l = 'b' is no body of this scene; it has 'ground', 'a'"),
         (lambda s: s.spherical("S", "a", "a", at=(0, 0)), "spherical 'S': connects 'a' with itself; name two different bodies"),
-        (lambda s: s.link("b", (0, 0), (1, 0), mass=-2), "body 'b': mass = -2 kg is negative"),
+        (lambda s: s.link("b", (0, 0), (1, 0), mass=-2), "link 'b': mass = -2 kg is negative; give a number from 0 in kg"),
         (lambda s: s.link("b", (0, 0), mass=1), "link 'b': needs at least two points, each different from the one before"),
         (lambda s: s.link("b", (0, 0), (1, 0)), "link 'b': give either mass (kg) or mass_per_length (kg/m)"),
-        (lambda s: s.rigid_body("b", math.nan, 1), "'b': mass = nan kg is not finite"),
-        (lambda s: s.rigid_body("b", "heavy", 1), "'b': mass = 'heavy' is not a number (kg)"),
+        (lambda s: s.rigid_body("b", math.nan, 1), "rigid body 'b': mass = nan is not finite; give a number from 0 in kg"),
+        (lambda s: s.rigid_body("b", "heavy", 1), "'b': mass = 'heavy' is not a number; give a number from 0 in kg"),
         (lambda s: s.rigid_body("b", 1, -1.0), "body 'b': inertia has the negative principal moment -1 kg m^2"),
         (lambda s: s.rigid_body("b", 1, (1, 1, 5)), "body 'b': principal moments 1, 1, 5 kg m^2 violate the triangle inequality"),
         (lambda s: s.rigid_body("b", 1, [[1, 2, 0], [0, 3, 0], [0, 0, 3]]), "body 'b': inertia matrix is not symmetric"),
-        (lambda s: s.rigid_body("b", 1, (1, 2)), "body 'b': inertia has shape (2,); give one number, 3 values or 3x3 (kg m^2)"),
-        (lambda s: s.rigid_body("b", 1, None), "body 'b': inertia is missing; give one number (about z)"),
-        (lambda s: s.rigid_body("b", 1, 1, at=(0, math.inf)), "'b': at = [0.0, inf] is not finite"),
-        (lambda s: s.rigid_body("b", 1, 1, rotation=np.ones((3, 3))), "body 'b': rotation is not a rotation matrix"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), axis=(0, 0, 0)), "'R': axis = [0, 0, 0] has length zero; give a direction"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0, 0, 0)), "'R': at has shape (4,), needs 2 or 3 numbers (m)"),
+        (lambda s: s.rigid_body("b", 1, (1, 2)), "body 'b': inertia = (1, 2) has shape (2,); give one number (about z), 3 values or 3x3 (kg m^2)"),
+        (lambda s: s.rigid_body("b", 1, None), "body 'b': inertia = None: it is missing; give one number (about z)"),
+        (lambda s: s.rigid_body("b", 1, 1, at=(0, math.inf)), "'b': at = (0, inf): inf is not finite; give 2 or 3 numbers, m"),
+        (lambda s: s.rigid_body("b", 1, 1, rotation=np.ones((3, 3))), "is not a rotation matrix (R R^T differs from 1 by 3, det 0)"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), axis=(0, 0, 0)), "'R': axis = [0.0, 0.0, 0.0] has length zero; give a direction"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0, 0, 0)), "'R': at = (0, 0, 0, 0) has shape (4,); give 2 or 3 numbers, m"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), damper=-1), "'R': damper = -1 N m s/rad is negative: it would feed energy"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), spring=math.inf), "'R': spring = inf N m/rad is not finite"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle0="x"), "'R': angle0 = 'x' is not a number (rad)"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), spring=math.inf), "'R': spring = inf is not finite; give a number in N m/rad"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle0="x"), "'R': angle0 = 'x' is not a number; give a number in rad"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=t, rate0=1), "fixes the start already; omit rate0 = 1"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), model="recursive"), "model='recursive' is not a joint model"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), model="recursive"), "model = 'recursive' is not a joint model"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.Symbol("w") * t), "contains the symbol w; only mb.t may appear"),
-        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle="t"), "'R': angle: 't' is neither a number nor an expression of mb.t"),
+        (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle="t"), "'R': angle = 't' is neither a number nor an expression of mb.t; its unit is rad"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.gamma(t)), "contains the function gamma; expressions of mb.t may use sin"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.DiracDelta(t)), "contains the function DiracDelta"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), angle=sp.I * t), "is not real"),
@@ -67,11 +67,11 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.spring("S", s.ground, "a", (0, 0), (1, 0), 1, damping=-3), "'S': damping = -3 N s/m is negative"),
         (lambda s: s.spring("S", s.ground, "a", (0, 0), (1, 0), 1, length=-1), "spring 'S': length = -1 m is negative"),
         (lambda s: s.spring("S", s.ground, "a", (1, 0), (1, 0), 1, damping=1), "its damper has no direction where the points meet; use s.bushing"),
-        (lambda s: s.bushing("B", s.ground, "a", (0, 0), (1, 2)), "bushing 'B': stiffness has 2 values; give 3 (translation) or 6"),
+        (lambda s: s.bushing("B", s.ground, "a", (0, 0), (1, 2)), "bushing 'B': stiffness = (1, 2) has shape (2,), needs (3,) or (6,); give 3 numbers (translation, N/m), or 6"),
         (lambda s: s.bushing("B", s.ground, "a", (0, 0), (1, 1, 1), (1, -1, 1)), "bushing 'B': damping = [1.0, -1.0, 1.0] has a negative value"),
-        (lambda s: s.force("F", "a", (1, "x", 2)), "'F': value[1]: 'x' is neither a number nor an expression of mb.t"),
-        (lambda s: s.force("F", "a", (1, 2, 3, 4)), "force 'F': value has 4 components, needs 3"),
-        (lambda s: s.force("F", "a", (1, 0, 0), frame="foo"), "force 'F': frame='foo' is unknown; use 'inertial' or 'body'"),
+        (lambda s: s.force("F", "a", (1, "x", 2)), "'F': value[1] = 'x' is neither a number nor an expression of mb.t"),
+        (lambda s: s.force("F", "a", (1, 2, 3, 4)), "force 'F': value = (1, 2, 3, 4) has shape (4,); give 2 or 3 components"),
+        (lambda s: s.force("F", "a", (1, 0, 0), frame="foo"), "force 'F': frame = 'foo' is unknown; use 'inertial' or 'body'"),
     ],
 )  # fmt: skip
 def test_statement(say: Callable[[mb.Scene], Any], finding: str) -> None:
@@ -88,8 +88,8 @@ def test_all_problems_at_once() -> None:
     s.revolute("R", "a", "nobody", at=(0, 0), axis=(0, 0, 0), angle=sp.Heaviside(t - 1))
     s.force("F", "a", (1 / t, 0, 0))
     found = problems(s)
-    assert [p for p in found if "space='flat' is unknown" in p]
-    for words in ("triangle inequality", "mass = -1 kg", "'nobody' is not in this scene", "axis = [0, 0, 0]", "jumps by 1 rad", "fx = t**(-1)"):
+    assert [p for p in found if "space = 'flat' is unknown" in p]
+    for words in ("triangle inequality", "mass = -1 kg", "'nobody' is no body of this scene", "axis = [0.0, 0.0, 0.0]", "jumps by 1 rad", "fx = t**(-1)"):
         assert [p for p in found if words in p], words
     assert len(found) == 7
 

@@ -39,35 +39,35 @@ def broken(s: float) -> Any:
 @pytest.mark.parametrize(
     ("say", "finding"),
     [
-        (lambda s: beam(s, section="IPE 80"), "beam 'c': section='IPE 80' is not a cross-section; give mb.Section(...)"),
+        (lambda s: beam(s, section="IPE 80"), "beam 'c': section = 'IPE 80' is no cross-section; give mb.Section(...)"),
         (lambda s: beam(s, section=mb.Section(math.inf, 1, 1, 1, 1, 1, 1, 1)), "beam 'c': section.EA is infinite: a scene needs"),
-        (lambda s: beam(s, elements=0), "beam 'c': elements = 0: give an integer of at least 1 (the segments)"),
-        (lambda s: beam(s, elements=2.5), "beam 'c': elements = 2.5: give an integer of at least 1"),
+        (lambda s: beam(s, elements=0), "beam 'c': elements = 0 is not between 1 and 100000; give a whole number from 1"),
+        (lambda s: beam(s, elements=2.5), "beam 'c': elements = 2.5 is not a whole number; give a whole number from 1"),
         (lambda s: beam(s, elements=(2, 2)), "beam 'c': elements = (2, 2): give an integer of at least 1"),
         (lambda s: beam(s, "c", (0, 1), (1, 1), (1, 2), elements=1), "beam 'c': elements = 1: give an integer of at least 2 (the segments), or 2 positive ones"),
-        (lambda s: beam(s, "c", (0, 1), (1, 1), (1, 2), elements=(2, -1)), "beam 'c': elements = (2, -1): give an integer of at least 2"),
-        (lambda s: beam(s, order=5), "beam 'c': order = 5: give 1, 2, 3 or 4"),
-        (lambda s: beam(s, order=2.0), "beam 'c': order = 2.0: give 1, 2, 3 or 4"),
+        (lambda s: beam(s, "c", (0, 1), (1, 1), (1, 2), elements=(2, -1)), "beam 'c': elements = (2, -1): -1 is not between 1 and 100000"),
+        (lambda s: beam(s, order=5), "beam 'c': order = 5 is not between 1 and 4; give a whole number from 1 to 4"),
+        (lambda s: beam(s, order=2.5), "beam 'c': order = 2.5 is not a whole number; give a whole number from 1 to 4"),
         (lambda s: beam(s, "c", (0, 1), (0, 1)), "beam 'c': needs at least two points, each different from the one before"),
         (lambda s: beam(s, "c", (0, 1)), "beam 'c': needs at least two points"),
-        (lambda s: beam(s, "c", (0, 1), (0, 1, 2, 3)), "'c': point 2 has shape (4,), needs 2 or 3 numbers (m)"),
+        (lambda s: beam(s, "c", (0, 1), (0, 1, 2, 3)), "'c': point 2 = (0, 1, 2, 3) has shape (4,); give 2 or 3 numbers, m"),
         (lambda s: beam(s, axis2=(1, 0, 0)), "beam 'c': axis2 = [1.0, 0.0, 0.0] is parallel to the line somewhere: give a direction across it"),
-        (lambda s: beam(s, axis2=(0, 0, 0)), "beam 'c': axis2 = [0.0, 0.0, 0.0] has length zero; give a direction across the beam"),
-        (lambda s: beam(s, velocity=(1, math.nan)), "'c': velocity = [1.0, nan] is not finite"),
+        (lambda s: beam(s, axis2=(0, 0, 0)), "beam 'c': axis2 = [0.0, 0.0, 0.0] has length zero; give a direction"),
+        (lambda s: beam(s, velocity=(1, math.nan)), "'c': velocity = (1, nan): nan is not finite"),
         (lambda s: beam(s, "b"), "two items have the name 'b'; give each its own"),
-        (lambda s: beam(s, curve="spline"), "beam 'c': curve='spline' with 2 points: give 'arc' and three points, or a function of a parameter from 0 to 1"),
+        (lambda s: beam(s, curve="spline"), "beam 'c': curve = 'spline' is no curve; give 'arc' and three points, or a function of a parameter from 0 to 1"),
         (lambda s: beam(s, "c", (0, 1), (1, 1), (2, 1), curve="arc"), "beam 'c': the three points of an arc lie on a line: give a point off it, or a straight beam"),
-        (lambda s: beam(s, "c", (0, 1), (1, 1), curve=lambda x: (x, x)), "with 2 points: leave them out, the curve gives all points"),
-        (lambda s: beam(s, curve=broken), "'c': curve(0) fails (ZeroDivisionError: no value); give a function of a parameter from 0 to 1 that returns 2 or 3 coordinates, m"),
-        (lambda s: beam(s, curve=lambda x: x), "'c': curve(0) has shape (), needs 2 or 3 numbers (m)"),
-        (lambda s: beam(s, curve=lambda x: (1.0, 2.0)), "beam 'c': its curve stands still at the parameter 0; give one that moves on there"),
-        (lambda s: beam(s, curve=lambda x: (x, x), elements=0), "beam 'c': elements = 0: give an integer of at least 1"),
-        (lambda s: s["b"].load((0, 1), frame="body"), "load 'load on b': frame='body' is unknown; use 'inertial' or 'section'"),
-        (lambda s: s["b"].load(5.0), "load 'load on b': per_length = 5.0: give 2 or 3 components (N/m)"),
-        (lambda s: s["b"].load((1, 2, 3, 4)), "load 'load on b': per_length = (1, 2, 3, 4): give 2 or 3 components (N/m)"),
-        (lambda s: s["b"].load((0, "w")), "'load on b': per_length[1]: 'w' is neither a number nor an expression of mb.t"),
-        (lambda s: s.line_load("F", s.link("r", (0, 1), (1, 1), mass=1), (0, 1)), "load 'F': 'r' is not a beam of this scene; give one, or use s.force for a rigid body"),
-        (lambda s: s.line_load("F", "d", (0, 1)), "load 'F': 'd' is not a beam of this scene"),
+        (lambda s: beam(s, "c", (0, 1), (1, 1), curve=lambda x: (x, x)), "with 2 points; leave them out, the curve gives all points"),
+        (lambda s: beam(s, curve=broken), "fails at the parameter 0 (ZeroDivisionError: no value); give a function of a parameter from 0 to 1 that returns 2 or 3 coordinates, m"),
+        (lambda s: beam(s, curve=lambda x: x), "'c': curve(0) = np.float64(0.0) has shape (); give 2 or 3 numbers, m"),
+        (lambda s: beam(s, curve=lambda x: (1.0, 2.0)), "stands still at the parameter 0; give one that moves on there"),
+        (lambda s: beam(s, curve=lambda x: (x, x), elements=0), "beam 'c': elements = 0 is not between 1"),
+        (lambda s: s["b"].load((0, 1), frame="body"), "load 'load on b': frame = 'body' is unknown; use 'inertial' or 'section'"),
+        (lambda s: s["b"].load(5.0), "load 'load on b': per_length = 5.0 is no list; give 2 or 3 components, numbers or expressions of mb.t, N/m"),
+        (lambda s: s["b"].load((1, 2, 3, 4)), "load 'load on b': per_length = (1, 2, 3, 4) has shape (4,); give 2 or 3 components"),
+        (lambda s: s["b"].load((0, "w")), "'load on b': per_length[1] = 'w' is neither a number nor an expression of mb.t"),
+        (lambda s: s.line_load("F", s.link("r", (0, 1), (1, 1), mass=1), (0, 1)), "load 'F': beam = 'r' is not a beam of this scene; give one, or use s.force for a rigid body"),
+        (lambda s: s.line_load("F", "d", (0, 1)), "load 'F': beam = 'd' is no body of this scene"),
         (lambda s: s.revolute("R", s.ground, "b", at=(0.5001, 0)), "revolute 'R': its place [0.5001, 0.0, 0.0] m on beam 'b' is 0.0001 m from a node and would leave an element as short as that: attach at the node, [0.5, 0.0, 0.0] m, or move it away from there"),
         (lambda s: s.force("F", s["b"].at(0.99999), (0, 1)), "force 'F': its place [0.99999, 0.0, 0.0] m on beam 'b' is 1e-05 m from a node"),
     ],
@@ -83,10 +83,10 @@ def test_statement(say: Callable[[mb.Scene], Any], finding: str) -> None:
 @pytest.mark.parametrize(
     ("make", "finding"),
     [
-        (lambda: mb.Section(1, 1, 1, 1, -2, 0, 1, 1), "section: EI2 = -2 N m^2, EI3 = 0 N m^2: give positive numbers"),
-        (lambda: mb.Section(1, 1, 1, 1, 1, 1, 0, -1), "section: mass_per_length = 0 kg/m, rotary_inertia[0] = -2 kg m, rotary_inertia[1] = -1 kg m"),
-        (lambda: mb.Section.circular(-0.1, 1, 0.3, 1), "section: radius = -0.1 m: give positive numbers"),
-        (lambda: mb.Section.circular(0.1, 1, 0.3, 1, damping=-1), "section: damping = -1 s: give 0 or more; a negative one would feed energy"),
+        (lambda: mb.Section(1, 1, 1, 1, -2, 0, 1, 1), "section: EI2 = -2 N m^2 is not positive, EI3 = 0 N m^2 is not positive: give positive numbers"),
+        (lambda: mb.Section(1, 1, 1, 1, 1, 1, 0, -1), "section: mass_per_length = 0 kg/m is not positive, rotary_inertia[0] = -2 kg m is not positive, rotary_inertia[1] = -1 kg m"),
+        (lambda: mb.Section.circular(-0.1, 1, 0.3, 1), "section: radius = -0.1 m is not positive: give positive numbers"),
+        (lambda: mb.Section.circular(0.1, 1, 0.3, 1, damping=-1), "section: damping = -1 s is not 0 or more: give 0 or more; a negative one would feed energy"),
     ],
 )
 def test_section(make: Callable[[], Any], finding: str) -> None:
@@ -101,8 +101,8 @@ def test_all_problems_at_once() -> None:
     s.revolute("R", "b", c, at=(0.4999, 0), axis=(0, 0, 0))
     c.load((0, 1 / mb.t), frame="body")
     found = problems(s)
-    expected = ("section=None", "elements = -1", "order = 5", "axis2 = [2.0, 0.0, 0.0]", "velocity has shape (4,)", "axis = [0, 0, 0]",
-                "0.0001 m from a node", "frame='body'", "f2 = t**(-1)")  # fmt: skip
+    expected = ("section = None", "elements = -1", "order = 5", "axis2 = [2.0, 0.0, 0.0]", "velocity = (1, 2, 3, 4) has shape (4,)", "axis = [0.0, 0.0, 0.0]",
+                "0.0001 m from a node", "frame = 'body'", "f2 = t**(-1)")  # fmt: skip
     for words in expected:
         assert [p for p in found if words in p], words
     assert len(found) == len(expected)

@@ -179,10 +179,10 @@ def problems(scene: mb.Scene) -> str:
 
 @pytest.mark.parametrize(("model", "words"), [
     (lambda: mb.Clearance(0.02, 0.0201, HERTZ), "model.inner = 0.0201 m is larger than model.outer = 0.02 m"),
-    (lambda: mb.Clearance(-0.02, 0.0201, HERTZ), "model.outer = -0.02 m: give a positive length"),
+    (lambda: mb.Clearance(-0.02, 0.0201, HERTZ), "model.outer = -0.02 m is negative; give a positive number in m"),
     (lambda: mb.Clearance(0.0201, 0.02, 1e9), "model.normal = 1000000000.0 is no normal law"),
     (lambda: mb.Clearance(0.0201, 0.02, HERTZ, friction=0.3), "model.friction = 0.3 is no friction law"),
-    (lambda: mb.Clearance(0.0201, 0.02, HERTZ, length=0.0), "model.length = 0.0 m"),
+    (lambda: mb.Clearance(0.0201, 0.02, HERTZ, length=0.0), "model.length = 0 m is not positive"),
 ])  # fmt: skip
 def test_wrong_clearances_are_refused_by_name(model: Any, words: str) -> None:
     text = problems(crank(loose="").replace("B", model=model()))

@@ -325,7 +325,7 @@ def test_reaction_that_is_shared_is_refused() -> None:
     [
         ({"friction": 0.3, "radius": 0.1}, "friction = 0.3 is no friction law; give mb.Coulomb"),
         ({"friction": DRY}, "radius = None: friction in a bearing needs the radius of its pin"),
-        ({"friction": DRY, "radius": -0.1}, "radius = -0.1: friction in a bearing needs"),
+        ({"friction": DRY, "radius": -0.1}, "radius = -0.1 m is negative; give a positive number in m"),
         ({"radius": 0.1}, "radius = 0.1 m does nothing without friction="),
         ({"friction": DRY, "radius": 0.1, "model": mb.Recursive()}, "a recursive joint has none among .* use model=mb.Kin"),
         ({"friction": DRY, "radius": 0.1, "model": mb.Clearance(0.11, 0.1, mb.Hertz(1e8))}, r"say model=mb.Clear.*friction="),
@@ -342,9 +342,9 @@ def test_bad_friction_of_a_revolute(said: dict[str, Any], words: str) -> None:
     ("said", "words"),
     [
         ({"friction": "dry"}, "friction = 'dry' is no friction law"),
-        ({"friction": DRY, "normal_force": -1.0}, "normal_force = -1.0: give a number from 0"),
-        ({"friction": DRY, "normal_force": "heavy"}, "normal_force = 'heavy': give a number from 0"),
-        ({"normal_force": 1.0}, "normal_force = 1.0 N does nothing without friction="),
+        ({"friction": DRY, "normal_force": -1.0}, "normal_force = -1 N is negative; give a number from 0 in N"),
+        ({"friction": DRY, "normal_force": "heavy"}, "normal_force = 'heavy' is not a number; give a number from 0 in N"),
+        ({"normal_force": 1.0}, "normal_force = 1 N does nothing without friction="),
         ({"friction": DRY, "model": mb.Recursive()}, r"use model=mb.Kinematic\(\) or a given normal_force"),
     ],
 )  # fmt: skip

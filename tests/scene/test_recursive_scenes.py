@@ -81,7 +81,7 @@ def wholly_prescribed() -> mb.Scene:
         (wholly_prescribed, ("scene 'robot'", "nothing to solve for", "model=mb.Kinematic()")),
         (recursive_loop, ("'D'", "closes a loop", "among them 'A'", "model=mb.Kinematic() for one joint", "s.recursive()")),
         (on_point_mass, ("revolute 'hinge'", "needs an orientation of 'bob'", "s.rigid_body", "model=mb.Kinematic()")),
-        (not_a_model, ("revolute 'hinge'", "model='recursive' is not a joint model", "mb.Recursive()")),
+        (not_a_model, ("revolute 'hinge'", "model = 'recursive' is not a joint model", "mb.Recursive()")),
         (lambda: spring_chain().replace("J1", model=mb.Recursive), ("is not a joint model", "mb.Recursive()")),  # type: ignore[arg-type]
     ],
 )

@@ -71,7 +71,7 @@ def test_values_that_are_refused(name, value):
 
 
 def test_all_wrong_values_are_told_at_once():
-    with pytest.raises(OptionError, match=r"EA = -1 N, mass_per_length = 0 kg/m"):
+    with pytest.raises(OptionError, match=r"EA = -1 N is not positive, mass_per_length = 0 kg/m"):
         Section(**{**GIVEN, "EA": -1, "mass_per_length": 0})
 
 

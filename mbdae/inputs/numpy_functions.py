@@ -1,0 +1,70 @@
+"""NumPy's functions of expressions of time: `np.sin(2*mb.t)` is `sympy.sin(2*mb.t)`.
+
+NumPy asks an object for a method of the function's name before anything of mbdae is called, and an expression such as 2*mb.t is
+SymPy's own object. So SymPy's expressions learn these methods, where they have none, as soon as `mb.t` is used. What needs the
+value of mb.t (math.sin, float, if, np.where, np.maximum) cannot work before a run: SymPy's TypeError says then what to write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from typing import Any
+
+from mbdae.errors import ExpressionError
+from mbdae.values import shown
+
+_NUMBER = "write it with the functions of SymPy, such as sympy.sin(mb.t) for math.sin(mb.t)"
+_CONDITION = ("write sympy.Piecewise((a, condition), (b, True)), or sympy.Max, sympy.Min, sympy.sign, sympy.Heaviside, for what "
+              "switches")  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def teach() -> None:
+    """Give SymPy's expressions the methods by which NumPy calls its functions; once."""
+    import sympy as sp
+    from sympy.core.relational import Relational
+
+    known: dict[str, Callable[..., Any]] = {name: getattr(sp, name) for name in (
+        "sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")}  # fmt: skip
+    known |= {"arc" + name: getattr(sp, "a" + name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+    known |= {
+        "log2": lambda x: sp.log(x) / sp.log(2), "log10": lambda x: sp.log(x) / sp.log(10), "log1p": lambda x: sp.log(1 + x),
+        "exp2": lambda x: sp.Integer(2) ** x, "expm1": lambda x: sp.exp(x) - 1, "hypot": lambda x, y: sp.sqrt(x**2 + y**2),
+        "deg2rad": lambda x: x * sp.pi / 180, "rad2deg": lambda x: x * 180 / sp.pi,
+        "radians": lambda x: x * sp.pi / 180, "degrees": lambda x: x * 180 / sp.pi,
+        "__floor__": sp.floor, "__ceil__": sp.ceiling,
+        "rint": _refusal("np.rint and np.round", "sympy.floor(x + sympy.Rational(1, 2))"),
+        "arctan2": _refusal("np.arctan2", "sympy.atan(y/x)"), "cbrt": _refusal("np.cbrt", "x**sympy.Rational(1, 3)"),
+    }  # fmt: skip
+    for name, function in known.items():
+        if not hasattr(sp.Expr, name):
+            setattr(sp.Expr, name, _method(function))
+    sp.Expr.__float__ = _told(sp.Expr.__float__, _NUMBER)
+    Relational.__bool__ = _told(Relational.__bool__, _CONDITION)
+
+
+def _method(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda *args: function(*args)
+
+
+def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
+    def refuse(*args: Any) -> Any:
+        raise ExpressionError(f"{shown(args[0])}: {asked} of an expression: write {remedy}")
+
+    return refuse
+
+
+def _told(method: Callable[[Any], Any], remedy: str) -> Any:
+    """The method, its TypeError for expressions of mb.t with the remedy; it stays a TypeError."""
+
+    @wraps(method)
+    def told(self: Any) -> Any:
+        try:
+            return method(self)
+        except TypeError as error:
+            if any(s.name == "t" for s in self.free_symbols if hasattr(s, "name")):
+                raise ExpressionError(f"{shown(self)} has no value before a run ({error}): {remedy}") from error
+            raise
+
+    return told

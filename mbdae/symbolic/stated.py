@@ -1,0 +1,202 @@
+"""What a class of laws or parts states, held against its contract: names when the class is made, results when a method is asked.
+
+Every method of the contract (see `symbolic/law.py`, friction and normal laws) is wrapped where a class defines it. An exception
+of the user's own code, or a result of another kind than the contract says, becomes a LawError that names class and method.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import LawError, MbdaeError
+from mbdae.values import BadValueError, number, shown
+
+Check = Callable[[Any], Any]
+UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
+OF_STATES = ("rate", "rates", "initial")  #: methods that nobody asks where there are no states
+FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
+_NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
+
+
+class _WrongError(Exception):
+    """A result of another kind than the contract says; the text says what it is and what is wanted."""
+
+
+# ---- what a method must return ----------------------------------------------------------------------------------------------
+
+
+def _expression(e: Any) -> Any:
+    if e is None or callable(getattr(e, "cross", None)) or isinstance(e, _NO_EXPRESSIONS) or _is_condition(e):
+        raise _WrongError(f"{shown(e)}, which is no expression (a number)")
+    try:
+        if isinstance(e, int | float | np.number) or type(e).__module__.partition(".")[0] == "sympy":
+            e = se.sympify(number(e) if not getattr(e, "free_symbols", None) else e)
+    except Exception as error:  # NaN, infinite, or what symengine does not know
+        raise _WrongError(f"{shown(e)}, which is no finite number or expression") from error
+    return e
+
+
+def _is_condition(e: Any) -> bool:
+    return type(e).__name__ in ("BooleanTrue", "BooleanFalse") or "Than" in type(e).__name__
+
+
+def _vector(v: Any) -> Any:
+    if not callable(getattr(v, "cross", None)) or isinstance(v, np.ndarray):
+        raise _WrongError(f"{shown(v)}, which is no vector; vectors are made of those of the frames, or by Vec(x, y, z)")
+    return v
+
+
+def _by_name(entry: Check) -> Check:
+    def read(found: Any) -> Any:
+        if not isinstance(found, Mapping):
+            raise _WrongError(f"{shown(found)}, which is no dictionary; return {{'name': expression, ...}}")
+        for name in found:
+            if not isinstance(name, str) or not name:
+                raise _WrongError(f"the name {shown(name)}; names are text")
+        return {name: _part(entry, e, f"'{name}'") for name, e in found.items()}
+
+    return read
+
+
+def _part(entry: Check, e: Any, where: str) -> Any:
+    try:
+        return entry(e)
+    except _WrongError as wrong:
+        raise _WrongError(f"as {where} {wrong}") from wrong.__cause__
+
+
+def _several(entry: Check, count: int | None = None) -> Check:
+    def read(found: Any) -> Any:
+        if isinstance(found, str | bytes | Mapping) or not isinstance(found, Sequence):
+            raise _WrongError(f"{shown(found)}, which is no list")
+        if count is not None and len(found) != count:
+            raise _WrongError(f"{len(found)} parts, where {count} are needed: {shown(found)}")
+        return [_part(entry, e, f"part {i + 1}") for i, e in enumerate(found)]
+
+    return read
+
+
+def _pair(entry: Check) -> Check:
+    several = _several(entry, 2)
+    return lambda found: tuple(several(found))
+
+
+def _or_none(read: Check) -> Check:
+    return lambda found: None if found is None else read(found)
+
+
+def _word(found: Any) -> Any:
+    if found not in UNDEFINED:
+        raise _WrongError(f"{shown(found)}, which is none of {', '.join(map(repr, UNDEFINED))}")
+    return found
+
+
+def _size(found: Any) -> Any:
+    """A number, or numbers of an array."""
+    try:
+        if np.ndim(found) == 0:
+            return number(found) if not (isinstance(found, float) and math.isinf(found)) else found
+    except BadValueError as wrong:
+        raise _WrongError(str(wrong)) from None
+    return found
+
+
+RETURNS: dict[str, tuple[Check, str]] = {
+    "constraints": (_by_name(_expression), "a dictionary of rows that vanish, {'name': expression}"),
+    "branches": (_by_name(_expression), "a dictionary of expressions by name"),
+    "losses": (_by_name(_expression), "a dictionary of powers by cause, {'friction': expression}"),
+    "rates": (_by_name(_expression), "a dictionary with the time derivative of every state"),
+    "rate": (_by_name(_expression), "a dictionary with the time derivative of every state"),
+    "initial": (_by_name(_expression), "a dictionary with the start value of every state"),
+    "strains": (_by_name(_expression), "a dictionary of strains by the name of their stress"),
+    "observed": (_by_name(_several(_expression)), "a dictionary of lists of expressions"),
+    "coordinate": (_or_none(_expression), "an expression (rad or m), or None"),
+    "energy": (_expression, "an expression, J"), "dissipation": (_expression, "an expression, W"),
+    "kinetic_energy": (_expression, "an expression, J"), "damping_force": (_expression, "an expression, N"),
+    "elastic_force": (_expression, "an expression, N"), "coefficient": (_expression, "an expression, a pure number"),
+    "stored": (_expression, "an expression, m"),
+    "wrench": (_or_none(_pair(_vector)), "(force, torque), two vectors, or None"),
+    "resistance": (_or_none(_pair(_vector)), "(force, torque), two vectors, or None"),
+    "load": (_vector, "a vector, N/m"),
+    "gaps": (_several(_pair(_expression)), "a list of pairs (gap, its rate)"),
+    "approach": (_several(_expression), "a list of expressions, m"),
+    "undefined_at": (lambda found: tuple(_several(_word)(found)), "a tuple of texts"),
+    "penetration": (_size, "a number, m"), "contact_duration": (_size, "a number, s"),
+    "impact": (_pair(_size), "(penetration m, duration s)"), "smallest_velocity": (_or_none(_size), "a number, m/s, or None"),
+}  # fmt: skip
+
+
+# ---- classes ----------------------------------------------------------------------------------------------------------------
+
+
+def hold_to_contract(cls: Any, instance: Sequence[str]) -> None:
+    """Check the names a class declares, and wrap the methods it defines. instance: attributes its objects have anyway."""
+    _check_names(cls, instance)
+    for name in RETURNS.keys() & vars(cls).keys():
+        method = vars(cls)[name]
+        if callable(method):
+            setattr(cls, name, _asked(name, method))
+
+
+def _check_names(cls: Any, instance: Sequence[str]) -> None:
+    if not isinstance(cls.options, tuple | list) or not all(isinstance(o, str) for o in cls.options):
+        raise LawError(f"{cls.__name__}: options = {shown(cls.options)}: give a tuple of names, such as ('friction',)")
+    tables = {"params": cls.params, "states": cls.states, "coordinates": getattr(cls, "coordinates", {})}
+    for what, table in tables.items():
+        if not isinstance(table, Mapping) or not all(hasattr(entry, "unit") for entry in table.values()):
+            raise LawError(f"{cls.__name__}: {what} = {shown(table)}: write {what} = mb.params(name=('unit', 'meaning'))")
+    known = dict.fromkeys(instance, "an attribute that every object of this kind has")
+    for base in cls.__mro__[:-1]:
+        known |= {name: f"{base.__name__}.{name} of the class" for name in vars(base)
+                  if not name.startswith("__") and (cls.states or name not in OF_STATES)}  # fmt: skip
+    for what, names in (*tables.items(), ("options", cls.options)):
+        for name in names:
+            if name in known:
+                raise LawError(f"{cls.__name__}: '{name}' in {what} is taken by {known[name]}; choose another name")
+            if name.startswith("named") and name[5:].isdigit():
+                raise LawError(f"{cls.__name__}: '{name}' in {what} is a name that derivations use; choose another one")
+            known[name] = f"its {what}"
+
+
+def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    read, wanted = RETURNS[name]
+
+    @wraps(method)
+    def asked(self: Any, *args: Any, **kwargs: Any) -> Any:
+        where = f"{type(self).__name__}.{name}"
+        try:
+            found = method(self, *args, **kwargs)
+        except (MbdaeError, NotImplementedError):
+            raise
+        except Exception as error:
+            raise LawError(f"{where} fails: {type(error).__name__}: {error}{_hint(self, error)}") from error
+        try:
+            return read(found)
+        except _WrongError as wrong:
+            raise LawError(f"{where} returns {wrong}; it must return {wanted}") from wrong.__cause__
+
+    return asked
+
+
+def _hint(law: Any, error: Exception) -> str:
+    """What to write instead, where the error tells it."""
+    text = str(error)
+    if isinstance(error, AttributeError) and "'Frame'" in text:
+        return f"; a frame has {FRAME}"
+    if isinstance(error, AttributeError) and type(law).__name__ in text:
+        known = ", ".join((*law.params, *law.options, *law.states)) or "none"
+        return f"; its parameters, options and states: {known}; declare others in params = mb.params(name=('unit', 'meaning'))"
+    absent = [key for key in law.params if getattr(law, key, None) is None]
+    if "NoneType" in text and absent:
+        return f"; {', '.join(absent)} {'is' if len(absent) == 1 else 'are'} left out (None) here: give a value, or say what " \
+               f"the law is without it"  # fmt: skip
+    if "ufunc" in text or "loat" in text or "truth value" in text or "oolean" in text or "Cannot convert" in text:
+        return "; values are symbols here: use the functions of symengine (import symengine as se; se.sin(x), " \
+               "se.Piecewise((a, x > 0), (b, True)))"  # fmt: skip
+    return ""

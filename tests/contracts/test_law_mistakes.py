@@ -1,0 +1,179 @@
+"""Mistakes inside a user's law class: told with class, method, value and what to write, not as an error of mbdae's own code."""
+
+# ruff: noqa: E501
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import symengine as se
+import sympy as sp
+
+import mbdae as mb
+
+
+def joint(**methods: Any) -> type[mb.Joint]:
+    return type("Bowl", (mb.Joint,), {"params": mb.params(radius=("m", "radius")), **methods})
+
+
+def force(**methods: Any) -> type[mb.Force]:
+    return type("Pull", (mb.Force,), {"params": mb.params(stiffness=("N/m", "stiffness")), **methods})
+
+
+def told(law: type[Any], **values: Any) -> str:
+    s = mb.Scene("own")
+    s.rigid_body("rod", 1.0, (1.0, 1.0, 1.0))
+    s.add(law("J", s.ground, "rod", at=(0, 0, 1), **({"radius": 1.0} if issubclass(law, mb.Joint) else {"stiffness": 1.0}) | values))
+    with pytest.raises(mb.SceneError) as caught:
+        s.check()
+    (problem,) = caught.value.problems
+    return problem
+
+
+ROWS: list[tuple[Callable[..., Any], str]] = [
+    (lambda self, k, l: [k.x @ l.y], "Bowl.constraints returns [k_x1*l_y1 + k_x2*l_y2 + k_x3*l_y3], which is no dictionary; return "
+                                     "{'name': expression, ...}; it must return a dictionary of rows that vanish"),
+    (lambda self, k, l: k.x @ l.y, "which is no dictionary"), (lambda self, k, l: None, "Bowl.constraints returns None"),
+    (lambda self, k, l: {1: k.x @ l.y}, "Bowl.constraints returns the name 1; names are text"),
+    (lambda self, k, l: {"a": "x"}, "Bowl.constraints returns as 'a' 'x', which is no expression"),
+    (lambda self, k, l: {"a": l.r - k.r}, "Bowl.constraints returns as 'a' Vec("),
+    (lambda self, k, l: {"a": math.nan}, "Bowl.constraints returns as 'a' nan, which is no finite number"),
+    (lambda self, k, l: {"a": True}, "as 'a' True, which is no expression"), (lambda self, k, l: {"a": 1j}, "as 'a' 1j, which is no"),
+    (lambda self, k, l: {"a": l.r[0] > 0}, "which is no expression"), (lambda self, k, l: {"a": np.ones(3)}, "which is no expression"),
+    (lambda self, k, l: {"a": l.q @ k.x}, "Bowl.constraints fails: "),
+    (lambda self, k, l: {"a": l.position @ k.x}, "'Frame' object has no attribute 'position'; a frame has r (point), v (its velocity)"),
+    (lambda self, k, l: {"a": self.length * l.r[0]}, "Bowl.constraints fails: AttributeError: 'Bowl' object has no attribute 'length'; "
+                                                     "its parameters, options and states: radius; declare others"),
+    (lambda self, k, l: {"a": se.Symbol("w") * l.r[0]}, "row 'a' of Bowl contains the symbol w, which it does not declare; write params "
+                                                        "= mb.params(w=('unit', 'meaning')) and self.w"),
+    (lambda self, k, l: {"a": math.sin(l.r[0])}, "Bowl.constraints fails: "), (lambda self, k, l: {"a": np.sin(l.r[0])}, "se.sin(x)"),
+    (lambda self, k, l: {"a": 1 / 0}, "Bowl.constraints fails: ZeroDivisionError: division by zero"),
+    (lambda self, k: {"a": k.x[0]}, "Bowl.constraints fails: TypeError"),
+    (lambda self, k, l: {"a": mb.t * l.r[0]}, "row 'a' of Bowl contains mb.t: state a parameter"),
+    (lambda self, k, l: {"a": l.r[0] if l.r[0] > 1 else 0}, "Bowl.constraints fails: "),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "words"), ROWS)
+def test_rows_of_a_joint(rows: Callable[..., Any], words: str) -> None:
+    problem = told(joint(constraints=rows))
+    assert problem.startswith("'J': ")
+    assert words in problem
+
+
+def test_a_parameter_left_out_is_named() -> None:
+    law = joint(constraints=lambda self, k, l: {"a": self.radius * l.r[0]})
+    assert "radius is left out (None) here: give a value" in told(law, radius=None)
+
+
+@pytest.mark.parametrize(
+    ("methods", "words"),
+    [
+        ({"energy": lambda self, k, l: None}, "Pull.energy returns None, which is no expression (a number); it must return an expression, J"),
+        ({"energy": lambda self, k, l: l.r}, "Pull.energy returns Vec("),
+        ({"wrench": lambda self, k, l: l.r - k.r}, "Pull.wrench returns Vec("),
+        ({"wrench": lambda self, k, l: (l.r, 0)}, "Pull.wrench returns as part 2 0, which is no vector"),
+        ({"wrench": lambda self, k, l: (l.r,)}, "Pull.wrench returns 1 parts, where 2 are needed"),
+        ({"wrench": lambda self, k, l: (l.r, l.r, l.r)}, "3 parts, where 2 are needed"),
+        ({"wrench": lambda self, k, l: ((1, 0, 0), (0, 0, 0))}, "as part 1 (1, 0, 0), which is no vector"),
+        ({"dissipation": lambda self, k, l: {}}, "Pull.dissipation returns {}"),
+        ({"states": mb.params(z="m"), "energy": lambda self, k, l: self.z * l.r[0]}, "states no value for the rate of its state 'z'"),
+        ({"states": mb.params(z="m"), "energy": lambda self, k, l: self.z * l.r[0], "rates": lambda self, k, l: 0}, "Pull.rates returns 0"),
+    ],
+)  # fmt: skip
+def test_statements_of_a_force(methods: dict[str, Any], words: str) -> None:
+    assert words in told(force(**methods))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: joint(params=mb.params(k="m")), "Bowl: 'k' in params is taken by an attribute that every object of this kind has"),
+        (lambda: joint(params=mb.params(name="m")), "Bowl: 'name' in params is taken by"),
+        (lambda: joint(params=mb.params(axis="1")), "'axis' in params"), (lambda: joint(params=mb.params(at="m")), "'at' in params"),
+        (lambda: joint(params=mb.params(l="m")), "'l' in params"), (lambda: force(params=mb.params(at_l="m")), "'at_l' in params"),
+        (lambda: force(params=mb.params(energy="J")), "Pull: 'energy' in params is taken by Force.energy of the class; choose another"),
+        (lambda: force(params=mb.params(params="J")), "'params' in params"),
+        (lambda: force(states=mb.params(stiffness="m")), "'stiffness' in states is taken by its params"),
+        (lambda: force(params={"stiffness": "N/m"}), "Pull: params = {'stiffness': 'N/m'}: write params = mb.params(name="),
+        (lambda: force(options="friction"), "Pull: options = 'friction': give a tuple of names"),
+        (lambda: mb.params(radius=5), "params: radius = 5 is neither a unit nor a pair (unit, meaning)"),
+        (lambda: mb.params(radius=""), "params: radius = '' has no unit; give one, '1' for a pure number"),
+        (lambda: mb.params(radius=("m", "a", "b")), "params: radius = ('m', 'a', 'b') is neither"),
+        (lambda: mb.params(**{"pin radius": "m"}), "'pin radius' cannot be the name of an attribute"),
+        (lambda: mb.params(**{"lambda": "1"}), "'lambda' cannot be the name of an attribute"),
+    ],
+)  # fmt: skip
+def test_declarations_are_refused_where_the_class_is_made(make: Callable[[], Any], words: str) -> None:
+    with pytest.raises(mb.LawError) as caught:
+        make()
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["k_r1", "l_x2", "lambda_a", "mu_a", "k_h", "radius_dot"])
+def test_names_of_derivations_are_refused(name: str) -> None:
+    """A parameter that is the symbol of a frame or row would silently be that symbol."""
+    law = joint(params=mb.params(**{name: "1", "radius": "m"}), constraints=lambda self, k, l: {"a": l.r[0] * getattr(self, name)})
+    assert f"Bowl: '{name}' in params is the symbol of" in told(law, **{name: 1.0})
+
+
+class Sticky(mb.Friction):
+    """A friction law with a mistake of its own."""
+
+    params = mb.params(mu=("1", "coefficient"))
+
+    def coefficient(self, v: Any) -> Any:
+        return {"mu": self.mu}
+
+
+def test_parts_are_held_to_their_contract_too() -> None:
+    s = mb.Scene("own")
+    s.revolute("R", s.ground, s.rigid_body("rod", 1.0, (1, 1, 1)), at=(0, 0, 1), friction=Sticky(mu=0.3), radius=0.1)
+    with pytest.raises(mb.SceneError, match=r"Sticky\.coefficient returns \{'mu': .*\}, which is no expression"):
+        s.check()
+    with pytest.raises(mb.LawError, match="Sticky: mu = 'x' is not a number; give a number"):
+        Sticky(mu="x")
+
+
+def test_the_own_exception_stays_the_cause() -> None:
+    def rows(self: Any, k: Any, l: Any) -> Any:
+        raise KeyError("my table has no entry 3")
+
+    with pytest.raises(mb.LawError, match="fails: KeyError: 'my table has no entry 3'") as caught:
+        joint(constraints=rows)("J", None, None).constraints(None, None)
+    assert isinstance(caught.value.__cause__, KeyError)
+
+
+def test_expressions_of_sympy_and_plain_numbers_are_taken() -> None:
+    law = force(energy=lambda self, k, l: sp.Rational(1, 2) * sp.sympify(self.stiffness * ((l.r - k.r) @ (l.r - k.r))),
+                dissipation=lambda self, k, l: 0, wrench=lambda self, k, l: None)  # fmt: skip
+    s = mb.Scene("own")
+    body = s.point_mass("m", 1.0, (1, 0, 0))
+    s.add(law("S", s.ground, body, at=(0, 0, 0), at_l=(1, 0, 0), stiffness=4.0))
+    assert s.simulate(math.pi / 4, accuracy=1e-8)["m"].position[-1, 0] == pytest.approx(0.0, abs=1e-7)  # a quarter of the period
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (5, "add without a name: law = 5 is no joint or force law; give an object"),
+        (mb.Revolute, "is no joint or force law"), (mb.Kinematic(), "is no joint or force law"), (None, "law = None is no joint"),
+        (type("Bare", (mb.Force,), {"__init__": lambda self: None})(), "law = a Bare without name; let Bare.__init__ call super()"),
+        (mb.Weld(5, "ground", "rod"), "Weld: name = 5 is not text"),
+        (mb.Weld("x", "ground", "rod", at="x"), "Weld 'x': at = 'x' is not"),
+        (mb.Weld("x", "ground", "rod", at=(0, 1), axis=(0, 0, 0)), "Weld 'x': axis = [0.0, 0.0, 0.0] has length zero"),
+        (mb.Weld("x", "ground", "bar"), "Weld 'x': l = 'bar' is no body of this scene; it has 'ground', 'rod'"),
+        (force(options=("table",))("x", "ground", "rod", stiffness=1.0, table=[1, 2]), "Pull 'x': table = [1, 2] cannot be an option"),
+    ],
+)  # fmt: skip
+def test_laws_that_cannot_be_added(law: Any, words: str) -> None:
+    s = mb.Scene("own")
+    s.rigid_body("rod", 1.0, (1, 1, 1))
+    s.add(law)
+    with pytest.raises(mb.SceneError) as caught:
+        s.check()
+    (problem,) = caught.value.problems
+    assert words in problem

@@ -1,0 +1,294 @@
+"""Every argument of every statement, law, part and joint model, replaced by values that nobody can mean.
+
+The arguments come from the signatures: a new one is fuzzed by itself, and a new statement or class fails until it has good values
+here. A value is either refused by a sentence that names the item, the argument and the value, or it is the number one, and then
+it is stated as 1.0 is, whatever library wrote it.
+"""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.scene.components import JointModel
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.law import Law
+from mbdae.symbolic.part import Part
+from mbdae.values import shown
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hostile import HOSTILE, ONES
+
+Said = Callable[..., tuple[list[str], Any]]  #: the arguments by name -> (what was wrong, what was stated as plain data)
+DRY, SECTION = mb.Coulomb(0.3, 1e-3), mb.Section(1, 1, 1, 1, 1, 1, 1, 1)
+PAIR: dict[str, Any] = {"k": "ground", "l": "rod"}
+HINGE = PAIR | {"at": (0, 0, 0)}
+MOVED: dict[str, Any] = {"angle": 0.1, "angle0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
+SLID: dict[str, Any] = {"position": 0.1, "position0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
+
+
+class Own(mb.Force):
+    """A law of a user's own with a parameter."""
+
+    params = mb.params(stiffness=("N/m", "stiffness"))
+
+    def energy(self, k: Any, l: Any) -> Any:
+        return self.stiffness * ((l.r - k.r) @ (l.r - k.r)) / 2
+
+
+#: good values of every argument of every statement: those that are always given, and those given one at a time
+STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "rigid_body": ({"name": "x", "mass": 1.0, "inertia": (1.0, 1.0, 1.0)},
+                   {"at": (0, 0, 1), "rotation": np.eye(3), "velocity": (1, 0), "angular_velocity": (0, 0, 1)}),
+    "point_mass": ({"name": "x", "mass": 1.0, "at": (0, 1)}, {"velocity": (1, 0)}),
+    "link": ({"name": "x", "points": [(0, 1), (1, 1)]}, {"mass": 1.0, "mass_per_length": 1.0}),
+    "beam": ({"name": "x", "points": [(0, 1), (1, 1)], "section": SECTION},
+             {"elements": 2, "order": 2, "curve": None, "axis2": (0, 0, 1), "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
+    "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),
+    "revolute": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "model": mb.Recursive(), "torque": 1.0, "friction": None,
+                                          "radius": None, **MOVED}),
+    "prismatic": ({"name": "x", **HINGE, "axis": (1, 0)}, {"model": None, "force": 1.0, "friction": DRY, "normal_force": None,
+                                                           **SLID}),
+    "spherical": ({"name": "x", **HINGE}, {}), "weld": ({"name": "x", **PAIR}, {"at": (0, 0)}),
+    "distance": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0)}, {}), "fixed_orientation": ({"name": "x", **PAIR}, {}),
+    "spring": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0), "stiffness": 1.0}, {"damping": 1.0, "length": 1.0}),
+    "bushing": ({"name": "x", **HINGE, "stiffness": (1.0, 1.0, 1.0)}, {"damping": (1.0, 1.0, 1.0)}),
+    "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
+    "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
+    "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {}),
+}  # fmt: skip
+NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
+LAW = {"name": "x", "k": "ground", "l": "rod"}
+LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1)}
+AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
+#: the same of public classes
+CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "Revolute": (LAW, {**LAW_PLACES, "drive": 0.1, **AUGMENTED}),
+    "ClassicalRevolute": (LAW, {**LAW_PLACES, "drive": 0.1, **AUGMENTED}),
+    "Prismatic": (LAW, {**LAW_PLACES, "drive": 0.1}), "Spherical": (LAW, LAW_PLACES), "Weld": (LAW, LAW_PLACES),
+    "FixedOrientation": (LAW, LAW_PLACES), "Distance": ({**LAW, "length": 1.0}, LAW_PLACES), "Joint": (LAW, LAW_PLACES),
+    "Force": (LAW, {**LAW_PLACES, "at_l": (0, 1)}), "Own": ({**LAW, "stiffness": 1.0}, {**LAW_PLACES, "at_l": (0, 1)}),
+    "Coulomb": ({"mu": 1.0, "v_c": 1.0}, {}), "Friction": ({}, {}), "Normal": ({}, {}), "Recursive": ({}, {}),
+    "LuGre": ({"mu_k": 1.0, "mu_s": 1.0, "v_s": 1.0, "sigma0": 1e5, "sigma1": 1.0},
+              {"sigma2": 1.0, "gamma": 2, "damping_decay": True}),
+    "Hertz": ({"stiffness": 1.0}, {"damping": 1.0}), "Kinematic": ({}, AUGMENTED), "Classical": ({}, AUGMENTED),
+    "Clearance": ({"outer": 1.0, "inner": 1.0, "normal": mb.Hertz(1.0)}, {"friction": None, "length": 1.0}),
+    "Section": (dict.fromkeys(("EA", "GA2", "GA3", "GJ", "EI2", "EI3", "mass_per_length", "rotary_inertia"), 1.0),
+                {"damping": 1.0}),
+}  # fmt: skip
+STEEL = {"E": 1.0, "nu": 0.3, "rho": 1.0}
+#: functions that make or use them: (function, good values)
+FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "Hertz.restitution": (mb.Hertz.restitution, {"stiffness": 1.0, "e": 0.5, "v": 1.0}),
+    "Hertz.coefficient_of_restitution": (mb.Hertz(1.0, 1.0).coefficient_of_restitution, {"v": 1.0}),
+    "section circular": (mb.Section.circular, {"radius": 1.0, **STEEL, "damping": 0.0}),
+    "section tube": (mb.Section.tube, {"outer": 2.0, "inner": 0.5, **STEEL, "damping": 0.0}),
+    "section rectangular": (mb.Section.rectangular, {"width": 1.0, "height": 1.0, **STEEL, "damping": 0.0}),
+    "params": (mb.params, {"radius": ("m", "what it is")}),
+}
+PLAIN = (float, int, str, bool, type(None))
+TEXTS = ("text", "digits as text")
+PLANE = ("a list", "a range")  #: two or three numbers: a point, a direction, a load
+VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "velocity", "angular_velocity", "value", "per_length", "gravity")
+#: (argument, kind of value) that mean something after all, with the reason
+LEGITIMATE: dict[tuple[str, str], str] = (
+    {("name", kind): "any text is a name" for kind in TEXTS}
+    | {(argument, kind): "coordinates, the third is 0 where it is left out" for argument in VECTORS for kind in PLANE}
+    | {("points", kind): "coordinates of the first point" for kind in PLANE}
+    | {(f"bushing.{argument}", "a range"): "three numbers" for argument in ("stiffness", "damping")}
+    | {("damping_decay", kind): "a switch" for kind in ("a truth value", "numpy's")}
+    | {("elements", "a list"): "elements of two segments, which is told of this beam of one"}
+    | {("rotary_inertia", "a range"): "three values, the first of which is refused as rotary_inertia[0]"}
+    | {("inertia", "a range"): "three principal moments", ("elements", "one entry"): "the elements of one segment"}
+    | {("friction", "none"): "no friction", ("radius", "text"): "a unit", ("radius", "digits as text"): "a unit"}
+    | {("radius", "a tuple of text"): "a unit and a meaning", ("point", "a list"): "a place", ("point", "a range"): "a place"}
+)  # fmt: skip
+
+
+def scene(with_beam: bool = False) -> mb.Scene:
+    s = mb.Scene("fuzz")
+    s.link("rod", (0, 0), (1, 0), mass=1.0)
+    if with_beam:
+        s.beam("beam", (0, 0), (1, 0), section=SECTION, elements=2)
+    return s
+
+
+def stated(s: mb.Scene) -> tuple[list[str], Any]:
+    """Problems, and what was stated, as JSON has it."""
+    assert not s.problems or _refuses(s)
+    assert s.problems or all(type(v) in PLAIN for v in _values(s))
+    return s.problems, None if s.problems else json.dumps([s.name, s.space, s.gravity.tolist(), s.statements])
+
+
+def _values(s: mb.Scene) -> Iterator[Any]:
+    """Every value in the statements, and every parameter of a law."""
+    waiting: list[Any] = [s.statements, [[getattr(law, p) for p in law.params] for c in s.connections for law in c.laws]]
+    while waiting:
+        value = waiting.pop()
+        if type(value) in (list, dict):
+            waiting += value if type(value) is list else value.values()
+        else:
+            yield value
+
+
+def _refuses(s: mb.Scene) -> bool:
+    """Whether a scene with problems cannot become another scene that has forgotten them."""
+    with pytest.raises(mb.SceneError) as caught:
+        s.replace(model=mb.Classical())
+    return caught.value.problems == s.problems
+
+
+def say(method: str) -> Said:
+    def said(**given: Any) -> tuple[list[str], Any]:
+        s, rest = scene(method == "line_load"), dict(given)
+        first = (rest.pop("name"), *rest.pop("points")) if "points" in given else ()
+        getattr(s, method)(*first, **rest)
+        return stated(s)
+
+    return said
+
+
+def make(name: str) -> Said:
+    """A class made, and used where it has a use."""
+    cls: Any = Own if name == "Own" else getattr(mb, name)
+
+    def made(**given: Any) -> tuple[list[str], Any]:
+        found, s = cls(**given), scene()
+        if isinstance(found, Law):
+            s.add(found)
+        elif isinstance(found, JointModel):
+            s.revolute("x", s.ground, "rod", at=(0, 0), model=found)
+        elif isinstance(found, mb.Section):
+            s.beam("x", (0, 0), (1, 0), section=found)
+        elif isinstance(found, mb.Normal):
+            s.revolute("x", s.ground, "rod", at=(0, 0), model=mb.Clearance(1, 1, found))
+        elif isinstance(found, Part):
+            s.revolute("x", s.ground, "rod", at=(0, 0), friction=found, radius=1)
+        return stated(s)
+
+    return made
+
+
+def call(function: Callable[..., Any]) -> Said:
+    return lambda **given: ([], repr(function(**given)))
+
+
+def arguments(function: Any) -> set[str]:
+    found = list(inspect.signature(function).parameters.values())
+    return {p.name for p in found if p.kind is not inspect.Parameter.VAR_KEYWORD and p.name != "self"}
+
+
+def targets() -> Iterator[tuple[str, Said, dict[str, Any], dict[str, Any]]]:
+    """(item, what says it, good values always given, good values given one at a time)."""
+    for name, (always, once) in STATEMENTS.items():
+        yield name.replace("_", " "), say(name), always, once
+    for name, (always, once) in CLASSES.items():
+        yield name, make(name), always, once
+    for name, (function, always) in FUNCTIONS.items():
+        yield name, call(function), always, {}
+    yield "'rod'.at", lambda point: ([], scene()["rod"].at(point).point.tolist()), {"point": (0, 0)}, {}
+    yield "scene", lambda **given: stated(mb.Scene(**given)), {"name": "x"}, {"gravity": (0, 0), "space": "planar"}
+    yield "line load of a beam", _loaded, {"per_length": (0, 1.0), "name": "x"}, {"frame": "section"}
+
+
+def _loaded(**given: Any) -> tuple[list[str], Any]:
+    s = scene(with_beam=True)
+    s["beam"].load(**given)
+    return stated(s)
+
+
+def cases() -> Iterator[tuple[str, Said, dict[str, Any], str, str, Any, Any]]:
+    """(item, what says it, other arguments, argument, kind of value, what the argument becomes, the value in it)."""
+    for item, said, always, once in targets():
+        for argument, good in (always | once).items():
+            others = {key: value for key, value in always.items() if key != argument}
+            if item == "link" and argument not in once:
+                others["mass"] = 1.0
+            if argument in ("radius", "normal_force") and item in ("revolute", "prismatic"):
+                others["friction"] = DRY
+            if argument == "friction" and item == "revolute":
+                others["radius"] = 1.0
+            for kind, value in (HOSTILE | {f"one as {k}": v for k, v in ONES.items()}).items():
+                if argument == "points":
+                    yield item, said, others, argument, kind, [value, *good[1:]], value
+                else:
+                    yield item, said, others, argument, kind, value, value
+                if isinstance(good, tuple | np.ndarray) and item != "params":
+                    yield item, said, others, argument, f"{kind} inside", _inside(good, value), value
+
+
+def _inside(good: Any, value: Any) -> Any:
+    """The good value as nested lists with another first number."""
+    whole = good.tolist() if isinstance(good, np.ndarray) else list(copy.copy(good))
+    if isinstance(whole[0], list):
+        whole[0][0] = value
+    else:
+        whole[0] = value
+    return whole
+
+
+def outcome(said: Said, given: dict[str, Any]) -> tuple[str, Any]:
+    """(text of what was wrong, plain data of what was accepted)."""
+    try:
+        problems, plain = said(**given)
+    except mb.MbdaeError as error:
+        return str(error), None
+    return "\n".join(problems), plain
+
+
+def test_every_public_argument_is_fuzzed() -> None:
+    public = {name for base in SceneData.__mro__ for name in vars(base) if base is not object and not name.startswith("_")}
+    methods = {name for name in public if callable(getattr(SceneData, name)) or isinstance(getattr(SceneData, name), property)}
+    assert methods == set(STATEMENTS) | NO_STATEMENTS
+    for name, (always, once) in STATEMENTS.items():
+        assert arguments(getattr(SceneData, name)) == {*always, *once}, name
+    classes = [name for name in mb.__all__ if isinstance(getattr(mb, name), type)]
+    assert {n for n in classes if issubclass(getattr(mb, n), Law | Part | JointModel | mb.Section)} | {"Own"} == set(CLASSES)
+    for name, (always, once) in CLASSES.items():
+        cls: Any = Own if name == "Own" else getattr(mb, name)
+        own = {*cls.params, *cls.options} if issubclass(cls, Law) else set()
+        assert arguments(cls.__init__) - {"values"} | own == {*always, *once}, name
+
+
+def test_nobody_can_mean_them_and_everybody_is_told() -> None:
+    """Refused by name, argument and value; or the number one, stated as 1.0 is."""
+    count, wrong = 0, []
+    plain: dict[Any, tuple[str, Any]] = {}
+    for item, said, others, argument, kind, given, value in cases():
+        count += 1
+        text, accepted = outcome(said, others | {argument: given})
+        head = kind.removesuffix(" inside")
+        if head.startswith("one as "):
+            key = item, argument, kind.endswith(" inside")
+            if key not in plain:
+                one = [1.0, *given[1:]] if argument == "points" else _inside(given, 1.0) if kind.endswith(" inside") else 1.0
+                plain[key] = outcome(said, others | {argument: one})
+            if (accepted is None) != (plain[key][1] is None) or accepted != plain[key][1]:
+                wrong.append(f"{item}({argument} = {kind}): {text or accepted} but 1.0 gives {plain[key]}")
+                continue
+        elif (argument, kind) in LEGITIMATE or (f"{item}.{argument}", kind) in LEGITIMATE:
+            continue
+        elif not text:
+            wrong.append(f"{item}({argument} = {kind}) is accepted: {accepted}")
+        if text and not _told(text, item, argument, value, given):
+            wrong.append(f"{item}({argument} = {kind}): {text}")
+    print(f"{count} cases")
+    assert not wrong, f"{len(wrong)} of {count}:\n" + "\n".join(wrong[:60])
+
+
+def _told(text: str, item: str, argument: str, value: Any, given: Any) -> bool:
+    """Whether one sentence names the item (or its kind), the argument and the value."""
+    words = {"points": "point 1"}.get(argument, argument)
+    names = {item, "'x'", item.partition(" ")[0].lower(), item.partition(".")[0]}
+    several = isinstance(value, list | tuple | np.ndarray) and np.asarray(value, dtype=object).ndim
+    seen = [shown(v) for v in (value, given, *(value if several else ()))]
+    return any(words in line and any(n in line for n in names) and any(v in line for v in seen) for line in text.splitlines())
