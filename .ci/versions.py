@@ -101,9 +101,12 @@ def lowest_python(stated: dict) -> str:
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of a version (3.12) with the module venv: the running one, python3.12 of the path, or the launcher of Windows."""
+    """A Python of a version (3.12) with the module venv: the running one, python3.12 of the path, the launcher of Windows, or one
+    that pyenv has installed and not activated."""
+    installed = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    others = [[str(path)] for path in sorted(installed.glob(f"{version}.*/bin/python"), reverse=True)]
     ask = "import ensurepip, sys, venv; print(sys.executable, '%d.%d' % sys.version_info[:2], sep=chr(10))"
-    for command in ([sys.executable], [f"python{version}"], ["py", f"-{version}"]):
+    for command in ([sys.executable], [f"python{version}"], ["py", f"-{version}"], *others):
         try:
             answer = subprocess.run([*command, "-c", ask], capture_output=True, text=True, check=True).stdout.splitlines()
         except (OSError, subprocess.CalledProcessError):

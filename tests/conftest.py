@@ -29,8 +29,9 @@ FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "-
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
     """Folders of tests run on several processors, unless -n says how many; a file or a single test in this process, at once."""
-    option, named = config.option, [Path(str(argument).split("::")[0]) for argument in config.args]
-    if getattr(option, "numprocesses", 0) is None and any(path.is_dir() for path in named) and "PYTEST_XDIST_WORKER" not in os.environ:
+    option, is_worker = config.option, "PYTEST_XDIST_WORKER" in os.environ
+    folders = any(Path(str(argument).split("::")[0]).is_dir() for argument in config.args)
+    if getattr(option, "numprocesses", 0) is None and folders and not is_worker:
         processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         option.numprocesses = 0 if option.usepdb or option.collectonly else min(MOST, processors)
         option.dist = "worksteal"
