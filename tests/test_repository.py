@@ -120,7 +120,7 @@ def test_lowest_releases_are_those_of_the_project(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "versions", versions)  # dataclasses look their module up
     spec.loader.exec_module(versions)
     stated = versions.project()
-    found = versions.requirements(stated)
+    found = versions.requirements(stated, "dev")
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert set(found) >= {"numpy", "pytest", "distributed", "mypy"}
     assert all(f"\"{name}>={low}\"" in text for name, low in found.items())
