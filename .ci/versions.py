@@ -171,7 +171,7 @@ class Environment:
         said = self.run(self.python, "-P", "-m", "pytest", *([] if whole else ["-m", "quick"]), cwd=unpacked, check=False)
         closing = [line.strip("= ") for line in said.splitlines() if re.search(r"\d+ (passed|failed|errors?)\b.* in ", line)]
         if not closing:
-            return False, f"no tests ran, see {self.log}"
+            return False, "\n    ".join(["no tests ran:", *said.splitlines()[-5:]])
         wrong = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
         return not re.search(r"failed|error", closing[-1]), "\n    ".join([closing[-1], *wrong])
 
