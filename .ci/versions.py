@@ -7,8 +7,9 @@
 
 An environment is made as a user's would be: a source archive is built from this tree with setuptools, unpacked and installed as
 a wheel, and the tests of the archive run against what is installed. In `lowest`, every requirement of pyproject.toml that names
-a lowest release (setuptools and the extras too) is installed in exactly that one, on the lowest Python stated. A Python that is
-not there is named and left out. The exit code is 0 where all environments that ran passed and at least one ran, else 1; an
+a lowest release (setuptools and the extra `test` too) is installed in exactly that one, on the lowest Python stated. In `tools`
+ruff and mypy, in their lowest releases beside the newest of all else, look at the archive instead. A Python that is not there is
+named and left out. The exit code is 0 where all environments that ran passed and at least one ran, else 1; an
 environment asked for by its name has to run.
 """
 
@@ -30,7 +31,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 NEWEST = ("3.11", "3.12", "3.13", "3.14")
-LOWEST = "lowest"
+LOWEST, TOOLS = "lowest", "tools"
+KNOWN = (*NEWEST, LOWEST, TOOLS)
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[(?P<extras>[\w, -]+)\])?\s*(>=\s*(?P<lowest>[\w.]+))?\s*$")
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv*", "*.egg-info", "__pycache__", ".*_cache", "build", "dist", "out")
 BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_sdist(sys.argv[1]))"
@@ -65,10 +67,10 @@ def project() -> dict[str, object]:
     return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
-def requirements(stated: dict, extras: tuple[str, ...] = ("dev",)) -> dict[str, str | None]:
-    """Lowest release of every requirement by its name, of extras and of the extras they name too; None where none is stated."""
+def requirements(stated: dict, extra: str = "test") -> dict[str, str | None]:
+    """Lowest release of every requirement by its name, of an extra and of the extras it names too; None where none is stated."""
     own, listed = stated["project"]["name"], [*stated["project"]["dependencies"]]
-    pending, seen = list(extras), set()
+    pending, seen = [extra], set()
     while pending:
         extra = pending.pop()
         seen.add(extra)
@@ -101,9 +103,12 @@ def lowest_python(stated: dict) -> str:
 
 
 def interpreter(version: str) -> str | None:
-    """A Python of a version (3.12) with the module venv: the running one, python3.12 of the path, or the launcher of Windows."""
+    """A Python of a version (3.12) with the module venv: the running one, python3.12 of the path, the launcher of Windows, or one
+    that pyenv has installed and not activated."""
+    installed = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    others = [[str(path)] for path in sorted(installed.glob(f"{version}.*/bin/python"), reverse=True)]
     ask = "import ensurepip, sys, venv; print(sys.executable, '%d.%d' % sys.version_info[:2], sep=chr(10))"
-    for command in ([sys.executable], [f"python{version}"], ["py", f"-{version}"]):
+    for command in ([sys.executable], [f"python{version}"], ["py", f"-{version}"], *others):
         try:
             answer = subprocess.run([*command, "-c", ask], capture_output=True, text=True, check=True).stdout.splitlines()
         except (OSError, subprocess.CalledProcessError):
@@ -134,20 +139,23 @@ class Environment:
             raise FailedError(f"{' '.join(map(str, command[1:5]))} ...: {lines[-1] if lines else 'no output'}")
         return done.stdout
 
-    def install(self, base: str, stated: dict, exact: bool) -> Path:
-        """The environment with a wheel from a source archive of this tree; returns the folder of the unpacked archive."""
+    def install(self, base: str, stated: dict, extra: str, exact: set[str]) -> Path:
+        """The environment with a wheel from a source archive of this tree; returns the folder of the unpacked archive.
+
+        exact: names of what is installed in the lowest release stated, all else in the newest.
+        """
         self.run(base, "-m", "venv", self.folder / "env")
         pip = (self.python, "-m", "pip", "install", "--quiet")
         build = [parsed(text) for text in stated["build-system"]["requires"]]
-        self.run(*pip, *(pinned(part["name"], part["lowest"], exact) for part in build))
+        self.run(*pip, *(pinned(part["name"], part["lowest"], part["name"] in exact) for part in build))
         shutil.copytree(ROOT, self.folder / "tree", ignore=LEFT_OUT)
         archive = self.run(self.python, "-c", BUILD, self.folder, cwd=self.folder / "tree").split()[-1]
         shutil.rmtree(self.folder / "tree")
         with tarfile.open(self.folder / archive) as packed:
             packed.extractall(self.folder, filter="data")
         unpacked = self.folder / archive.removesuffix(".tar.gz")
-        pins = [pinned(name, low, exact) for name, low in requirements(stated).items()]
-        self.run(*pip, "--no-build-isolation", f"{unpacked}[dev]", *pins)
+        pins = [pinned(name, low, name in exact) for name, low in requirements(stated, extra).items()]
+        self.run(*pip, "--no-build-isolation", f"{unpacked}[{extra}]", *pins)
         return unpacked
 
     def versions(self, names: list[str]) -> dict[str, str]:
@@ -156,6 +164,16 @@ class Environment:
         if not found["inside"]:
             raise FailedError("mbdae is imported from elsewhere, not from this environment")
         return dict(found["versions"])
+
+    def tests(self, unpacked: Path, whole: bool) -> tuple[bool, str]:
+        """Whether the tests of an unpacked archive pass, and their closing line with the names of those that fail."""
+        # -P: the folder with the tests stays off the path, so that they see the installed wheel and not the sources beside them
+        said = self.run(self.python, "-P", "-m", "pytest", *([] if whole else ["-m", "quick"]), cwd=unpacked, check=False)
+        closing = [line.strip("= ") for line in said.splitlines() if re.search(r"\d+ (passed|failed|errors?)\b.* in ", line)]
+        if not closing:
+            return False, "\n    ".join(["no tests ran:", *said.splitlines()[-5:]])
+        wrong = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        return not re.search(r"failed|error", closing[-1]), "\n    ".join([closing[-1], *wrong])
 
 
 def pinned(name: str, lowest: str | None, exact: bool) -> str:
@@ -166,22 +184,22 @@ def pinned(name: str, lowest: str | None, exact: bool) -> str:
 def tried(name: str, folder: Path, whole: bool) -> Outcome:
     """One environment: made, and the tests run in it."""
     stated, begin, outcome = project(), time.monotonic(), Outcome(name)
-    base = interpreter(lowest_python(stated) if name == LOWEST else name)
+    base = interpreter(lowest_python(stated) if name in (LOWEST, TOOLS) else name)
     if base is None:
         outcome.said = "not found: no such Python, or without its module venv"
         return outcome
     environment = Environment(folder / name)
     try:
-        unpacked = environment.install(base, stated, exact=name == LOWEST)
-        outcome.versions = environment.versions([*requirements(stated), "setuptools"])
-        # -P: the folder with the tests stays off the path, so that they see the installed wheel and not the sources beside them
-        said = environment.run(environment.python, "-P", "-m", "pytest", *([] if whole else ["-m", "quick"]),
-                               cwd=unpacked, check=False)  # fmt: skip
-        closing = [line.strip("= ") for line in said.splitlines() if re.search(r"\d+ (passed|failed|errors?)\b.* in ", line)]
-        outcome.said = closing[-1] if closing else f"no tests ran, see {environment.log}"
-        outcome.passed = bool(closing) and not re.search(r"failed|error", closing[-1])
-        if not outcome.passed:
-            outcome.said += "".join(f"\n    {line}" for line in said.splitlines() if line.startswith(("FAILED", "ERROR")))
+        extra, needed = ("dev" if name == TOOLS else "test"), {*requirements(stated), "setuptools"}
+        exact = {LOWEST: needed, TOOLS: set(requirements(stated, "dev")) - needed}.get(name, set())
+        unpacked = environment.install(base, stated, extra, exact)
+        outcome.versions = environment.versions([*requirements(stated, extra), "setuptools"])
+        if name == TOOLS:
+            for tool in (("ruff", "check", "."), ("mypy",)):
+                environment.run(environment.python, "-P", "-m", *tool, cwd=unpacked)
+            outcome.passed, outcome.said = True, "ruff and mypy find nothing"
+        else:
+            outcome.passed, outcome.said = environment.tests(unpacked, whole)
     except FailedError as failure:
         outcome.passed, outcome.said = False, str(failure)
     outcome.seconds = time.monotonic() - begin
@@ -195,7 +213,7 @@ def table(outcomes: list[Outcome]) -> str:
     """Environments in columns with the release of every library, then a line of result for each."""
     ran = [o for o in outcomes if o.versions]
     names = list(dict.fromkeys(name for o in ran for name in o.versions))
-    rows = [["", *(o.name for o in ran)], *([name, *(o.versions[name] for o in ran)] for name in names)]
+    rows = [["", *(o.name for o in ran)], *([name, *(o.versions.get(name, "") for o in ran)] for name in names)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     words = {None: "-", True: "passed", False: "FAILED"}
@@ -206,16 +224,16 @@ def table(outcomes: list[Outcome]) -> str:
 def main() -> int:
     """Try the environments asked for, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(NEWEST)} or {LOWEST}; all where none is given")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(KNOWN)}; all where none is given")
     parser.add_argument("--whole", action="store_true", help="all tests instead of the quick part")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="make environments and logs here, and leave them")
     a = parser.parse_args()
-    if wrong := [name for name in a.names if name not in (*NEWEST, LOWEST)]:
-        parser.error(f"there is no environment {wrong[0]!r}: choose from {', '.join(NEWEST)}, {LOWEST}")
+    if wrong := [name for name in a.names if name not in KNOWN]:
+        parser.error(f"there is no environment {wrong[0]!r}: choose from {', '.join(KNOWN)}")
     folder = Path(a.keep or tempfile.mkdtemp(prefix="mbdae-versions-")).resolve()
     outcomes = []
     try:
-        for name in a.names or (*NEWEST, LOWEST):
+        for name in a.names or KNOWN:
             if (folder / name).exists():
                 shutil.rmtree(folder / name)
             outcomes.append(tried(name, folder, a.whole))

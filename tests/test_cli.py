@@ -184,6 +184,7 @@ def test_python_m_mbdae_is_the_same_command(file):
     assert "scene 'pendulum'" in done.stdout
 
 
+@pytest.mark.slow  # `.ci/run` runs this job with the README's first line
 def test_the_main_job_stays_affordable(capsys, tmp_path):
     assert main(["compare", str(EXAMPLES / "ground_resonance.py"), "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(said(capsys)[0])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -107,3 +109,22 @@ def test_the_quick_part_names_tests_that_exist() -> None:
     assert not absent
     covered = {line.split("/")[0] for line in listed if "/" in line}
     assert covered == {path.parent.name for path in (ROOT / "tests").glob("*/test_*.py")} - {"reference", "fuzz"}
+
+
+def test_lowest_releases_are_those_of_the_project(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The script that tests them reads them from pyproject.toml, of every extra, and refuses what it cannot pin."""
+    spec = importlib.util.spec_from_file_location("versions", ROOT / ".ci" / "versions.py")
+    assert spec is not None
+    assert spec.loader is not None
+    versions = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "versions", versions)  # dataclasses look their module up
+    spec.loader.exec_module(versions)
+    stated = versions.project()
+    found = versions.requirements(stated, "dev")
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert set(found) >= {"numpy", "pytest", "distributed", "mypy"}
+    assert all(f"\"{name}>={low}\"" in text for name, low in found.items())
+    assert versions.lowest_python(stated) in versions.NEWEST
+    assert versions.pinned("numpy", "1.26", True) == "numpy==1.26"
+    with pytest.raises(versions.FailedError, match=r"numpy>=1\.26,<3"):
+        versions.parsed("numpy>=1.26,<3")

@@ -12,7 +12,7 @@ import scipy.linalg
 from mbdae.analysis.elastic import dynamics, stresses_of
 from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
-from mbdae.analysis.modes import DEFAULT, lowest, softest_beam
+from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
 from mbdae.analysis.shapes import Mode, motion, scaled, shares
 from mbdae.analysis.steady import STEADY, departure, times_to_compare
@@ -139,7 +139,7 @@ class Linearization(Told):
         return f"<Linearization of '{self.prepared.model.scene.name}' in the frame of '{self.frame}': {len(self.modes)} modes>"
 
 
-def eigenpairs(equations: Reduced, count: int | None) -> tuple[Array, Array]:
+def eigenpairs(equations: Reduced, count: int | None) -> tuple[Complex, Complex]:
     """Eigenvalues with imaginary part >= 0 by rising frequency, and the vectors (states, modes)."""
     E, A = equations.first_order()
     size = len(E)
@@ -160,7 +160,7 @@ def eigenpairs(equations: Reduced, count: int | None) -> tuple[Array, Array]:
     return values[keep], vectors[:, keep]
 
 
-def _lowest(E: Array, A: Array, count: int) -> tuple[Array, Array, float]:
+def _lowest(E: Array, A: Array, count: int) -> tuple[Complex, Complex, float]:
     """The eigenpairs nearest to zero by inverse iteration (Arnoldi), and a size to compare them with."""
     from scipy.sparse.linalg import LinearOperator, eigs
 
@@ -168,7 +168,8 @@ def _lowest(E: Array, A: Array, count: int) -> tuple[Array, Array, float]:
     shift = 1e-6 * size
     factors = scipy.linalg.lu_factor(A + shift * E)
     inverse = LinearOperator(A.shape, matvec=lambda x: scipy.linalg.lu_solve(factors, E @ x))
-    values, vectors = eigs(inverse, k=min(2 * count + 2, len(A) - 2), which="LM")
+    begin = np.random.default_rng(3).normal(size=len(A))
+    values, vectors = eigs(inverse, k=min(2 * count + 2, len(A) - 2), which="LM", v0=begin)
     values = shift - 1 / values
     return values, vectors, float(np.max(np.abs(values)))
 

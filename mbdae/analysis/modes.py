@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 
 from mbdae.analysis.pencil import Pencil, acting_states
 from mbdae.system.base import Array
 from mbdae.system.model import Model
+
+Complex = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9  #: relative to the largest entry
 ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam are rounding of zero
@@ -71,7 +74,7 @@ def softest_beam(model: Model) -> float:
     return float(min(found))
 
 
-def lowest(p: Pencil, count: int, scale: float) -> tuple[Array, Array]:
+def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
     """The smallest eigenvalues (k,) with imaginary part >= 0 by rising frequency, and displacements (nu, k) of their modes."""
     equations = quadratic(p)
     count = min(count, equations.freedoms - 2) if equations.freedoms > FEW else count
@@ -85,14 +88,14 @@ def lowest(p: Pencil, count: int, scale: float) -> tuple[Array, Array]:
     return values[keep], vectors[:, keep]
 
 
-def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Array, Array]:
+def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
     """K X = w M X: real squares of frequencies, below zero where a motion runs away."""
     n, shift = q.K.shape[0], -(scale**2)
     factors = splu((q.K - shift * q.M).tocsc())
     if q.freedoms <= FEW:
         inverted = factors.solve(q.M[:, : q.nu].toarray())[: q.nu]
-        squares, vectors = _of_inverse(inverted, shift)
-        squares, vectors = squares.real, vectors.real
+        found, shapes = _of_inverse(inverted, shift)
+        squares, vectors = found.real, shapes.real
     else:
         begin = np.random.default_rng(3).normal(size=n)
         for _ in range(2):  # into the range of the inverse: without parts that have no inertia
@@ -106,7 +109,7 @@ def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Array, Array]
     return np.r_[roots, -roots[double]], np.hstack([vectors[: q.nu], vectors[: q.nu, double]])
 
 
-def _general(q: Quadratic, count: int, scale: float) -> tuple[Array, Array]:
+def _general(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
     """In first order, with the velocities as unknowns of their own: (X, w p)."""
     n, nu, shift = q.K.shape[0], q.nu, scale
     factors = splu((q.K + shift * q.C + shift**2 * q.M).tocsc())
@@ -130,7 +133,7 @@ def _general(q: Quadratic, count: int, scale: float) -> tuple[Array, Array]:
     return shift + 1 / values, vectors[:nu]
 
 
-def _of_inverse(inverse: Array, shift: float) -> tuple[Array, Array]:
+def _of_inverse(inverse: Array, shift: float) -> tuple[Complex, Complex]:
     """Eigenvalues and vectors from all of 1 / (w - shift); zeros belong to what has no inertia."""
     values, vectors = np.linalg.eig(inverse)
     keep = np.abs(values) > FINITE * np.max(np.abs(values), initial=0.0)

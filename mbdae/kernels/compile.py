@@ -1,4 +1,4 @@
-"""Symbolic expressions to numeric kernels: symengine with LLVM, and sympy.lambdify as the oracle of the tests."""
+"""Symbolic expressions to numeric kernels: symengine with LLVM, and NumPy as the oracle of the tests."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.kernels.oracle import numpy_function
 from mbdae.symbolic.vectors import Expr
 
 #: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
@@ -80,31 +81,5 @@ class Kernel:
 
     @cached_property
     def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:
-        """The same kernel by sympy.lambdify into numpy, complex-safe (complex step): slow, for tests."""
-        import sympy
-
-        def plain(e: Expr) -> Any:
-            """In sympy and without the marks around shared nodes: its printers leave out the parentheses these stand for."""
-            return sympy.sympify(e).replace(sympy.UnevaluatedExpr, lambda inside: inside)
-
-        shared, reduced = se.cse(self.expressions)
-        steps = [(sympy.Symbol(str(name)), plain(value)) for name, value in shared]
-        expressions = [plain(e) for e in reduced]
-        names = [sympy.Symbol(str(s)) for s in self.symbols]
-        modules: list[Any] = [{"atan2": complex_atan2, "floor": lambda a: np.floor(np.real(a))}, "numpy"]
-        function = sympy.lambdify(names, expressions, modules=modules, cse=lambda _: (steps, expressions))
-
-        def evaluate(x: NDArray[Any]) -> NDArray[Any]:
-            if not expressions:
-                return np.empty((*x.shape[:-1], 0))
-            columns = function(*np.moveaxis(x, -1, 0))
-            return np.stack([np.broadcast_to(c, x.shape[:-1]) for c in columns], axis=-1)
-
-        return evaluate
-
-
-def complex_atan2(y: Any, x: Any) -> Any:
-    """atan2 that carries imaginary parts to first order, as complex step needs."""
-    real = np.arctan2(np.real(y), np.real(x))
-    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
-    return real + 1j * slope
+        """The same kernel in NumPy, in complex numbers too (complex step): slow, for tests and `selftest`."""
+        return numpy_function(self.symbols, self.expressions)

@@ -10,7 +10,6 @@ from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
-import scipy.linalg as sl
 import scipy.sparse as sp
 import symengine as se
 
@@ -191,7 +190,8 @@ class LineKernel(ElementKernel):
         o, i = np.array(_point_jacobian(d, self.parameters)[1], dtype=int).reshape(-1, 2).T
         left = outputs[:, [g * len(d.outputs) + k for g in points for k in o]]
         right = columns[:, [g * len(d.variables) + k for g in points for k in i]]
-        return sp.csr_matrix(sl.khatri_rao(left, right)), (len(left), len(right))
+        products = left[:, None, :] * right[None, :, :]  # of every column (none where all is prescribed in time)
+        return sp.csr_matrix(products.reshape(len(left) * len(right), left.shape[1])), (len(left), len(right))
 
     def full_jacobian(self, x: Array) -> Array:
         q, u, X = self._gather(x)

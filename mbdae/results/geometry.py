@@ -75,7 +75,8 @@ class Geometry:
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest coordinates (3,), m, over all times."""
         lines = [self.polyline(shape).reshape(-1, 3) for shape in self.shapes]
-        return np.min([p.min(axis=0) for p in lines], axis=0), np.max([p.max(axis=0) for p in lines], axis=0)
+        points: Array = np.concatenate(lines)
+        return points.min(axis=0), points.max(axis=0)
 
 
 def moved(pose: Pose, local: Array) -> Array:

@@ -139,8 +139,8 @@ class BeamStatements:
                 return HARMLESS, None
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if not np.all(lengths > 0):
-            s = float(np.argmin(lengths)) / SAMPLES
-            head.wrong(f"{shown(curve)} stands still at the parameter {s:g}", "give one that moves on there")
+            stop = float(np.argmin(lengths)) / SAMPLES
+            head.wrong(f"{shown(curve)} stands still at the parameter {stop:g}", "give one that moves on there")
             return HARMLESS, None
         return np.array(points), curve
 

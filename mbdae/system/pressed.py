@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import symengine as se
+from numpy.typing import NDArray
 
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
@@ -64,7 +65,7 @@ def solved(mechanics: Mechanics, state: State, f: Array, solve: Solve) -> tuple[
 
 
 def _newton(mechanics: Mechanics, state: State, f: Array, solve: Solve, multipliers: Array,
-            share: float) -> tuple[Array, Array, Array]:  # fmt: skip
+            share: float) -> tuple[Array, Array, NDArray[np.bool_]]:  # fmt: skip
     """u', lambda and which multipliers (nt, m) have not settled, with a share of the friction."""
     for _ in range(ITERATIONS):
         R, slope = of_reactions(mechanics, state, multipliers)
@@ -76,7 +77,7 @@ def _newton(mechanics: Mechanics, state: State, f: Array, solve: Solve, multipli
     return acceleration, multipliers, left
 
 
-def _refusal(mechanics: Mechanics, left: Array) -> str:
+def _refusal(mechanics: Mechanics, left: NDArray[np.bool_]) -> str:
     """Which joints find no reaction."""
     places = {(g, i): mechanics.model.groups[g].instances[i].item
               for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip

@@ -211,6 +211,7 @@ def test_total_work_is_that_of_the_solvers(w):
     assert w.total_cpu_s >= w.cpu_s
 
 
+@pytest.mark.slow
 def test_comparing_costs_little_beside_the_solvers():
     """3 solvers x 4 accuracies on ground resonance; everything, compilation included, against all solver calls."""
     example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "ground_resonance.py"))

@@ -1,4 +1,4 @@
-"""The compiled kernels against their oracle (sympy into numpy): laws, trees of recursive joints, laws on lines."""
+"""The compiled kernels against their oracle (NumPy, node by node): laws, trees of recursive joints, laws on lines."""
 
 from __future__ import annotations
 
@@ -85,3 +85,22 @@ def test_bound_calls_keep_their_arrays() -> None:
         kernel.bound(np.zeros((2, 3)).T, out)
     with pytest.raises(ValueError, match="C-contiguous"):
         kernel.bound(a, np.zeros((6, 2))[::2])
+
+
+def test_every_function_a_law_may_use() -> None:
+    """Values, and slopes by the complex step, of every function in which laws are stated."""
+    x, y = se.symbols("x y")
+    switched = se.Piecewise((x * y, se.And(x < y, y < 0.9)), (x**3, se.Or(x > 0.8, se.Ne(x, y))), (0, True))
+    plain = [se.sin, se.cos, se.tan, se.asin, se.acos, se.atan, se.sinh, se.cosh, se.tanh, se.asinh, se.atanh, se.log, se.erf]
+    e = [*(f(x) for f in plain), se.acosh(1 + x), se.atan2(y, -x), se.exp(-x) + se.E, se.sqrt(x) / se.sqrt(y), se.pi * x + 0.1,
+         x**-3 + 2**y + y ** se.Rational(2, 3), se.Abs(x - y) * se.sign(x - y), se.Max(x, y, 0.5) - se.Min(x, y, 0.5), switched,
+         se.UnevaluatedExpr(x + y) * se.UnevaluatedExpr(x - y), se.floor(3 * x)]  # fmt: skip
+    kernel, points = Kernel([x, y], e), random_inputs(Kernel([x, y], e))
+    compare(kernel, points)
+    h = 1e-6
+    for i, step in enumerate(np.eye(2)):
+        central = (kernel.values(points + h * step) - kernel.values(points - h * step)) / (2 * h)
+        exact = np.imag(kernel.oracle(points + 1e-30j * step)) / 1e-30
+        np.testing.assert_allclose(exact, central, rtol=1e-7, atol=1e-7, err_msg=f"input {i}")
+    with pytest.raises(mb.LawError, match="lambertw"):
+        _ = Kernel([x, y], [se.LambertW(x)]).oracle

@@ -1,0 +1,105 @@
+"""Expressions as NumPy source: what the compiled kernels are compared with, and what the complex step needs.
+
+Every node is written with its own parentheses and evaluated by NumPy, in real or complex numbers; LLVM has no part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import reduce
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.errors import LawError
+from mbdae.symbolic.vectors import Expr
+
+
+def complex_atan2(y: Any, x: Any) -> Any:
+    """atan2 that carries imaginary parts to first order, as complex step needs."""
+    real = np.arctan2(np.real(y), np.real(x))
+    if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
+        return real
+    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
+    return real + 1j * slope
+
+
+def _larger(*values: Any) -> Any:
+    return reduce(lambda a, b: np.where(np.real(a) >= np.real(b), a, b), values)
+
+
+def _smaller(*values: Any) -> Any:
+    return reduce(lambda a, b: np.where(np.real(a) <= np.real(b), a, b), values)
+
+
+def _piecewise(*parts: Any) -> Any:
+    """The value before the first condition that holds; parts are value, condition, value, ..."""
+    found: Any = np.nan
+    for value, condition in zip(parts[-2::-2], parts[::-2], strict=True):
+        found = np.where(condition, value, found)
+    return found
+
+
+def _special(name: str) -> Callable[[Any], Any]:
+    return lambda a: getattr(import_module("scipy.special"), name)(a)
+
+
+#: nodes by the name of their class; conditions look at real parts
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: getattr(np, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "log")},
+    **{name: getattr(np, "arc" + name[1:]) for name in ("asin", "acos", "atan", "asinh", "acosh", "atanh")},
+    "atan2": complex_atan2, "UnevaluatedExpr": lambda a: a, "Piecewise": _piecewise, "Max": _larger, "Min": _smaller,
+    "Abs": lambda a: np.where(np.real(a) < 0, -a, a), "sign": lambda a: np.sign(np.real(a)),
+    "floor": lambda a: np.floor(np.real(a)), "ceiling": lambda a: np.ceil(np.real(a)),
+    "StrictLessThan": lambda a, b: np.real(a) < np.real(b), "LessThan": lambda a, b: np.real(a) <= np.real(b),
+    "Equality": lambda a, b: np.real(a) == np.real(b), "Unequality": lambda a, b: np.real(a) != np.real(b),
+    "And": lambda *a: reduce(np.logical_and, a), "Or": lambda *a: reduce(np.logical_or, a), "Not": np.logical_not,
+    **{name: _special(name) for name in ("erf", "erfc", "gamma", "loggamma")},
+    "BooleanTrue": lambda: True, "BooleanFalse": lambda: False, "_sqrt": np.sqrt, "_exp": np.exp,
+}  # fmt: skip
+
+
+def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for a function that is not known here."""
+    shared, reduced = se.cse(expressions)
+    names = {symbol: f"x[{i}]" for i, symbol in enumerate(symbols)}
+    lines = ["def function(x):"]
+    for i, (name, value) in enumerate(shared):
+        lines.append(f"    a{i} = {_written(value, names)}")
+        names[name] = f"a{i}"
+    lines.append(f"    return [{', '.join(_written(e, names) for e in reduced)}]")
+    space: dict[str, Any] = dict(_FUNCTIONS)
+    exec("\n".join(lines), space)
+    function = space["function"]
+
+    def evaluate(x: NDArray[Any]) -> NDArray[Any]:
+        out = np.empty((len(expressions), *x.shape[:-1]), dtype=x.dtype)
+        for i, column in enumerate(function(np.moveaxis(x, -1, 0))):
+            out[i] = column
+        return np.moveaxis(out, 0, -1)
+
+    return evaluate
+
+
+def _written(e: Expr, names: dict[Expr, str]) -> str:
+    """An expression as Python source."""
+    known = names.get(e)
+    if known is not None:
+        return known
+    kind, args = type(e).__name__, e.args
+    if e.is_Number or not (args or kind in _FUNCTIONS):
+        return f"({e})" if isinstance(e, se.Integer) else repr(float(e))
+    if kind == "Pow" and args[0] == se.E:
+        return f"_exp({_written(args[1], names)})"
+    if kind == "Pow" and abs(args[1]) == se.Rational(1, 2):
+        root = f"_sqrt({_written(args[0], names)})"
+        return root if args[1] > 0 else f"(1 / {root})"
+    texts = [_written(a, names) for a in args]
+    if kind in ("Add", "Mul", "Pow"):
+        return f"({({'Add': ' + ', 'Mul': ' * ', 'Pow': ' ** '})[kind].join(texts)})"
+    if kind not in _FUNCTIONS:
+        raise LawError(f"the function {kind} in {e} is not known to the reference kernels; use one of {', '.join(_FUNCTIONS)}")
+    return f"{kind}({', '.join(texts)})"
