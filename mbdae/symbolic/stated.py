@@ -47,7 +47,7 @@ def _is_condition(e: Any) -> bool:
 
 
 def _vector(v: Any) -> Any:
-    if not callable(getattr(v, "cross", None)) or isinstance(v, np.ndarray):
+    if not callable(getattr(v, "cross", None)):
         raise _WrongError(f"{shown(v)}, which is no vector; vectors are made of those of the frames, or by Vec(x, y, z)")
     return v
 
