@@ -48,7 +48,7 @@ def problems(s: mb.Scene) -> list[str]:
         (lambda s: s.rigid_body("b", 1, [[1, 2, 0], [0, 3, 0], [0, 0, 3]]), "body 'b': inertia matrix is not symmetric"),
         (lambda s: s.rigid_body("b", 1, (1, 2)), "body 'b': inertia = (1, 2) has shape (2,); give one number (about z), 3 values or 3x3 (kg m^2)"),
         (lambda s: s.rigid_body("b", 1, None), "body 'b': inertia = None: it is missing; give one number (about z)"),
-        (lambda s: s.rigid_body("b", 1, 1, at=(0, math.inf)), "'b': at = (0, inf): inf is not finite; give 2 or 3 numbers, m"),
+        (lambda s: s.rigid_body("b", 1, 1, at=(0, math.inf)), "'b': at = (0, inf) has a wrong entry, inf is not finite; give 2 or 3 numbers, m"),
         (lambda s: s.rigid_body("b", 1, 1, rotation=np.ones((3, 3))), "is not a rotation matrix (R R^T differs from 1 by 3, det 0)"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0), axis=(0, 0, 0)), "'R': axis = [0.0, 0.0, 0.0] has length zero; give a direction"),
         (lambda s: s.revolute("R", s.ground, "a", at=(0, 0, 0, 0)), "'R': at = (0, 0, 0, 0) has shape (4,); give 2 or 3 numbers, m"),

@@ -53,7 +53,7 @@ def broken(s: float) -> Any:
         (lambda s: beam(s, "c", (0, 1), (0, 1, 2, 3)), "'c': point 2 = (0, 1, 2, 3) has shape (4,); give 2 or 3 numbers, m"),
         (lambda s: beam(s, axis2=(1, 0, 0)), "beam 'c': axis2 = [1.0, 0.0, 0.0] is parallel to the line somewhere: give a direction across it"),
         (lambda s: beam(s, axis2=(0, 0, 0)), "beam 'c': axis2 = [0.0, 0.0, 0.0] has length zero; give a direction"),
-        (lambda s: beam(s, velocity=(1, math.nan)), "'c': velocity = (1, nan): nan is not finite"),
+        (lambda s: beam(s, velocity=(1, math.nan)), "'c': velocity = (1, nan) has a wrong entry, nan is not finite"),
         (lambda s: beam(s, "b"), "two items have the name 'b'; give each its own"),
         (lambda s: beam(s, curve="spline"), "beam 'c': curve = 'spline' is no curve; give 'arc' and three points, or a function of a parameter from 0 to 1"),
         (lambda s: beam(s, "c", (0, 1), (1, 1), (2, 1), curve="arc"), "beam 'c': the three points of an arc lie on a line: give a point off it, or a straight beam"),
