@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import OptionError
+from mbdae.errors import OptionError, told_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Solver, output_times
 from mbdae.results.result import Result
@@ -67,6 +67,7 @@ class Scene(SceneData):
 
         return floquet(self, period, at, count, accuracy)
 
+    @told_when_interrupted
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | None = None, form: Form | None = None,
                  outputs: int | Sequence[float] | Array | None = None, start: Result | None = None, verify: bool = False,
                  max_wall: float | None = None, progress: Callable[..., None] | bool | None = None) -> Result:  # fmt: skip
@@ -80,6 +81,8 @@ class Scene(SceneData):
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
         time. progress: True shows a bar.
+
+        Ctrl-C comes out as KeyboardInterrupt; its attribute `solution` is the Result until then, as that of a SolverError is.
         """
         plausible(accuracy)
         end = float(t_end) if isinstance(t_end, int | float) and math.isfinite(t_end) else None

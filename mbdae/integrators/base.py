@@ -129,7 +129,7 @@ class Solver(ABC):
         of this run by default; share: part of the width of an input of time that a step may cover; 1 by default,
         less where no error test shortens it.
         At a break of an input of time the run ends a step and begins anew.
-        Ctrl-C stops between two steps and returns the solution so far with complete=False.
+        Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         if self.rtol is None and not self.fixed:
             chosen = self.at_accuracy(DEFAULT_ACCURACY, system.label)
@@ -157,8 +157,6 @@ class Solver(ABC):
                 system.t0, system.y0, system.yp0 = a, *system.enter(a, loop.state[0], (a + b) / 2)
                 loop.restart(system.y0, system.yp0)
                 self.integrate(system, loop, h0 if a == start[0] else None)
-                if loop.t < b or loop.interrupted:
-                    return
         finally:
             system.t0, system.y0, system.yp0 = start
             system.longest_step = None

@@ -106,7 +106,7 @@ class CVODE(Solver):
                 if watch is not None and watch.refuses(result, callbacks.values):
                     method.init_step(loop.t, loop.state[0])
                     callbacks.restart()
-                    going = loop.guard()
+                    loop.guard()
                     continue
                 callbacks.renew = watch is not None and callbacks.stiffness_changed(watch)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
@@ -201,20 +201,22 @@ class _Callbacks(Callbacks):
         With `renew` it is not a number once, and wherever CVODE then asks for it at what is not a number: the only way to
         make CVODE ask for a new Jacobian before its Newton iteration fails (it then repeats the same step).
         """
-        if self.renew or (self._renewing and np.isnan(y[0])):
-            self.renew, self._renewing = False, True
-            out[:] = np.nan
-            return
-        self._renewing = False
-        self.evaluated(t)
-        self.call(self.system.rhs, t, y, out)
-        self.y[:], self.values[:] = y, out
+        with self:
+            if self.renew or (self._renewing and np.isnan(y[0])):
+                self.renew, self._renewing = False, True
+                out[:] = np.nan
+                return
+            self._renewing = False
+            self.evaluated(t)
+            self.system.rhs(t, y, out)
+            self.y[:], self.values[:] = y, out
 
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """df/dy for CVODE; asked for first in the first attempt."""
-        self._choosing = False
-        self._newest = t, y.copy()
-        out[...] = self.call(rate_jacobian, self.system, t, y, yp)
+        with self:
+            self._choosing = False
+            self._newest = t, y.copy()
+            out[...] = rate_jacobian(self.system, t, y, yp)
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:

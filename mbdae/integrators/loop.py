@@ -1,18 +1,16 @@
-"""The services every step loop needs: collected steps, guards, progress and Ctrl-C."""
+"""The services every step loop needs: collected steps, guards, progress, and what is kept where a run is interrupted."""
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable
 from math import inf
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError, WallClockError
+from mbdae.errors import SolverError, WallClockError, interrupted
 from mbdae.integrators.dense import joined
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
@@ -40,7 +38,6 @@ class StepLoop:
     ) -> None:
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
-        self.interrupted = False
         self._output_times = output_times
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals = max_residuals
@@ -52,7 +49,6 @@ class StepLoop:
         self._yp = [np.array(system.yp0, dtype=float)]
         self._pieces: list[Any] = []
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
-        self._handler: Any = None
 
     @property
     def t(self) -> float:
@@ -73,27 +69,25 @@ class StepLoop:
         self._threads = one_thread()
         self._threads.__enter__()
         self._wall, self._cpu = time.perf_counter(), time.process_time()
-        if threading.current_thread() is threading.main_thread():
-            self._handler = signal.signal(signal.SIGINT, self._interrupt)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._restore_handler()
         self._threads.__exit__(kind, error, trace)
         self._clock()
-        if error is not None and not isinstance(error, SolverError):
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            self._interrupted(error)
+        elif error is not None and not isinstance(error, SolverError):
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")
 
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        self.interrupted = True
-        self._restore_handler()  # a second Ctrl-C then acts at once
-
-    def _restore_handler(self) -> None:
-        if self._handler is not None:
-            signal.signal(signal.SIGINT, self._handler)
-            self._handler = None
+    def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
+        """Give what ends the process (Ctrl-C, or what a handler of the user's raises) the solution so far."""
+        whole = len(self._pieces) + 1  # a step that was being kept is left out
+        for kept in (self._t, self._y, self._yp):
+            del kept[whole:]
+        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
+        interrupted(error, f"{where}: what was computed until then is the attribute `solution` of this exception", self.solution())
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall
@@ -112,7 +106,8 @@ class StepLoop:
         self._yp.append(yp)
         self._pieces.append(piece)
         self.system.accept(t, y)
-        return self.guard() and t < self.t_end
+        self.guard()
+        return t < self.t_end
 
     def restart(self, y: Array, yp: Array) -> None:
         """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
@@ -124,8 +119,8 @@ class StepLoop:
         """Wall time that counts against max_wall, s."""
         return time.perf_counter() - (self._wall if self._begin is None else self._begin)
 
-    def guard(self) -> bool:
-        """Watch the wall clock, report progress; False after Ctrl-C."""
+    def guard(self) -> None:
+        """Watch the wall clock and the budget of evaluations, report progress."""
         wall = time.perf_counter() - self._wall
         if self._waited() > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
@@ -136,7 +131,6 @@ class StepLoop:
             self._next_progress = wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
-        return not self.interrupted
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError that carries the time, the culprit and the solution so far."""
