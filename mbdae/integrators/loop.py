@@ -87,7 +87,7 @@ class StepLoop:
         for kept in (self._t, self._y, self._yp):
             del kept[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
-        interrupted(error, f"{where}: what was computed until then is the attribute `solution` of this exception", self.solution())
+        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall

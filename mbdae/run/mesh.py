@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.elements.line_shape import ORDERS, table
-from mbdae.errors import OptionError, SolverError
+from mbdae.errors import OptionError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
