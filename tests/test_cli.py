@@ -124,7 +124,7 @@ def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys)
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     err = process.communicate(timeout=30)[1]
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert "interrupted: 1 of 2 runs are done and kept in kept.json" in err
     assert "Traceback" not in err
     assert len(json.loads((tmp_path / "kept.json").read_text())["rows"]) == 1
