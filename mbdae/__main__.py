@@ -1,13 +1,14 @@
 """`python -m mbdae` is the command `mbdae`."""
 
-import contextlib
 import os
 import sys
 
 if __name__ == "__main__":
-    with contextlib.suppress(OSError):  # where the working directory was removed
-        if sys.path[:1] in ([""], [os.getcwd()]):  # a random.py there must not replace the module of that name
-            sys.path.append(sys.path.pop(0))
+    # Python puts the working directory first: a random.py there would replace the module of that name
+    if not sys.flags.safe_path:
+        here = sys.path.pop(0)
+        if os.path.dirname(os.path.dirname(os.path.abspath(__file__))) == here:  # mbdae itself comes from there
+            sys.path.append(here)
 
     from mbdae.cli import main
 

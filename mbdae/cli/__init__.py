@@ -14,7 +14,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from mbdae.cli.parser import UsageError, make_parser
-from mbdae.cli.streams import READER_GONE, ReaderGoneError, json_alone, usable_streams
+from mbdae.cli.streams import READER_GONE, OutputLostError, json_alone, usable_streams
 from mbdae.cli.userfile import place_in
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 
@@ -27,10 +27,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with usable_streams():
             return _parsed_and_run(words)
-    except ReaderGoneError:
-        return READER_GONE
-    except OSError as error:
-        print(f"mbdae: standard output cannot be written: {error.strerror}", file=sys.stderr)
+    except OutputLostError as error:
+        if error.reader_gone:
+            return READER_GONE
+        print(f"mbdae: {error}", file=sys.stderr)
         return 1
 
 
@@ -52,9 +52,9 @@ def _parsed_and_run(words: list[str]) -> int:
         except KeyboardInterrupt as stop:
             name = "" if stops.number == SIGINT else f"{stops.name}: "
             return _complain(a, stop, 128 + stops.number, f"{name}{stop if str(stop) else 'interrupted'}")
+        except OutputLostError:
+            raise
         except Exception as error:
-            if isinstance(error, BrokenPipeError) and not place_in(error, a.file):
-                raise
             return _complain(a, error, *_judged(a, error))
 
 
@@ -83,6 +83,6 @@ def _complain(a: Namespace, error: BaseException, code: int, text: str | None = 
     said = str(error) if text is None else text
     print(f"{usage}mbdae: {said}", file=sys.stderr)
     if a.json:
-        with contextlib.suppress(BrokenPipeError):
+        with contextlib.suppress(OutputLostError):
             print(json.dumps({"error": said, "exit_code": code, "written": a.written}, indent=1), file=a.stdout, flush=True)
     return code

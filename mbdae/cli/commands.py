@@ -125,17 +125,18 @@ def validate(a: argparse.Namespace) -> int:
     from mbdae import validation
     from mbdae.run.progress import bar
 
-    folder, shown = validation.find(a.root), bar()
+    out, shown = _folder(a.out), bar()
+    folder = validation.find(a.root)
     checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]
-    out, measured = _folder(a.out), []
+    measured: list[Any] = []
     with closing(shown):
         for i, found in enumerate(checks):
             shown.show(i / len(checks), "validate", found.claim.name)
             try:
                 measured.append(validation.Measured(found.claim, found.run()))
             except KeyboardInterrupt as stop:
-                stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is said "
-                             f"of them above is all; nothing is written",)  # fmt: skip
+                stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is "
+                             f"said of them above is all; nothing is written",)  # fmt: skip
                 raise
             shown.close()
             if not a.json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 FORMS = ("ggl", "index3", "index1", "ode")
@@ -26,6 +26,15 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As always, but `--option=--`, of which argparse makes no value at all, is refused."""
+        for word in args or ():
+            if word == "--":
+                break
+            if word.startswith("--") and word.endswith("=--"):
+                self.error(f"argument {word[:-3]}: '--' is no value of it")
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, self.format_usage())
 
@@ -40,8 +49,8 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _command(commands, "check", do.check, "say what a scene is before solving it")
     p = _command(commands, "run", do.run, "simulate a scene with controlled accuracy")
-    p.add_argument("--solver", type=str.lower, choices=SOLVERS, help="default: chosen for the scene")
-    p.add_argument("--form", type=str.lower, choices=FORMS, help="default: chosen for the scene")
+    p.add_argument("--solver", type=_one_of(SOLVERS), choices=SOLVERS, help="default: chosen for the scene")
+    p.add_argument("--form", type=_one_of(FORMS), choices=FORMS, help="default: chosen for the scene")
     p.add_argument("--accuracy", type=_positive, default=1e-6, help="bound of the error over the run (default 1e-6)")
     _common(p, "folder for the result (.npz) and a picture of `measure`; a run that is stopped leaves what it computed there")
     p = _command(commands, "compare", do.compare, "solvers side by side against a confirmed reference")
@@ -104,13 +113,18 @@ def _common(p: argparse.ArgumentParser, out: str) -> None:
 # -- what options take
 
 
+def _one_of(words: Sequence[str]) -> Callable[[str], str]:
+    """Reads a word in capitals too."""
+    return lambda text: text.lower() if text.lower() in words else text
+
+
 def _positive(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number: give one such as 1e-6") from None
+        raise argparse.ArgumentTypeError(f"{_shown(text)} is not a number: give one such as 1e-6") from None
     if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"'{text}': give a finite number above 0")
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give a finite number above 0")
     return value
 
 
@@ -118,11 +132,17 @@ def _accuracies(text: str) -> list[float]:
     try:
         return [_positive(part) for part in text.split(",")]
     except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"'{text}': give numbers above 0 separated by commas, such as 1e-3,1e-6") from None
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give numbers above 0 separated by commas, such as 1e-3,1e-6") from None
 
 
 def _name(text: str) -> str:
     """The name of a file or folder."""
     if not text.strip() or "\0" in text:
-        raise argparse.ArgumentTypeError(f"'{text}' is not the name of a file or folder")
+        raise argparse.ArgumentTypeError(f"{_shown(text)} is not the name of a file or folder")
     return text
+
+
+def _shown(text: str) -> str:
+    from mbdae.values import shown  # with NumPy, which what is right does not wait for
+
+    return shown(text)

@@ -13,15 +13,42 @@ from typing import Any
 READER_GONE = 141  #: exit code of what is ended by SIGPIPE: `mbdae ... | head -1`
 
 
-class ReaderGoneError(Exception):
-    """Whoever reads standard output has closed it."""
+class OutputLostError(Exception):
+    """Standard output cannot be written: whoever reads it has closed it (reader_gone), or there is no space."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(f"standard output cannot be written: {error.strerror}")
+        self.reader_gone = isinstance(error, BrokenPipeError)
+
+
+class _Checked:
+    """A stream that raises OutputLostError where it cannot be written, whoever prints."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return int(self._stream.write(text))
+        except OSError as error:
+            raise OutputLostError(error) from None
+
+    def flush(self) -> None:
+        try:
+            with contextlib.suppress(ValueError):  # FILE may have closed it
+                self._stream.flush()
+        except OSError as error:
+            raise OutputLostError(error) from None
 
 
 @contextlib.contextmanager
 def usable_streams() -> Iterator[None]:
     """Streams that can be written to: into nothing where they are closed, with escapes for characters they do not have.
 
-    A reader that goes away ends the command as ReaderGoneError."""
+    Where they cannot, the command ends with OutputLostError."""
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
@@ -29,16 +56,13 @@ def usable_streams() -> Iterator[None]:
                 stack.enter_context(_instead(name, nothing))
             elif isinstance(getattr(sys, name), io.TextIOWrapper):
                 getattr(sys, name).reconfigure(errors="backslashreplace")
+        stack.enter_context(_instead("stdout", _Checked(sys.stdout)))
         try:
             try:
                 yield
             finally:
-                with contextlib.suppress(ValueError):  # FILE may have closed it
-                    sys.stdout.flush()
-        except BrokenPipeError:
-            _drop_output()
-            raise ReaderGoneError from None
-        except OSError:
+                sys.stdout.flush()
+        except OutputLostError:
             _drop_output()
             raise
 
@@ -76,7 +100,7 @@ def json_alone(a: Namespace) -> Iterator[None]:
             pass
         else:
             sys.stdout.flush()
-            a.stdout = os.fdopen(os.dup(number), "w", encoding="utf-8")
+            a.stdout = _Checked(os.fdopen(os.dup(number), "w", encoding="utf-8"))
             os.dup2(other, number)
             stack.callback(_put_back, a, number)
         with contextlib.redirect_stdout(sys.stderr):

@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from mbdae.cli.parser import UsageError
+from mbdae.cli.streams import OutputLostError
 from mbdae.errors import MbdaeError
 
 NAME = "__mp_main__"
@@ -108,7 +109,7 @@ def _mistakes_told(file: str, path: Path, what: str) -> Iterator[None]:
     """A mistake in FILE is wrong usage, told with its line and without the way there."""
     try:
         yield
-    except MbdaeError:
+    except (MbdaeError, OutputLostError):
         raise
     except SystemExit as error:
         place = place_in(error, str(path))
