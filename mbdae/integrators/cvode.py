@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, check_tolerances
 from mbdae.integrators.dense import Collocation, Hermite, cubic
-from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.loop import BLOCK, StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
@@ -119,10 +119,10 @@ class CVODE(Solver):
         c = radau_table(NODES).c[:-1]
         inner = np.empty((len(pieces), NODES - 1, y.shape[1]))
         tame = np.array([i for i, piece in enumerate(pieces) if piece is None], dtype=np.intp)
-        if len(tame):
-            times = t[tame, None] + np.diff(t)[tame, None] * c
-            values = Hermite(t, y, yp, 3).value(times.ravel())
-            inner[tame] = values.reshape(len(tame), NODES - 1, -1) - y[tame, None]
+        widths, hermite = np.diff(t), Hermite(t, y, yp, 3)
+        for some in np.split(tame, range(BLOCK, len(tame), BLOCK)):  # not all at once: that takes several times their memory
+            times = t[some, None] + widths[some, None] * c
+            inner[some] = hermite.value(times.ravel()).reshape(len(some), NODES - 1, y.shape[1]) - y[some, None]
         for i, piece in enumerate(pieces):
             if piece is not None:
                 inner[i] = piece

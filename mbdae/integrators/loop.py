@@ -17,6 +17,37 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
+BLOCK = 1000  #: steps that are kept together
+
+
+class _Rows:
+    """Arrays (n,) one behind the other, in blocks: a small array of its own takes many times the memory of its numbers."""
+
+    def __init__(self, first: Array) -> None:
+        self._blocks: list[Array] = []
+        self._tail = [first]
+
+    @property
+    def last(self) -> Array:
+        """The last row."""
+        return self._tail[-1]
+
+    @last.setter
+    def last(self, row: Array) -> None:
+        self._tail[-1] = row
+
+    def append(self, row: Array) -> None:
+        """Add a row."""
+        if len(self._tail) == BLOCK:
+            self._blocks.append(np.array(self._tail))
+            self._tail = []
+        self._tail.append(row)
+
+    def array(self, count: int) -> Array:
+        """The first `count` rows (count, n)."""
+        rows = np.concatenate([*self._blocks, np.array(self._tail)])
+        self._blocks, self._tail = [rows[:-1]], [rows[-1]]  # not kept twice
+        return rows[:count]
 
 
 class StepLoop:
@@ -45,8 +76,8 @@ class StepLoop:
         self._progress = progress
         self._next_progress = 0.0
         self._t = [float(system.t0)]
-        self._y = [np.array(system.y0, dtype=float)]
-        self._yp = [np.array(system.yp0, dtype=float)]
+        self._y = _Rows(np.array(system.y0, dtype=float))
+        self._yp = _Rows(np.array(system.yp0, dtype=float))
         self._pieces: list[Any] = []
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
 
@@ -63,7 +94,7 @@ class StepLoop:
     @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
-        return self._y[-1], self._yp[-1]
+        return self._y.last, self._yp.last
 
     def __enter__(self) -> Self:
         self._threads = one_thread()
@@ -84,8 +115,7 @@ class StepLoop:
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Give what ends the process (Ctrl-C, or what a handler of the user's raises) the solution so far."""
         whole = len(self._pieces) + 1  # a step that was being kept is left out
-        for kept in (self._t, self._y, self._yp):
-            del kept[whole:]
+        del self._t[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
@@ -113,7 +143,7 @@ class StepLoop:
         """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
-        self._y[-1], self._yp[-1] = y, yp
+        self._y.last, self._yp.last = y, yp
 
     def _waited(self) -> float:
         """Wall time that counts against max_wall, s."""
@@ -142,7 +172,8 @@ class StepLoop:
 
     def solution(self) -> Solution:
         """The steps accepted so far."""
-        t, y, yp = np.array(self._t), np.array(self._y), np.array(self._yp)
+        t = np.array(self._t)
+        y, yp = self._y.array(len(t)), self._yp.array(len(t))
         interpolant = self._interpolant(t, y, yp)
         outputs = None
         if self._output_times is not None:

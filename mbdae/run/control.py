@@ -168,13 +168,13 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made = _companions_of(system, tight, t_end, begin=begin, **options)
-    most, estimates = ATTEMPTS - 1 + best.runs, list[float]()
+    most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
     while best.runs < most:
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER ** len(made), **options)
+                fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER**count, **options)
         except WallClockError as error:
             raise WallClockError(
                 f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: "
@@ -187,7 +187,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made.append((tight.tolerance, fine))
+        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # runs are large: earlier ones are not needed any more
         estimates.append(estimated(system, solver, made, measure, outputs))
         share = share_of(system, solver, tight.tolerance / loose)
         others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
