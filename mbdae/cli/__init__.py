@@ -13,7 +13,8 @@ import warnings
 from argparse import Namespace
 from collections.abc import Sequence
 
-from mbdae.cli.parser import UsageError, make_parser
+from mbdae.cli.parser import UsageError
+from mbdae.cli.parser import make_parser as _parser
 from mbdae.cli.streams import READER_GONE, OutputLostError, json_alone, usable_streams
 from mbdae.cli.userfile import place_in
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
@@ -40,7 +41,7 @@ def _parsed_and_run(words: list[str]) -> int:
     with Stops() as stops:
         a = Namespace(json="--json" in words, debug="--debug" in words, file=None, written=[], stdout=sys.stdout)
         try:
-            make_parser().parse_args(words, a)
+            _parser().parse_args(words, a)
             with json_alone(a), contextlib.ExitStack() as a.stack, warnings.catch_warnings():
                 warnings.simplefilter("ignore", AccuracyWarning)  # told once, as part of the result
                 return int(a.command(a))
