@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from mbdae.errors import told_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver, end_after, output_times
@@ -71,6 +72,7 @@ class Scene(SceneData):
 
         return floquet(self, period, at, count, accuracy)
 
+    @told_when_interrupted
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,
@@ -87,6 +89,8 @@ class Scene(SceneData):
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
         time. progress: True shows a bar; a function is called as progress(t, t_end, stats), ten times per second at most.
         An option that cannot be used raises OptionError before anything is solved.
+
+        Ctrl-C comes out as KeyboardInterrupt; its attribute `solution` is the Result until then, as that of a SolverError is.
         """
         accuracy = plausible(accuracy)
         method, own = solver_of(solver) if solver is not None else None, form_of(form) if form is not None else None

@@ -13,12 +13,21 @@
     ├── EquilibriumError    no state at rest was found; carries the last one that is, and its load factor
     └── SteadyError         the linearised equations depend on time; carries them as they are at that instant
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
+
+Ctrl-C comes out of every function as the KeyboardInterrupt that it is. Its text says what was stopped, and its attribute
+`solution` is what was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class MbdaeError(Exception):
@@ -64,6 +73,41 @@ class SolverError(MbdaeError):
 
 class WallClockError(SolverError):
     """The wall-clock time allowed for a run was used up."""
+
+
+def interrupted(error: BaseException, text: str, solution: Any) -> None:
+    """Say in a KeyboardInterrupt (or SystemExit) what it stopped, and attach what was computed until then as `solution`.
+
+    The exception stays of its own class: a script that does not catch it ends as Ctrl-C ends any script.
+    """
+    if isinstance(error, KeyboardInterrupt):
+        error.args = (text,)
+    error.solution = solution  # type: ignore[attr-defined]
+
+
+@contextmanager
+def keeping(solution: Any, text: str) -> Iterator[None]:
+    """Where Ctrl-C stops what runs inside, `solution` is what was computed; text says what it is."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit) as error:
+        interrupted(error, f"interrupted: {text}", solution)
+        raise
+
+
+def told_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
+    """The function, whose KeyboardInterrupt says that nothing was computed yet, unless it says something already."""
+
+    @wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except KeyboardInterrupt as error:
+            if not error.args:
+                error.args = ("interrupted before the first step, while the equations were derived and compiled",)
+            raise
+
+    return told
 
 
 class EquilibriumError(MbdaeError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import mbdae as mb
 from mbdae.cli import main
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -125,12 +127,86 @@ def test_compare_stopped_by_ctrl_c_goes_on_from_its_file(file, tmp_path, capsys)
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     err = process.communicate(timeout=30)[1]
-    assert process.returncode == 1
+    assert process.returncode == 130
     assert "interrupted: 1 of 2 runs are done and kept in kept.json" in err
     assert "Traceback" not in err
     assert len(json.loads(kept.read_text(encoding="utf-8"))["rows"]) == 1
     assert main([*command, "--t-end", "0.1"]) == 2
     assert "t_end is 0.5 there and 0.1 here" in said(capsys)[1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code", "as_json"), [(signal.SIGINT, 130, False), (signal.SIGTERM, 143, True)])
+def test_a_run_that_is_stopped_keeps_what_it_computed(number, code, as_json, file, tmp_path):
+    begun = 'print("begun", file=sys.stderr, flush=True)\n    return s'
+    name = file("import sys\n" + PENDULUM.replace("t_end = 0.5", "t_end = 1e5").replace("return s", begun))
+    command = [sys.executable, "-m", "mbdae", "run", name, "--out", "out", *(["--json"] if as_json else [])]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while "begun" not in process.stderr.readline():
+        assert process.poll() is None
+    time.sleep(0.7)  # some of it is integration
+    process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == code
+    last = err.strip().splitlines()[-1]
+    said = "mbdae: SIGTERM: interrupted" if number == signal.SIGTERM else "mbdae: interrupted"
+    assert last.startswith(f"{said} at t = ")
+    assert last.endswith("s is in out/swing.npz")
+    assert "Traceback" not in err
+    r = mb.load(tmp_path / "out" / "swing.npz")
+    assert not r.complete
+    assert 0 < r.solution.t[-1] < 1e5
+    if as_json:
+        assert json.loads(out) == {"error": last.removeprefix("mbdae: "), "exit_code": 143, "written": ["out/swing.npz"]}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
+@pytest.mark.parametrize(("redirected", "codes"), [
+    ("check FILE | true", {0, 141}), ("check FILE >&- 2>&- <&-", {0}), ("check FILE >/dev/full", {1}),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in [
+        ("run FILE --json | head -1", {0, 141}), ("run FILE --json 2>&-", {0}), ("check absent.py --json | true", {2, 141})]),
+])  # fmt: skip
+def test_output_that_nobody_reads_causes_no_traceback(redirected, codes, file):
+    if "/dev/full" in redirected and not Path("/dev/full").exists():
+        pytest.skip("no full device")
+    words = f"{sys.executable} -m mbdae {redirected.replace('FILE', file())}; echo code ${{PIPESTATUS[0]}} >&3"
+    with open("code", "w") as told:
+        done = subprocess.run(["bash", "-c", f"exec 3>&{told.fileno()}; {words}"], capture_output=True, text=True, timeout=30,
+                              pass_fds=[told.fileno()], check=False)  # fmt: skip
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    assert int(Path("code").read_text().split()[1]) in codes, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+@pytest.mark.parametrize("variables", [
+    pytest.param({"TERM": "dumb"}, marks=pytest.mark.slow),
+    {"TERM": "", "NO_COLOR": "1", "COLUMNS": "40", "PYTHONIOENCODING": "ascii"},
+])  # fmt: skip
+def test_any_terminal_will_do(variables, file):
+    import os
+    import pty
+
+    name = file(PENDULUM.replace("t_end = 0.5", "t_end = 50"))
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([sys.executable, "-m", "mbdae", "run", name], stdout=theirs, stderr=theirs, stdin=theirs,
+                               env=os.environ | variables)  # fmt: skip
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while part := os.read(ours, 65536):
+            shown += part
+    assert process.wait(20) == 0, shown
+    assert b"Traceback" not in shown
+    assert b"hinge.angle at t = 50 s" in shown
+
+
+def test_what_other_programs_print_is_kept_out_of_the_json(file):
+    noisy = 'import os, subprocess, sys\nos.write(1, b"written\\n")\nsubprocess.run([sys.executable, "-c", "print(3)"])\n'
+    command = [sys.executable, "-m", "mbdae", "check", file(noisy + PENDULUM), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    assert json.loads(done.stdout)["scene"] == "pendulum"
+    assert "written" in done.stderr
 
 
 def test_compare_reads_what_is_kept(file, capsys):

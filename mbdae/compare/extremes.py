@@ -15,7 +15,7 @@ from mbdae.compare.extremes_ways import Way, stepped_ways, ways
 from mbdae.compare.job import SECONDS, Job, new_job
 from mbdae.compare.kept import progress_of_runs, resume_path
 from mbdae.compare.run import Run, checked_runs
-from mbdae.errors import MbdaeError
+from mbdae.errors import MbdaeError, interrupted
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
 from mbdae.values import number, optional
@@ -38,7 +38,8 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     turns: its t_end shrinks. Default: what the scene states, by factors.
     runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae comes last.
     measure: a sensor, "C.angle"; default the motion of the bodies. max_wall: s of wall time per run.
-    progress(done, total, label): called before every run. resume: a JSON file that keeps every finished value.
+    progress(done, total, label): called before every run. resume: a JSON file that keeps every finished value, also where Ctrl-C
+    or an error ends the map.
     """
     begin = time.process_time()
     accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None
@@ -52,7 +53,11 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     kept = kept_rows(resume, first, asked, own, accuracy)
     work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell,
                  sum(len(p.values) for p in parameters) * (len(chosen) + 1))  # fmt: skip
-    blocks = tuple(work.block(p) for p in parameters)
+    try:
+        blocks = tuple(work.block(p) for p in parameters)
+    except KeyboardInterrupt as error:
+        interrupted(error, kept.said(sum(len(p.values) for p in parameters)), None)
+        raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
 

@@ -92,8 +92,6 @@ def cell(job: Job, way: Way, value: float, accuracy: float, truth: Truth) -> Cel
     except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as stop:
         name = "" if isinstance(stop, MbdaeError) else f"{type(stop).__name__}: "
         return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(stop).split()))
-    if not r.complete:
-        raise KeyboardInterrupt
     cpu = time.process_time() - begin
     facts |= {"solver": r.info.solver.label, "form": r.info.form, "cpu_s": cpu}
     values = job.values(r.solution, Equations(r.prepared))

@@ -37,6 +37,13 @@ class Kept:
         data = {"format": FORMAT, "statement": self.statement, "rows": rows}
         write_file(self.path, json.dumps(data, indent=1) + "\n")
 
+    def said(self, total: int) -> str:
+        """What there is of a map that is interrupted, of `total` values."""
+        done = f"interrupted: {len(self.rows)} of {total} values are done"
+        if self.path is not None:
+            return f"{done} and kept in {self.path}; the same call goes on from there"
+        return f"{done}, none is kept; with resume=FILE a map goes on where it was stopped"
+
 
 def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run] | None, accuracy: float) -> Kept:
     """What the file holds of this map; nothing where there is none. Another map is refused, the difference named."""

@@ -10,6 +10,7 @@ import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,7 +19,7 @@ import numpy as np
 
 from mbdae.compare.kept import check_same, resume_path, written
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
-from mbdae.errors import OptionError, Told
+from mbdae.errors import OptionError, Told, interrupted
 from mbdae.files import write_file
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
@@ -41,7 +42,7 @@ class SweepRow:
 
 @dataclass(frozen=True)
 class Sweep(Told):
-    """Rows of a sweep in the order of its points; those of a sweep that was stopped (Ctrl-C) are fewer than `points`.
+    """Rows of a sweep in the order of its points; those of a sweep that was interrupted are fewer than `points`.
 
     axes: name -> values of the outer product, None where a list of points was given.
     """
@@ -111,10 +112,11 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
     such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
-    An error of a point is kept in its row. Where a worker dies, the points it had in hand are done once more, each alone;
-    one whose worker dies again is a failure. resume: a file that gets every row as it comes; with the same job and grid
+    An error of a point is kept in its row. Where a worker dies, the point it had in hand is done once more; one whose
+    worker dies again is a failure. resume: a file that gets every row as it comes; with the same job and grid
     only what is missing is computed, points whose worker died among it, and with again=True all that failed.
-    progress(done, all) is called after every point. Ctrl-C stops and returns what is done.
+    progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
+    Sweep of the points done. The worker processes end with this one, however it ends.
     """
     points, axes = _points(grid)
     workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
@@ -131,16 +133,26 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     with _Kept(resume, {"format": FORMAT, "job": _name(job), "grid": said}, points, again) as kept:
         done = kept.rows
         left = {i: point for i, point in enumerate(points) if i not in done}
-        coming = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
+        come = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
+        made = Sweep(tuple(points), done, axes)
         try:
-            for i, found in coming:
-                done[i] = _row(points[i], found)
-                kept.add(i, done[i])
-                if tell is not None:
-                    tell(len(done), len(points))
-        except KeyboardInterrupt:
-            coming.close()  # type: ignore[attr-defined]
-    return Sweep(tuple(points), done, axes)
+            with closing(come) as coming:
+                for i, found in coming:
+                    done[i] = _row(points[i], found)
+                    kept.add(i, done[i])
+                    if tell is not None:
+                        tell(len(done), len(points))
+        except (KeyboardInterrupt, SystemExit) as error:
+            interrupted(error, _said(made, resume), made)
+            raise
+    return made
+
+
+def _said(made: Sweep, resume: Any) -> str:
+    """What is kept of a sweep that was interrupted."""
+    done = f"the sweep was interrupted: {len(made.done)} of {len(made.points)} points are done"
+    where = f"kept in {resume}; the same call goes on from there" if resume is not None else "kept in no file (resume=FILE does)"
+    return f"{done} and {where}; this exception has them as its attribute `solution`"
 
 
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:

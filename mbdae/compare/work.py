@@ -16,7 +16,7 @@ from mbdae.compare.pairwise import tightest
 from mbdae.compare.reference import computed_reference
 from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
-from mbdae.errors import MbdaeError, SolverError
+from mbdae.errors import MbdaeError, SolverError, interrupted
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.system.base import Array
 
@@ -40,8 +40,9 @@ class Work:
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(self._interrupted()) from None
+        except KeyboardInterrupt as error:
+            interrupted(error, self._interrupted(), None)
+            raise
 
     def _do(self, tell: Progress, before: tuple[float, float]) -> None:
         total = len(self.queue) + 1
@@ -64,7 +65,7 @@ class Work:
         self.kept.save(self.state)
 
     def _interrupted(self) -> str:
-        done = f"{len(self.state.rows)} of {len(self.queue)} runs are done"
+        done = f"interrupted: {len(self.state.rows)} of {len(self.queue)} runs are done"
         if self.kept.path is not None:
             return f"{done} and kept in {self.kept.path}; the same call goes on from there"
         return f"{done}, none is kept; with resume=FILE a comparison goes on where it was stopped"

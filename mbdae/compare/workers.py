@@ -1,22 +1,22 @@
-"""Workers of a sweep: processes of their own, or any executor; a worker that dies costs the points it had in hand."""
+"""Points of a sweep in processes of their own (`Crew`), or in any executor. A worker that dies costs the point it had in hand."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
-import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
 from typing import Any
 
+from mbdae.compare.worker import Worker, WorkerDiedError
 from mbdae.errors import OptionError
-from mbdae.threads import keep_one_thread
 
 DIED = "worker died"
 GUARD = ("the worker processes do not start: they import the script again, so keep what it runs under "
-         "`if __name__ == '__main__':`")  # fmt: skip
+         "`if __name__ == '__main__':`; what they said is above")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -29,34 +29,27 @@ class Outcome:
 
 
 Job = Callable[..., dict[str, Any]]
-Done = Iterator[tuple[int, Outcome]]  #: number of a point and what it came to, as they come
+Done = Generator[tuple[int, Outcome], None, None]  #: number of a point and what it came to, as they come
 
 
-def begin() -> None:
-    """Start of a worker process: one BLAS thread; Ctrl-C ends it without a word, the parent reports."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    keep_one_thread()
-
-
-def ready() -> bool:
-    """What a worker answers when it is there."""
-    return True
-
-
-def of_pickle(payload: bytes) -> Outcome:
-    """The outcome of a job and point as they were pickled: what cannot be read here is a failure, not a broken worker."""
+def answer(payload: bytes) -> bytes:
+    """What a worker makes of a pickled job and point: a pickled outcome. What cannot be read or sent is a failure."""
     try:
         job, point = pickle.loads(payload)
     except Exception as error:
-        return Outcome(None, _text(error))
-    return outcome(job, point)
+        return pickle.dumps(Outcome(None, _text(error)))
+    found = outcome(job, point)
+    try:
+        return pickle.dumps(found)
+    except Exception as error:
+        return pickle.dumps(Outcome(None, f"TypeError: the job returned what cannot be sent: {_text(error)}"))
 
 
 def outcome(job: Job, point: dict[str, Any]) -> Outcome:
-    """What a point comes to; every error is kept."""
+    """What a point comes to; every error is kept, and a job that ends its process is one."""
     try:
         values = job(**point)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return Outcome(None, _text(error))
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
         return Outcome(None, f"TypeError: the job returned {values!r}: return a dict of names and values")
@@ -67,52 +60,98 @@ def _text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
+# -- processes of this machine
+
+
 def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
-    """Points in processes of their own. When one dies, those in hand at that moment are done again, each alone."""
+    """Points in processes of their own. One whose worker dies is done once more by another; after that it is a failure."""
     payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
-    count = min(workers or os.cpu_count() or 1, len(points))
-    waiting = list(payloads)
-    while waiting:
-        suspects: list[int] = []
-        for i, found in _in_pool(payloads, waiting, count):
-            if found.died:
-                suspects.append(i)
-            else:
-                yield i, found
-        for i in suspects:  # one worker, one point: who dies now has himself to blame
-            yield from _in_pool(payloads, [i], 1)
-
-
-def _in_pool(payloads: dict[int, bytes], waiting: list[int], count: int) -> Done:
-    """Points taken from `waiting` until it is empty or a worker dies; no more than one for each worker and one on its way."""
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin)
+    crew = _Crew(min(workers or os.cpu_count() or 1, len(points)))
+    waiting, tried = list(payloads), set[int]()
     try:
-        try:
-            pool.submit(ready).result()
-        except BrokenExecutor as error:
-            raise OptionError(GUARD) from error
-        yield from _as_they_come(lambda i: pool.submit(of_pickle, payloads[i]), waiting, count + 1)
+        while waiting or crew.busy:
+            while waiting and (free := crew.free()) is not None:
+                crew.give(free, waiting[0], payloads[waiting[0]])
+                del waiting[0]
+            for i, found in crew.answers():
+                if found.died and i not in tried:
+                    tried.add(i)
+                    waiting.append(i)
+                else:
+                    yield i, found
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        crew.end()
+
+
+class _Crew:
+    """Up to `count` workers, started as they are needed, and the number of the point that each has in hand."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.idle: list[Worker] = []
+        self.busy: dict[Connection, tuple[Worker, int]] = {}
+        self._begun = False
+
+    def free(self) -> Worker | None:
+        """A worker without a point, a new one where there may be more; None where all are busy."""
+        if self.idle:
+            return self.idle.pop()
+        if len(self.busy) >= self.count:
+            return None
+        worker = Worker(answer)
+        if not self._begun:  # the first one alone: what keeps workers from starting is said once
+            self._wait_for_first(worker)
+        return worker
+
+    def _wait_for_first(self, worker: Worker) -> None:
+        try:
+            worker.wait_until_ready()
+        except WorkerDiedError as error:
+            raise OptionError(GUARD if error.own_fault else f"the worker processes do not start: {error}") from None
+        except BaseException:
+            worker.kill()
+            raise
+        self._begun = True
+
+    def give(self, worker: Worker, i: int, payload: bytes) -> None:
+        """Send a point to a worker; one that has died in between answers with that."""
+        self.busy[worker.connection] = worker, i
+        worker.send(payload)
+
+    def answers(self) -> Done:
+        """What has come, at least one point."""
+        for connection in wait_for(list(self.busy)):
+            worker, i = self.busy[connection]  # type: ignore[index]
+            try:
+                found = worker.receive()
+            except WorkerDiedError as error:
+                found = Outcome(None, f"{DIED}: {error}", True)
+            else:
+                if found is None:  # it has only begun
+                    continue
+                self.idle.append(worker)
+            del self.busy[connection]  # type: ignore[arg-type]
+            yield i, found
+
+    def end(self) -> None:
+        """Kill all workers: none has anything left to do."""
+        for worker in [*self.idle, *(worker for worker, _ in self.busy.values())]:
+            worker.kill()
+
+
+# -- an executor of the user's
 
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
     """Points in an executor that somebody else looks after."""
     waiting = list(points)
-    yield from _as_they_come(lambda i: executor.submit(outcome, job, points[i]), waiting, len(waiting))
-    for i in waiting:
-        yield i, Outcome(None, f"{DIED}: the executor given takes no more points; give a new one, or None for processes", True)
-
-
-def _as_they_come(submit: Callable[[int], Future[Outcome]], waiting: list[int], most: int) -> Done:
-    """Outcomes of points taken from `waiting`, at most so many in hand; stops taking where a worker dies."""
     inside: dict[Future[Outcome], int] = {}
     broken = False
     try:
         while inside or (waiting and not broken):
-            while waiting and len(inside) < most and not broken:
+            while waiting and not broken:
                 try:
-                    inside[submit(waiting[0])] = waiting[0]
+                    inside[executor.submit(outcome, job, points[waiting[0]])] = waiting[0]
                     waiting.pop(0)
                 except BrokenExecutor:
                     broken = True
@@ -124,8 +163,8 @@ def _as_they_come(submit: Callable[[int], Future[Outcome]], waiting: list[int], 
     finally:
         for future in inside:
             future.cancel()
-
-
+    for i in waiting:
+        yield i, Outcome(None, f"{DIED}: the executor given takes no more points; give a new one, or None for processes", True)
 def _found(future: Future[Outcome]) -> Outcome:
     """The outcome of a future, whatever became of it."""
     try:

@@ -141,7 +141,7 @@ class Solver(ABC):
         of this run by default; share: part of the width of an input of time that a step may cover; 1 by default,
         less where no error test shortens it.
         At a break of an input of time the run ends a step and begins anew.
-        Ctrl-C stops between two steps and returns the solution so far with complete=False.
+        Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
         asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
                          begin=begin, share=share)  # fmt: skip
@@ -167,8 +167,6 @@ class Solver(ABC):
                 now.t0, now.y0, now.yp0 = a, *now.enter(a, loop.state[0], (a + b) / 2)
                 loop.restart(now.y0, now.yp0)
                 self._part(loop, h0 if a == start[0] else None)
-                if loop.t < b or loop.interrupted:
-                    return
         finally:
             system.t0, system.y0, system.yp0 = start
             system.longest_step = None
@@ -179,7 +177,7 @@ class Solver(ABC):
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""
         loop.renew()
         self.integrate(loop.system, loop, h0)
-        while loop.renew() and loop.t < loop.t_end and not loop.interrupted:
+        while loop.renew() and loop.t < loop.t_end:
             self.integrate(loop.system, loop, None)
 
 

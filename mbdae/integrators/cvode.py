@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.dense import Collocation, Hermite, cubic
-from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.loop import BLOCK, StepLoop
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials import Callbacks, as_csc, not_finite, reason, watched
@@ -107,7 +107,7 @@ class CVODE(Solver):
                 if watch is not None and watch.refuses(result, callbacks.values):
                     method.init_step(loop.t, loop.state[0])
                     callbacks.restart()
-                    going = loop.guard()
+                    loop.guard()
                     continue
                 callbacks.renew = watch is not None and callbacks.stiffness_changed(watch)
                 # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
@@ -120,10 +120,10 @@ class CVODE(Solver):
         c = radau_table(NODES).c[:-1]
         inner = np.empty((len(pieces), NODES - 1, y.shape[1]))
         tame = np.array([i for i, piece in enumerate(pieces) if piece is None], dtype=np.intp)
-        if len(tame):
-            times = t[tame, None] + np.diff(t)[tame, None] * c
-            values = Hermite(t, y, yp, 3).value(times.ravel())
-            inner[tame] = values.reshape(len(tame), NODES - 1, -1) - y[tame, None]
+        widths, hermite = np.diff(t), Hermite(t, y, yp, 3)
+        for some in np.split(tame, range(BLOCK, len(tame), BLOCK)):  # not all at once: that takes several times their memory
+            times = t[some, None] + widths[some, None] * c
+            inner[some] = hermite.value(times.ravel()).reshape(len(some), NODES - 1, y.shape[1]) - y[some, None]
         for i, piece in enumerate(pieces):
             if piece is not None:
                 inner[i] = piece
@@ -202,20 +202,22 @@ class _Callbacks(Callbacks):
         With `renew` it is not a number once, and wherever CVODE then asks for it at what is not a number: the only way to
         make CVODE ask for a new Jacobian before its Newton iteration fails (it then repeats the same step).
         """
-        if self.renew or (self._renewing and np.isnan(y[0])):
-            self.renew, self._renewing = False, True
-            out[:] = np.nan
-            return
-        self._renewing = False
-        self.evaluated(t)
-        self.call(self.system.rhs, t, y, out)
-        self.y[:], self.values[:] = y, out
+        with self:
+            if self.renew or (self._renewing and np.isnan(y[0])):
+                self.renew, self._renewing = False, True
+                out[:] = np.nan
+                return
+            self._renewing = False
+            self.evaluated(t)
+            self.system.rhs(t, y, out)
+            self.y[:], self.values[:] = y, out
 
     def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """df/dy for CVODE; asked for first in the first attempt."""
-        self._choosing = False
-        self._newest = t, y.copy()
-        out[...] = self.call(rate_jacobian, self.system, t, y, yp)
+        with self:
+            self._choosing = False
+            self._newest = t, y.copy()
+            out[...] = rate_jacobian(self.system, t, y, yp)
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:

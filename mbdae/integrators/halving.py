@@ -6,13 +6,14 @@ An estimate made inside a single step was measured not to follow the tolerance; 
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import SolverError, WallClockError
+from mbdae.errors import SolverError, WallClockError, keeping
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
@@ -25,6 +26,7 @@ SHORTEST = 0.01  #: next step over the present one, at least, where an estimate 
 LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
 SHARE = 0.5  #: part of the width of an input of time that the longest of these steps covers; shorter ones less
 NEARBY = 0.24  #: steps of two runs farther apart than this are not compared for an estimate
+COARSER = "the run attached (step = {:g} s) is complete, its error is not known"
 ALGEBRAIC = ("lambda", "mu", "z")  #: kinds of unknowns that are not compared
 
 
@@ -58,7 +60,8 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
         now = replace(solver, step=h, accuracy=None)
         runs += 1
         try:
-            fine = now.solve(system, t_end, share=SHARE * h / first, **options)
+            with keeping(best.solution, COARSER.format(best.solver.step)) if best is not None else nullcontext():
+                fine = now.solve(system, t_end, share=SHARE * h / first, **options)
         except WallClockError:
             raise
         except SolverError as error:
@@ -68,18 +71,17 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             h /= 4
             continue
         spent += fine.stats.cpu_s
-        if coarse is None or not fine.complete:
-            coarse, best = (fine, h), Halved(fine, now, float("nan") if not fine.complete else float("inf"), runs, spent)
-            if not fine.complete:
-                return best
+        if coarse is None:
+            coarse, best = (fine, h), Halved(fine, now, float("inf"), runs, spent)
             h = min(h / 2, fine.stats.resolving_step or h)
             continue
         estimate, coarser = _estimate(coarse, (fine, h), measure)
         estimate = inf if fine.stats.unresolved else estimate
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
-            near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
+            with keeping(fine, COARSER.format(h)):
+                near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
             runs, spent = runs + 1, spent + near.stats.cpu_s
-            estimate, coarser = _estimate((near, 2 * h), (fine, h), measure) if near.complete else (float("inf"), coarser)
+            estimate, coarser = _estimate((near, 2 * h), (fine, h), measure)
         best = Halved(fine, now, estimate, runs, spent, coarser)
         if estimate <= accuracy:
             return best

@@ -89,7 +89,7 @@ class IDA(Solver):
             loop.stats.newton_iterations = loop.stats.residuals
             if watch is not None and watch.refuses(result, result.yp):
                 method.init_step(loop.t, *loop.state)
-                going = loop.guard()
+                loop.guard()
                 continue
             going = loop.accept(float(result.t), result.y, result.yp)
 
@@ -127,14 +127,16 @@ class _Callbacks(Callbacks):
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """Residual for IDA."""
-        self.evaluated(t)
-        self.call(self.system.residual, t, y, yp, out)
-        self.y[:], self.yp[:], self.values[:] = y, yp, out
+        with self:
+            self.evaluated(t)
+            self.system.residual(t, y, yp, out)
+            self.y[:], self.yp[:], self.values[:] = y, yp, out
 
     def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
         """Jacobian for IDA."""
-        self.cj = cj
-        self.call(self.system.jacobian, t, y, yp, cj, out)
+        with self:
+            self.cj = cj
+            self.system.jacobian(t, y, yp, cj, out)
 
 
 def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array, where: str) -> BaseException:

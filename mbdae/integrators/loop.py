@@ -1,24 +1,53 @@
-"""The services every step loop needs: collected steps, guards, progress and Ctrl-C."""
+"""The services every step loop needs: collected steps, guards, progress, and what is kept where a run is interrupted."""
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from collections.abc import Callable
 from math import inf
-from types import FrameType, TracebackType
+from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from mbdae.errors import SolverError, WallClockError
+from mbdae.errors import SolverError, WallClockError, interrupted
 from mbdae.integrators.dense import joined
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
+BLOCK = 1000  #: steps that are kept together
+
+
+class _Rows:
+    """Arrays (n,) one behind the other, in blocks: a small array of its own takes many times the memory of its numbers."""
+
+    def __init__(self, first: Array) -> None:
+        self._blocks: list[Array] = []
+        self._tail = [first]
+
+    @property
+    def last(self) -> Array:
+        """The last row."""
+        return self._tail[-1]
+
+    @last.setter
+    def last(self, row: Array) -> None:
+        self._tail[-1] = row
+
+    def append(self, row: Array) -> None:
+        """Add a row."""
+        if len(self._tail) == BLOCK:
+            self._blocks.append(np.array(self._tail))
+            self._tail = []
+        self._tail.append(row)
+
+    def array(self, count: int) -> Array:
+        """The first `count` rows (count, n)."""
+        rows = np.concatenate([*self._blocks, np.array(self._tail)])
+        self._blocks, self._tail = [rows[:-1]], [rows[-1]]  # not kept twice
+        return rows[:count]
 
 
 class StepLoop:
@@ -40,7 +69,6 @@ class StepLoop:
     ) -> None:
         self.system, self.solver, self.t_end, self.run_end = system, solver, t_end, t_end
         self.stats = Stats()
-        self.interrupted = False
         self._output_times = output_times
         self._max_wall = np.inf if max_wall is None else max_wall
         self._max_residuals = max_residuals
@@ -48,13 +76,12 @@ class StepLoop:
         self._progress = progress
         self._next_progress = 0.0
         self._t = [float(system.t0)]
-        self._y = [np.array(system.y0, dtype=float)]
-        self._yp = [np.array(system.yp0, dtype=float)]
+        self._y = _Rows(np.array(system.y0, dtype=float))
+        self._yp = _Rows(np.array(system.yp0, dtype=float))
         self._pieces: list[Any] = []
         self._renewed: System | None = None  # what takes over from the system
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
-        self._handler: Any = None
 
     @property
     def t(self) -> float:
@@ -69,33 +96,30 @@ class StepLoop:
     @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
-        return self._y[-1], self._yp[-1]
+        return self._y.last, self._yp.last
 
     def __enter__(self) -> Self:
         self._threads = one_thread()
         self._threads.__enter__()
         self._wall, self._cpu = time.perf_counter(), time.process_time()
-        if threading.current_thread() is threading.main_thread():
-            self._handler = signal.signal(signal.SIGINT, self._interrupt)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._restore_handler()
         self._threads.__exit__(kind, error, trace)
         self._clock()
-        if error is not None and not isinstance(error, SolverError):
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            self._interrupted(error)
+        elif error is not None and not isinstance(error, SolverError):
             error.add_note(f"raised in {self.solver.label} after t = {self.t:.9g}, {self.stats.steps} steps")
 
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        self.interrupted = True
-        self._restore_handler()  # a second Ctrl-C then acts at once
-
-    def _restore_handler(self) -> None:
-        if self._handler is not None:
-            signal.signal(signal.SIGINT, self._handler)
-            self._handler = None
+    def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
+        """Give what ends the process (Ctrl-C, or what a handler of the user's raises) the solution so far."""
+        whole = len(self._pieces) + 1  # a step that was being kept is left out
+        del self._t[whole:]
+        where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
+        interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
 
     def _clock(self) -> None:
         self.stats.wall_s = time.perf_counter() - self._wall
@@ -115,7 +139,8 @@ class StepLoop:
         self._pieces.append(piece)
         self.system.accept(t, y)
         self._renewed = self.system.renewed(t, y) if self.system.renewed is not None else None
-        return self.guard() and t < self.t_end and self._renewed is None
+        self.guard()
+        return t < self.t_end and self._renewed is None
 
     def renew(self) -> bool:
         """Go on with other equations where those of the system are about to depend on each other; whether that is so."""
@@ -132,14 +157,14 @@ class StepLoop:
         """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
-        self._y[-1], self._yp[-1] = y, yp
+        self._y.last, self._yp.last = y, yp
 
     def _waited(self) -> float:
         """Wall time that counts against max_wall, s."""
         return time.perf_counter() - (self._wall if self._begin is None else self._begin)
 
-    def guard(self) -> bool:
-        """Watch the wall clock, report progress; False after Ctrl-C."""
+    def guard(self) -> None:
+        """Watch the wall clock and the budget of evaluations, report progress."""
         wall = time.perf_counter() - self._wall
         if self._waited() > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
@@ -150,7 +175,6 @@ class StepLoop:
             self._next_progress = wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
-        return not self.interrupted
 
     def failure(self, message: str, culprit: str, kind: type[SolverError] = SolverError) -> SolverError:
         """A SolverError that carries the time, the culprit and the solution so far."""
@@ -162,7 +186,8 @@ class StepLoop:
 
     def solution(self) -> Solution:
         """The steps accepted so far."""
-        t, y, yp = np.array(self._t), np.array(self._y), np.array(self._yp)
+        t = np.array(self._t)
+        y, yp = self._y.array(len(t)), self._yp.array(len(t))
         interpolant = self._interpolant(t, y, yp)
         outputs = None
         if self._output_times is not None:

@@ -144,7 +144,7 @@ class _Adaptive:
         h = self.first_step() if h0 is None else h0
         self.smallest = 1e-12 * h
         rejected = True  # the first step is treated with the care of one after a rejection
-        while not self.loop.interrupted:
+        while True:
             bounded = h if self.system.longest_step is None else min(h, self.system.longest_step(self.step.t))
             width = self._fit(bounded if self.watch is None else self._watched(bounded))
             if not self.step.t + width > self.step.t:
@@ -248,7 +248,7 @@ class _Adaptive:
         return True
 
     def _watch(self, h: float, message: str, culprit: str) -> None:
-        """Stop on a vanishing step; wall clock and Ctrl-C are seen here too."""
+        """Stop on a vanishing step; the wall clock is seen here too."""
         t = self.step.t
         if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
             raise self.loop.failure(message + self._where(), culprit)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -21,7 +21,8 @@ REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
 
 class Callbacks:
-    """What SUNDIALS calls: counts, keeps the last point for a diagnosis, and keeps an exception for `watched`.
+    """What SUNDIALS calls: counts, and keeps the last point for a diagnosis. What it does is done `with self`, which keeps an
+    exception for `watched`.
 
     t, y  the last point; values (n,) what was computed there
     """
@@ -45,13 +46,12 @@ class Callbacks:
         self.system.residual(t, y, yp, out)
         return [out]
 
-    def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """function(*arguments), its exception kept."""
-        try:
-            return function(*arguments)
-        except BaseException as error:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if error is not None:
             self.error = error
-            raise
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def watched(callbacks: Callbacks) -> Iterator[None]:
     try:
         with redirect_stdout(_WithoutReports(sys.stdout)):
             yield
-    except RuntimeError:
+    except Exception:
         if callbacks.error is None:
             raise
     if callbacks.error is not None:

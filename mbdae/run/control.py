@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
@@ -37,6 +37,8 @@ ATTEMPTS = 5  #: runs at tolerances below that of the first companions, and one
 #: part of the width of an input of time that a step may cover, over that of the run before: where this width alone bounds the
 #: steps of both, equal steps would make their difference say nothing. Neighbouring widths differ by 2: it is less than half
 CLOSER = 0.4
+UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
+UNTESTED = "the run attached is complete; what its steps may leave out is not known"
 CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
 #: runs with contact whose estimate has fallen by less than CHAOTIC after two repeats are not repeated any more
 CHAOTIC = 2.0
@@ -160,8 +162,6 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     if solver.by_steps:
         found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
-        if not run.solution.complete:
-            return run
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_stepped_over(replace(run, others=others), system, prepared, accuracy, measure)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
@@ -169,16 +169,17 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
     best, made = _companions_of(system, tight, t_end, begin=begin, **options)
-    most, estimates = ATTEMPTS - 1 + best.runs, list[float]()
-    while made[-1][1].complete and best.runs < most:
+    most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
+    while best.runs < most:
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000
-            fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER ** len(made), **options)
+            with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
+                fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER**count, **options)
         except WallClockError as error:
             raise WallClockError(
-                f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: the run attached "
-                f"(rtol = {best.solver.rtol:g}) is complete, its error is not known; raise max_wall or loosen the accuracy",
+                f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: "
+                f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
         except SolverError as error:
             best = _after_failure(best, error)
@@ -187,9 +188,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        if not fine.complete:
-            return Controlled(fine, tight, float("nan"), runs, cpu, best.notes)
-        made.append((tight.tolerance, fine))
+        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # runs are large: earlier ones are not needed any more
         estimates.append(estimated(system, solver, made, measure, outputs))
         share = share_of(system, solver, tight.tolerance / loose)
         others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
@@ -225,8 +224,6 @@ def _companions_of(system: System, tight: Solver, t_end: float, **options: Any) 
             continue
         cpu += run.stats.cpu_s
         made.append((rtol, run))
-        if not run.complete:
-            break
     return Controlled(run, solver, float("inf"), len(made), cpu), made
 
 
@@ -258,7 +255,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
-            with beginning_at(probe.system, solution, begin):
+            with keeping(solution, UNTESTED), beginning_at(probe.system, solution, begin):
                 most = 10 * solution.stats.residuals + 10000
                 close = probe.solver.solve(probe.system, end, max_residuals=most, share=SHARE)
         except SolverError as error:

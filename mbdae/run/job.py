@@ -15,16 +15,18 @@ from __future__ import annotations
 import math
 import time
 import warnings as python_warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError
+from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.choice import Choice, alternatives
-from mbdae.run.control import Controlled, cpu_of, run_controlled
+from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
 from mbdae.run.drift import drifted
 from mbdae.run.judgement import judgement_of
 from mbdae.run.recheck import unseen
@@ -62,7 +64,7 @@ class Job:
         system = self._system(solver)
         if isinstance(system, Eliminated):
             system.strict = strict
-        try:
+        with self._attaching(solver):
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
@@ -70,10 +72,10 @@ class Job:
                 notes = tuple(dict.fromkeys(str(w.message) for w in caught))
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
-            return self._with_waves(run, solver, system) if system.numbering.stresses and not self.form.waves else run
-        except SolverError as error:
-            self._attach(error, solver)
-            raise
+            if not system.numbering.stresses or self.form.waves:
+                return run
+            with keeping(run.solution, UNTESTED):
+                return self._with_waves(run, solver, system)
 
     def _system(self, solver: Solver) -> SceneSystem:
         """The equations as a solver takes them, built once."""
@@ -89,8 +91,6 @@ class Job:
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
         """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
         they are nearly small enough (shorter steps leave out less), or one that follows them all."""
-        if not run.solution.complete:
-            return run
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_waves(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
@@ -105,7 +105,7 @@ class Job:
             raise
         except SolverError as error:
             return run.after(1, cpu_of(error))
-        if again.estimate < run.estimate or not again.solution.complete:
+        if again.estimate < run.estimate:
             return again.after(run.runs, run.cpu_s)
         return run.after(again.runs, again.cpu_s)
 
@@ -119,8 +119,6 @@ class Job:
             return run
         except SolverError as error:
             return run.after(1, cpu_of(error))
-        if not again.solution.complete:
-            return run.after(again.runs, again.cpu_s)
         again = with_lost_waves(self.prepared, resolving, again)
         return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
 
@@ -160,8 +158,6 @@ class Job:
 
     def _missed(self, run: Controlled) -> str:
         """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
-        if not run.solution.complete:
-            return ""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
         doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
@@ -170,29 +166,37 @@ class Job:
     def result(self, run: Controlled, verify: bool = False) -> Result:
         """The Result with its warnings, each also issued as an AccuracyWarning; verify: measured against another method at a
         tenth of the accuracy, and beams against a finer mesh."""
-        found = None
-        if verify:
-            begin = time.process_time()
-            found = verified(self.prepared, self.form, run, self.accuracy, self.t_end, self.continued, self.options)
-            run = run.after(found.runs, time.process_time() - begin)
-        known = accuracy_of(self.prepared, self.accuracy, run, found)
-        info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
-        times = self.times[self.times <= run.solution.t[-1]]
-        made = Result(self.prepared, run.solution, info, times)
-        judgement = judgement_of(made, run, self.form.label == "Index1")
-        if judgement.reliable and not judgement.singular:  # else it is told already
-            missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
-            info = replace(info, cpu_s=info.cpu_s + missed.cpu_s, accuracy=missed.within(known))
-            judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
-        made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
+        with self._attaching(run.solver), keeping(run.solution, UNTESTED):
+            found = None
+            if verify:
+                begin = time.process_time()
+                found = verified(self.prepared, self.form, run, self.accuracy, self.t_end, self.continued, self.options)
+                run = run.after(found.runs, time.process_time() - begin)
+            known = accuracy_of(self.prepared, self.accuracy, run, found)
+            info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
+            times = self.times[self.times <= run.solution.t[-1]]
+            made = Result(self.prepared, run.solution, info, times)
+            judgement = judgement_of(made, run, self.form.label == "Index1")
+            if judgement.reliable and not judgement.singular:  # else it is told already
+                missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
+                info = replace(info, cpu_s=info.cpu_s + missed.cpu_s, accuracy=missed.within(known))
+                judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
+            made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return made
 
-    def _attach(self, error: SolverError, solver: Solver) -> None:
-        """Give a failed run's solution the shape of a Result: nothing computed is lost."""
-        solution = error.solution
-        if isinstance(solution, Solution) and len(solution.t):
-            known, stats = nothing_known(self.prepared, "the run failed before its end"), solution.stats
-            info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
-            error.solution = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
+    @contextmanager
+    def _attaching(self, solver: Solver) -> Iterator[None]:
+        """Give the solution of a run that fails or is interrupted the shape of a Result: nothing computed is lost."""
+        try:
+            yield
+        except (SolverError, KeyboardInterrupt, SystemExit) as error:
+            solution = getattr(error, "solution", None)
+            if isinstance(solution, Solution):
+                why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
+                known, stats = nothing_known(self.prepared, why), solution.stats
+                info = RunInfo(solver, self.form.label, known, stats, 1, stats.cpu_s, (str(error),))
+                made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
+                error.solution = made  # type: ignore[union-attr]
+            raise

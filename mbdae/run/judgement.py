@@ -39,8 +39,6 @@ def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
     notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
-    if not run.solution.complete:
-        notes.append(f"the run was stopped at t = {run.solution.t[-1]:.6g} s")
     return notes + doubts(prepared)
 
 

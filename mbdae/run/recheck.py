@@ -54,8 +54,6 @@ class Closer:
                     part = self.solver.solve(system, stop, max_residuals=BUDGET, h0=min(first, stop - system.t0))
             except SolverError:
                 return suspect.effect
-            if not part.complete:
-                return suspect.effect
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
             worst = max(worst, self._distance(times, part))
             system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,8 +26,9 @@ def find(root: str | Path | None = None) -> Path:
     """The folder validation/ of `root`, or of the working directory and those above it."""
     here = Path.cwd() if root is None else Path(root).resolve()
     for folder in [here] if root is not None else [here, *here.parents]:
-        if any((folder / "validation").glob("*/check.py")):
-            return folder / "validation"
+        with suppress(OSError):  # a name too long, a folder that may not be read
+            if any((folder / "validation").glob("*/check.py")):
+                return folder / "validation"
     raise OptionError(f"there is no validation/ with claims in {here}{'' if root else ' or above'}: "
                       "run it from a checkout, or give --root")  # fmt: skip
 

@@ -1,0 +1,342 @@
+"""What the commands do: call, print, write. Each returns the exit code: 0 where what was asked holds, 1 where it does not."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from mbdae.cli.parser import REPORTS, UsageError
+from mbdae.cli.userfile import scene_of, user_file
+from mbdae.errors import SolverError
+
+# -- commands
+
+
+def check(a: argparse.Namespace) -> int:
+    """Say what the scene is before solving."""
+    found = _scene(a, _load(a)).check()
+    if not a.json:
+        print(found)
+        return 0
+    start = found.prepared.start
+    _json(a, {"scene": found.prepared.model.scene.name, "planar": found.planar, "degrees_of_freedom": found.degrees_of_freedom,
+           "unknowns": found.unknowns, "redundant": list(found.redundant), "pruned": list(found.pruned),
+           "start_changes": [str(change) for change in start.changes]})  # fmt: skip
+    return 0
+
+
+def run(a: argparse.Namespace) -> int:
+    """Simulate; 1 where the accuracy asked for is not met."""
+    from mbdae.run.progress import bar
+
+    out, module = _folder(a.out), _load(a)
+    t_end, scene = _t_end(a, module), _scene(a, module)
+    measure = _measure(a, module, scene)
+    options = {"accuracy": a.accuracy, "solver": _solver(a.solver), "form": _form(a.form)}
+    with closing(bar()) as shown, _partial_kept(a, out, t_end):
+        r = scene.simulate(t_end, **options, progress=shown)
+    final = _write_result(a, r, measure, out)
+    if a.json:
+        _json(a, _summary(r, measure, final, a.written))
+    else:
+        print(repr(r))
+        if r.info.choice:
+            print(f"solver chosen: {r.info.choice}")
+        if measure:
+            print(f"{measure} at t = {r.t[-1]:g} s: {final}")
+        print(f"largest constraint violation {r.drift.position.max(initial=0.0):.1e}, "
+              f"largest energy balance error {abs(r.energy.balance).max():.1e} J")  # fmt: skip
+        for joint, c in r.contacts.items():
+            print(f"'{joint}': {c['contacts']:.0f} contacts, the first at t = {c['first']:.6g} s; penetration up to "
+                  f"{c['deepest']:.2g} m, play {c['play']:.2g} m; force times sliding distance {c['wear']:.3g} J")  # fmt: skip
+        _list(a.written)
+    for warning in r.warnings:
+        print(f"mbdae: warning: {warning}", file=sys.stderr)
+    return 1 if r.accuracy.met is False or not r.complete or not r.reliable else 0
+
+
+def compare(a: argparse.Namespace) -> int:
+    """Solvers side by side; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
+    from mbdae.compare.command import compare_file
+
+    out, module = _folder(a.out), _load(a)
+    t_end, scene = _t_end(a, module), _scene(a, module)
+    w = compare_file(module, scene, t_end, accuracies=a.accuracies, resume=_resume(a))
+    _tell(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
+    reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
+    return 0 if reached and not w.failures and w.reference.trusted else 1
+
+
+def extremes(a: argparse.Namespace) -> int:
+    """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
+    from mbdae.compare.command import map_of_file
+
+    out, module = _folder(a.out), _load(a)
+    t_end = _t_end(a, module)
+    _scene(a, module)
+    m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=_resume(a))
+    _tell(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
+    return 1 if m.silent else 0
+
+
+def report(a: argparse.Namespace) -> int:
+    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
+    if a.what == "paper" or a.what.endswith(".audit"):
+        return _report_audit(a)
+    from mbdae.reports.report import names
+    from mbdae.reports.report import report as make
+
+    if a.what in names():
+        document = make(a.what)
+    elif Path(a.what).suffix or _is_file(a.what):
+        a.file = a.what
+        document = make(_scene(a, _load(a)))
+    else:
+        raise UsageError(f"report '{a.what}': neither a file nor one of paper, {', '.join(names())}")
+    holds = "NOT EQUAL" not in document.to_markdown()
+    ending = Path(a.out).suffix if a.out else ".md"
+    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
+    text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
+    if a.out is None:
+        if a.json:
+            _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "text": text()})
+        else:
+            print(text())
+        return 0 if holds else 1
+    path = _report_path(a, format_)
+    document.save(path)
+    if a.json:
+        _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "written": [str(path)]})
+    else:
+        _list([str(path)])
+    return 0 if holds else 1
+
+
+def validate(a: argparse.Namespace) -> int:
+    """Measure the claims of a checkout; 1 where one does not hold."""
+    from mbdae import validation
+    from mbdae.run.progress import bar
+
+    out, shown = _folder(a.out), bar()
+    folder = validation.find(a.root)
+    checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]
+    measured: list[Any] = []
+    with closing(shown):
+        for i, found in enumerate(checks):
+            shown.show(i / len(checks), "validate", found.claim.name)
+            try:
+                measured.append(validation.Measured(found.claim, found.run()))
+            except KeyboardInterrupt as stop:
+                stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is "
+                             f"said of them above is all; nothing is written",)  # fmt: skip
+                raise
+            shown.close()
+            if not a.json:
+                print(validation.text(measured[-1]), flush=True)
+    a.written += [str(path) for path in validation.write(measured, out)] if out else []
+    if a.json:
+        _json(a, validation.to_dict(measured) | {"written": a.written})
+    else:
+        print(validation.verdict(measured))
+        _list(a.written)
+    return 0 if all(m.holds for m in measured) else 1
+
+
+# -- what commands share
+
+
+def _load(a: argparse.Namespace) -> ModuleType:
+    """FILE as a module while the command works."""
+    module: ModuleType = a.stack.enter_context(user_file(a.file))
+    return module
+
+
+def _scene(a: argparse.Namespace, module: ModuleType) -> Any:
+    return scene_of(module, a.file)
+
+
+@contextmanager
+def _partial_kept(a: argparse.Namespace, out: Path | None, t_end: float) -> Iterator[None]:
+    """Where a run is stopped or fails, keep what was computed until then, and say so."""
+    try:
+        yield
+    except (SolverError, KeyboardInterrupt) as error:
+        r: Any = getattr(error, "solution", None)
+        if r is None:
+            raise
+        until = float(r.solution.t[-1])
+        what = "the whole run, its error not known," if r.complete else f"what was computed until t = {until:.6g} s"
+        kept = f"{what} is lost; with --out DIR it would be kept"
+        if out is not None:
+            path = out / f"{Path(a.file).stem}.npz"
+            r.save(path)
+            a.written.append(str(path))
+            kept = f"{what} is in {path}"
+        if isinstance(error, KeyboardInterrupt):
+            where = "while its error was measured" if r.complete else f"at t = {until:.6g} of {t_end:.6g} s"
+            error.args = (f"interrupted {where}: {kept}",)
+        else:
+            print(f"mbdae: {kept}", file=sys.stderr)
+        raise
+
+
+def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dict[str, Any]:
+    s = r.stats
+    return {
+        "scene": r.prepared.model.scene.name, "t_end": float(r.t[-1]), "complete": r.complete, "solver": r.info.solver.label,
+        "form": r.info.form, "rtol": r.info.solver.rtol, "choice": r.info.choice,
+        "accuracy": {"asked": r.accuracy.asked, "estimated": r.accuracy.estimated, "covers": sorted(r.accuracy.covers),
+                     "not_covered": r.accuracy.not_covered}, "measure": measure,
+        "final": final, "cpu_s": r.info.cpu_s, "steps": s.steps, "rejected": s.rejected,
+        "residuals": s.residuals, "jacobians": s.jacobians, "factorisations": s.factorisations,
+        "drift": float(r.drift.position.max(initial=0.0)), "energy_balance_J": float(abs(r.energy.balance).max()),
+        "reliable": r.reliable, "contacts": {joint: {k: v if math.isfinite(v) else None for k, v in c.items()}
+                                             for joint, c in r.contacts.items()},
+        "warnings": list(r.warnings), "written": written,
+    }  # fmt: skip
+
+
+def _report_audit(a: argparse.Namespace) -> int:
+    """Verdicts on published formulas; 0 whatever they are."""
+    from mbdae.reports.audit.command import report_audit
+
+    if a.what != "paper" and not _is_file(a.what):
+        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")
+    out = None if a.out is None else str(_report_path(a, a.format or "html"))
+    found, text, written = report_audit(a.what, a.format, out)
+    if a.json:
+        _json(a, found.to_dict() | ({"written": [written]} if written else {}))
+    else:
+        print(text)
+        _list([written] if written else [])
+    return 0
+
+
+def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:
+    """Write what was asked for, the result first; returns the last value of the measure."""
+    if out is not None:
+        stem = Path(a.file).stem
+        r.save(out / f"{stem}.npz")
+        a.written.append(str(out / f"{stem}.npz"))
+        if measure:
+            r.plot(measure, path=out / f"{stem}.png")
+            a.written.append(str(out / f"{stem}.png"))
+    return r.read(measure)[-1].tolist() if measure else None
+
+
+def _tell(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
+    """Write what has a folder, and print the table or the JSON."""
+    stem = f"{Path(a.file).stem}_{name}"
+    for ending, write in writers.items() if out else ():
+        write(out / (stem + ending))  # type: ignore[operator]
+    if a.json:
+        _json(a, found.to_dict())
+    else:
+        print(found.table())
+        _list([str(out / (stem + ending)) for ending in writers] if out else [])
+
+
+def _list(written: Sequence[str]) -> None:
+    for path in written:
+        print(f"wrote {path}")
+
+
+def _json(a: argparse.Namespace, data: dict[str, Any]) -> None:
+    print(json.dumps(data, indent=1, allow_nan=False), file=a.stdout)
+
+
+def _t_end(a: argparse.Namespace, module: ModuleType) -> float:
+    from mbdae.values import number, option
+
+    if a.t_end is not None:
+        return float(a.t_end)
+    value = getattr(module, "t_end", None)
+    if value is None:
+        raise UsageError(f"the end time is unknown: give --t-end T in s, or set t_end in '{a.file}'")
+    return option(f"t_end of '{a.file}'", value, number, "give the end time in s", above=0.0)
+
+
+def _measure(a: argparse.Namespace, module: ModuleType, scene: Any) -> str | None:
+    """The sensor FILE names; one of an item that is not in the scene is refused before the run."""
+    from mbdae.results.sensors import placed, split
+
+    measure = getattr(module, "measure", None)
+    if measure is None:
+        return None
+    if not (isinstance(measure, str) and all(split(measure))):
+        raise UsageError(f"measure of '{a.file}' is {measure!r}: give a sensor, item and quantity, such as \"C.angle\"")
+    placed(scene, split(measure)[0])
+    return measure
+
+
+def _folder(out: str | None) -> Path | None:
+    if out is None:
+        return None
+    path = Path(out)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise UsageError(f"--out {out}: that is a file; give a folder") from None
+    except OSError as error:
+        raise UsageError(f"--out {out}: cannot be made a folder: {error.strerror}; give another one") from None
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise UsageError(f"--out {out}: nothing may be written there; give another folder")
+    return path
+
+
+def _report_path(a: argparse.Namespace, format_: str) -> Path:
+    """The file of a report, in a folder that is there."""
+    path = Path(a.out)
+    if path.suffix not in REPORTS:
+        _folder(a.out)
+        return path / f"{Path(a.what).stem}.{format_}"
+    if a.format is not None and path.suffix != f".{a.format}":
+        raise UsageError(f"--out {a.out}: the ending says {path.suffix}, --format {a.format}; give one of the two")
+    if path.is_dir():
+        raise UsageError(f"--out {a.out}: that is a folder; give a file, or a folder whose name does not end so")
+    _folder(str(path.parent))
+    return path
+
+
+def _resume(a: argparse.Namespace) -> str | None:
+    """The name of the file, where the system takes it for one."""
+    try:
+        Path(a.resume or ".").exists()
+    except OSError as error:
+        raise UsageError(f"--resume {a.resume}: {error.strerror}; give another name") from None
+    return a.resume  # type: ignore[no-any-return]
+
+
+def _is_file(name: str) -> bool:
+    """Whether there is such a file; names that the system refuses are none."""
+    try:
+        return Path(name).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _solver(name: str | None) -> Any:
+    from mbdae.integrators.cvode import CVODE
+    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
+    from mbdae.integrators.ida import IDA
+    from mbdae.integrators.radau import RadauIIA
+
+    makers: dict[str, Callable[[], Any]] = {
+        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE,
+        "hht": HHT, "genalpha": GeneralizedAlpha
+    }  # fmt: skip
+    return makers[name]() if name else None
+
+
+def _form(name: str | None) -> Any:
+    from mbdae.formulations import GGL, ODE, Index1, Index3
+
+    return {"ggl": GGL, "index3": Index3, "index1": Index1, "ode": ODE}[name]() if name else None

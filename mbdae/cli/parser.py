@@ -1,0 +1,148 @@
+"""The words of the command line: commands, their options, and what each takes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+FORMS = ("ggl", "index3", "index1", "ode")
+REPORTS = (".html", ".md", ".tex")
+SOLVERS = ("ida", "radau2", "radau3", "cvode", "hht", "genalpha")
+
+
+class UsageError(Exception):
+    """The command line, or the file it names, is not as it must be. usage: the words a command takes, where they are wrong."""
+
+    def __init__(self, message: str, usage: str = "") -> None:
+        super().__init__(message)
+        self.usage = usage
+
+
+class _Parser(argparse.ArgumentParser):
+    """Words are whole (no abbreviations), and wrong ones are told as all other wrong usage is."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As always, but `--option=--`, of which argparse makes no value at all, is refused."""
+        for word in args or ():
+            if word == "--":
+                break
+            if word.startswith("--") and word.endswith("=--"):
+                self.error(f"argument {word[:-3]}: '--' is no value of it")
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message, self.format_usage())
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser; what it returns has the function of the command as `command`."""
+    from mbdae import __version__
+    from mbdae.cli import commands as do
+
+    parser = _Parser(prog="mbdae", description="Multibody dynamics: check, run and compare a scene.")
+    parser.add_argument("--version", action="version", version=f"mbdae {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _command(commands, "check", do.check, "say what a scene is before solving it")
+    p = _command(commands, "run", do.run, "simulate a scene with controlled accuracy")
+    p.add_argument("--solver", type=_one_of(SOLVERS), choices=SOLVERS, help="default: chosen for the scene")
+    p.add_argument("--form", type=_one_of(FORMS), choices=FORMS, help="default: chosen for the scene")
+    p.add_argument("--accuracy", type=_positive, default=1e-6, help="bound of the error over the run (default 1e-6)")
+    _common(p, "folder for the result (.npz) and a picture of `measure`; a run that is stopped leaves what it computed there")
+    p = _command(commands, "compare", do.compare, "solvers side by side against a confirmed reference")
+    p.add_argument("--accuracies", type=_accuracies, help="comma separated (default 1e-3,1e-4,1e-5,1e-6)")
+    resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
+    p.add_argument("--resume", type=_name, metavar="FILE.json", help=resumed)
+    _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
+    p = _command(commands, "extremes", do.extremes, "every way of running a scene at the extremes of its parameters")
+    p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-5)")
+    p.add_argument("--max-wall", type=_positive, metavar="S", help="wall time of a run in s (default 20)")
+    p.add_argument("--resume", type=_name, metavar="FILE.json", help="file that keeps every finished value of the map")
+    _common(p, "folder for the page (.html) and its data (.json)")
+    _report(commands, do.report)
+    _validate(commands, do.validate)
+    return parser
+
+
+def _report(commands: Any, action: Any) -> None:
+    text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
+    p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
+    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; paper: its formulas "
+            "audited; a Python file with scene(); a file of formulas (.audit)")  # fmt: skip
+    formats = [ending[1:] for ending in REPORTS]
+    p.add_argument("what", metavar="NAME|paper|FILE", help=what)
+    p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
+    p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
+    _always(p, action)
+
+
+def _validate(commands: Any, action: Any) -> None:
+    text = "measure the claims of validation/ against their references"
+    p = commands.add_parser("validate", help=text, description=text[0].upper() + text[1:] + ".")
+    p.add_argument("claims", nargs="*", metavar="CLAIM", help="name of a folder of validation/ (default: all)")
+    p.add_argument("--root", type=_name, metavar="DIR", help="the checkout (default: the working directory or one above it)")
+    out = "folder for validation.html and validation.md; nothing is written without it"
+    p.add_argument("--out", type=_name, metavar="DIR", help=out)
+    _always(p, action)
+
+
+def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+    p: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    what = "Python file with scene(); optional t_end, measure (a sensor, 'C.angle'), runs, vary"
+    p.add_argument("file", metavar="FILE", help=what)
+    _always(p, action)
+    return p
+
+
+def _always(p: argparse.ArgumentParser, action: Callable[[argparse.Namespace], int]) -> None:
+    """What every command has."""
+    p.add_argument("--json", action="store_true", help="standard output carries JSON alone, {\"error\": ...} where it fails")
+    p.add_argument("--debug", action="store_true", help="show the whole way to an error")
+    p.set_defaults(command=action)
+
+
+def _common(p: argparse.ArgumentParser, out: str) -> None:
+    p.add_argument("--t-end", type=_positive, metavar="T", help="end time in s (default: t_end of FILE)")
+    p.add_argument("--out", type=_name, metavar="DIR", help=out + "; nothing is written without it")
+
+
+# -- what options take
+
+
+def _one_of(words: Sequence[str]) -> Callable[[str], str]:
+    """Reads a word in capitals too."""
+    return lambda text: text.lower() if text.lower() in words else text
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{_shown(text)} is not a number: give one such as 1e-6") from None
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give a finite number above 0")
+    return value
+
+
+def _accuracies(text: str) -> list[float]:
+    try:
+        return [_positive(part) for part in text.split(",")]
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"{_shown(text)}: give numbers above 0 separated by commas, such as 1e-3,1e-6") from None
+
+
+def _name(text: str) -> str:
+    """The name of a file or folder."""
+    if not text.strip() or "\0" in text:
+        raise argparse.ArgumentTypeError(f"{_shown(text)} is not the name of a file or folder")
+    return text
+
+
+def _shown(text: str) -> str:
+    from mbdae.values import shown  # with NumPy, which what is right does not wait for
+
+    return shown(text)

@@ -1,0 +1,42 @@
+"""Signals that end a command: what was computed is kept as after Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+from typing import Any, Self
+
+#: beside Ctrl-C: `kill`, `timeout` and batch systems; the terminal is closed; Ctrl-Break
+NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+class Stops:
+    """Inside, these signals raise KeyboardInterrupt, unless somebody handles or ignores them already.
+
+    number: of the signal that came last; that of Ctrl-C where none did
+    """
+
+    def __init__(self) -> None:
+        self.number = int(signal.SIGINT)
+        self._before: dict[int, Any] = {}
+
+    @property
+    def name(self) -> str:
+        """Name of the signal that came."""
+        return signal.Signals(self.number).name
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in (getattr(signal, name) for name in NAMES if hasattr(signal, name)):
+                if signal.getsignal(number) == signal.SIG_DFL:
+                    self._before[number] = signal.signal(number, self._stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.number = number
+        raise KeyboardInterrupt

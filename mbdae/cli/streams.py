@@ -1,0 +1,118 @@
+"""Standard output and error of a command: there or not, read or not, and JSON alone where it was asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from typing import Any
+
+READER_GONE = 141  #: exit code of what is ended by SIGPIPE: `mbdae ... | head -1`
+
+
+class OutputLostError(Exception):
+    """Standard output cannot be written: whoever reads it has closed it (reader_gone), or there is no space."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(f"standard output cannot be written: {error.strerror}")
+        self.reader_gone = isinstance(error, BrokenPipeError)
+
+
+class _Checked:
+    """A stream that raises OutputLostError where it cannot be written, whoever prints."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        try:
+            return int(self._stream.write(text))
+        except OSError as error:
+            raise OutputLostError(error) from None
+
+    def flush(self) -> None:
+        try:
+            with contextlib.suppress(ValueError):  # FILE may have closed it
+                self._stream.flush()
+        except OSError as error:
+            raise OutputLostError(error) from None
+
+
+@contextlib.contextmanager
+def usable_streams() -> Iterator[None]:
+    """Streams that can be written to: into nothing where they are closed, with escapes for characters they do not have.
+
+    Where they cannot, the command ends with OutputLostError."""
+    with contextlib.ExitStack() as stack:
+        for name in ("stdout", "stderr"):
+            if getattr(sys, name) is None:
+                nothing = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
+                stack.enter_context(_instead(name, nothing))
+            elif isinstance(getattr(sys, name), io.TextIOWrapper):
+                getattr(sys, name).reconfigure(errors="backslashreplace")
+        stack.enter_context(_instead("stdout", _Checked(sys.stdout)))
+        try:
+            try:
+                yield
+            finally:
+                sys.stdout.flush()
+        except OutputLostError:
+            _drop_output()
+            raise
+
+
+def _drop_output() -> None:
+    """What is still to be written goes nowhere, so that Python does not try again when it ends."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+        os.close(nothing)
+
+
+@contextlib.contextmanager
+def _instead(name: str, stream: Any) -> Iterator[None]:
+    before = getattr(sys, name)
+    setattr(sys, name, stream)
+    try:
+        yield
+    finally:
+        setattr(sys, name, before)
+
+
+@contextlib.contextmanager
+def json_alone(a: Namespace) -> Iterator[None]:
+    """With --json `a.stdout` is standard output, and all else that is printed, by FILE and its processes too, goes to the error
+    stream."""
+    a.stdout = sys.stdout
+    if not a.json:
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        try:
+            number, other = sys.stdout.fileno(), sys.stderr.fileno()
+        except (OSError, ValueError, AttributeError):  # no file behind it: only what Python prints can be led away
+            pass
+        else:
+            sys.stdout.flush()
+            a.stdout = _Checked(os.fdopen(os.dup(number), "w", encoding="utf-8"))
+            os.dup2(other, number)
+            stack.callback(_put_back, a, number)
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+
+
+def _put_back(a: Namespace, number: int) -> None:
+    """Standard output as it was before `json_alone`."""
+    stream, a.stdout = a.stdout, sys.stdout
+    try:
+        stream.flush()
+    finally:
+        os.dup2(stream.fileno(), number)
+        with contextlib.suppress(OSError):
+            stream.close()

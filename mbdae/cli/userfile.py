@@ -1,0 +1,168 @@
+"""FILE: a user's Python file with a function scene(), of any name, and what is said of mistakes in it.
+
+It is run as multiprocessing runs the main file of a program in its workers: as the module `__mp_main__`. So its name replaces no
+module, its classes and functions can be sent to worker processes, which run it again, and what it keeps under
+`if __name__ == "__main__":` is left out.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import inspect
+import linecache
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from mbdae.cli.parser import UsageError
+from mbdae.cli.streams import OutputLostError
+from mbdae.errors import MbdaeError
+
+NAME = "__mp_main__"
+RUN_AS = ("__main__", NAME)
+EXAMPLE = ("add one that returns a mb.Scene:\n\n    def scene():\n        s = mb.Scene('name')\n        ...\n"
+           "        return s\n")  # fmt: skip
+
+
+@contextmanager
+def user_file(file: str) -> Iterator[ModuleType]:
+    """FILE as a module, as the main file of this program while a command works; it may import its neighbours."""
+    path, code = _compiled(file)
+    module = ModuleType(NAME)
+    module.__file__ = str(path)
+    before, folder = dict(sys.modules), str(path.parent)
+    sys.modules.update(dict.fromkeys(RUN_AS, module))
+    sys.path.append(folder)  # behind all others, so that a random.py there replaces no module that others need
+    try:
+        with _mistakes_told(file, path, f"'{file}' cannot be read"):
+            exec(code, module.__dict__)
+        _check_function(module, file)
+        yield module
+    finally:
+        sys.path.remove(folder)
+        for name in [name for name, found in sys.modules.items() if name not in before and _is_beside(found, path.parent)]:
+            del sys.modules[name]
+        for name in RUN_AS:
+            sys.modules.pop(name, None)
+            if name in before:
+                sys.modules[name] = before[name]
+
+
+def scene_of(module: ModuleType, file: str) -> Any:
+    """The scene FILE states; a mistake in its code is told with its line."""
+    from mbdae.api import Scene
+
+    with _mistakes_told(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
+        scene = module.scene()
+    if not isinstance(scene, Scene):
+        raise UsageError(f"scene() of '{file}' returns {_a(scene)}, not a mb.Scene; end it with `return s`")
+    return scene
+
+
+def place_in(error: BaseException, file: str | None) -> str:
+    """ "line 3 of swing.py": the last line of FILE, or of a file beside it, that led to an error; nothing where none did."""
+    if not file:
+        return ""
+    try:
+        folder = Path(file).resolve().parent
+    except (OSError, ValueError):
+        return ""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        lines = [(error.filename, error.lineno)] if isinstance(error, SyntaxError) else []
+        lines += [(frame.filename, frame.lineno) for frame in reversed(traceback.extract_tb(error.__traceback__))]
+        for name, number in lines:
+            if name and number and _is_own(Path(name), folder):
+                return f"line {number} of {Path(name).name}"
+        error = error.__cause__ or error.__context__  # type: ignore[assignment]
+    return ""
+
+
+def _compiled(file: str) -> tuple[Path, Any]:
+    """Path and code of FILE."""
+    try:
+        path = Path(file).resolve()
+        if path.is_dir():
+            raise UsageError(f"'{file}' is a folder; give a Python file with a function scene()")
+        if not path.exists():
+            raise UsageError(f"there is no file '{file}'; give a Python file with a function scene()")
+        source = path.read_bytes()
+    except (OSError, ValueError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise UsageError(f"'{file}' cannot be read: {why}; give a Python file with a function scene()") from None
+    with _mistakes_told(file, path, f"'{file}' is not a Python file"):
+        tree = ast.parse(source, str(path))
+        code = compile(source, str(path), "exec", dont_inherit=True)
+    linecache.checkcache(str(path))
+    _tell_hidden(tree, path, file)
+    return path, code
+
+
+@contextmanager
+def _mistakes_told(file: str, path: Path, what: str) -> Iterator[None]:
+    """A mistake in FILE is wrong usage, told with its line and without the way there."""
+    try:
+        yield
+    except (MbdaeError, OutputLostError):
+        raise
+    except SystemExit as error:
+        place = place_in(error, str(path))
+        raise UsageError(f"{what}: it ends the program by sys.exit({error.code!r}) ({place}); leave that out") from error
+    except Exception as error:
+        place = place_in(error, str(path))
+        said = error.msg if isinstance(error, SyntaxError) else str(error)
+        raise UsageError(f"{what}: {type(error).__name__}: {said}{f' ({place})' if place else ''}") from error
+
+
+def _check_function(module: ModuleType, file: str) -> None:
+    """There is a function scene() that needs no arguments."""
+    found = getattr(module, "scene", None)
+    if found is None:
+        raise UsageError(f"'{file}' has no function scene(); {EXAMPLE}")
+    if not callable(found):
+        raise UsageError(f"scene of '{file}' is {_a(found)}, no function scene(); {EXAMPLE}")
+    try:
+        inspect.signature(found).bind()
+    except TypeError as error:
+        raise UsageError(f"scene() of '{file}' cannot be called without arguments: {error}; give them defaults") from None
+    except ValueError:  # a function that does not tell its arguments
+        pass
+
+
+def _tell_hidden(tree: ast.Module, path: Path, file: str) -> None:
+    """Say where `import x` takes another module than the x.py beside FILE."""
+    named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    named |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module and not node.level}
+    for name in sorted({name.split(".")[0] for name in named}):
+        beside = next((p for p in (path.parent / f"{name}.py", path.parent / name / "__init__.py") if p.is_file()), None)
+        if beside is None or beside == path:
+            continue
+        try:
+            found = importlib.util.find_spec(name)
+        except (ImportError, ValueError):
+            found = None
+        if found is not None and (found.origin is None or Path(found.origin).resolve() != beside.resolve()):
+            print(f"mbdae: warning: `import {name}` in '{file}' takes the module that is installed, not '{beside.name}' beside "
+                  f"it; rename that where it is meant", file=sys.stderr)  # fmt: skip
+
+
+def _is_beside(module: Any, folder: Path) -> bool:
+    name = getattr(module, "__file__", None)
+    return isinstance(name, str) and _is_own(Path(name), folder)
+
+
+def _is_own(path: Path, folder: Path) -> bool:
+    """Whether a file belongs to the user: it lies beside FILE or below, and is none of mbdae or of what is installed."""
+    own = Path(__file__).resolve().parents[1]
+    inside = path.is_relative_to(folder) and not path.is_relative_to(own)
+    return inside and not any(part in ("site-packages", "dist-packages") for part in path.parts)
+
+
+def _a(value: Any) -> str:
+    return "nothing" if value is None else type(value).__name__

@@ -1,0 +1,152 @@
+"""A worker process: it answers one message at a time, and never outlives the process that started it.
+
+The worker watches its parent from a thread of its own, by a handle that the system closes however the parent ends, and then ends
+itself at once. A thread does not run while C code holds the interpreter; on Linux the system kills the worker then as well.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from mbdae.threads import keep_one_thread
+
+READY = b""
+PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
+SAFE_PATH = "PYTHONSAFEPATH"
+LOOK = 1.0  #: s between two looks whether the parent is still there, where its handle says nothing
+
+
+class WorkerDiedError(Exception):
+    """A worker ended before it answered; own_fault: by an error or exit of its own, not by a signal."""
+
+    def __init__(self, text: str, own_fault: bool) -> None:
+        super().__init__(text)
+        self.own_fault = own_fault
+
+
+class Worker:
+    """One process that answers messages (bytes) by `answer`, a function at the top level of a module."""
+
+    def __init__(self, answer: Callable[[bytes], bytes]) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, answer, os.getpid(), os.environ.get(SAFE_PATH)))
+        with _safe_path(), _not_interrupted():
+            self._process.start()
+        theirs.close()
+
+    def wait_until_ready(self) -> None:
+        """Wait until the process has begun; WorkerDiedError where it ended before."""
+        self._received()
+
+    def send(self, message: bytes) -> None:
+        """Give it a message; that a worker has died is told by `receive`."""
+        with suppress(OSError):
+            self.connection.send_bytes(message)
+
+    def receive(self) -> Any:
+        """Its next answer, unpickled; None where it says that it has begun. WorkerDiedError where it has ended."""
+        data = self._received()
+        return pickle.loads(data) if data != READY else None
+
+    def _received(self) -> bytes:
+        try:
+            return self.connection.recv_bytes()
+        except (EOFError, OSError):
+            self._process.join()
+            code = self._process.exitcode or 0
+            self.connection.close()
+            raise WorkerDiedError(_ended(code), code >= 0) from None
+
+    def kill(self) -> None:
+        """End the process, whatever it does."""
+        self._process.kill()
+        self._process.join()
+        self.connection.close()
+
+
+def _ended(code: int) -> str:
+    """How a process ended, in words."""
+    if code >= 0:
+        return f"its process ended itself with exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = f"signal {-code}"
+    memory = ", as the system does where memory runs out" if name == "SIGKILL" else ""
+    return f"its process was killed by {name}{memory}"
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Start Python without the working directory on its path: a random.py there would replace the module of that name."""
+    before = os.environ.get(SAFE_PATH)
+    _set(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        _set(SAFE_PATH, before)
+
+
+def _set(name: str, value: str | None) -> None:
+    """An environment variable, or none."""
+    if value is None:
+        os.environ.pop(name, None)
+    else:
+        os.environ[name] = value
+
+
+@contextmanager
+def _not_interrupted() -> Iterator[None]:
+    """Hold Ctrl-C back while a process starts: it would end in Python's start-up with a traceback. It comes right afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int, safe_path: str | None) -> None:
+    """The life of a worker."""
+    _die_with(parent)
+    _set(SAFE_PATH, safe_path)
+    signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all; the parent ends its workers where it ends itself
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    keep_one_thread()
+    connection.send_bytes(READY)
+    with suppress(EOFError, OSError):
+        while True:
+            connection.send_bytes(answer(connection.recv_bytes()))
+
+
+def _die_with(parent: int) -> None:
+    """End this process as soon as its parent has ended."""
+    process = multiprocessing.parent_process()
+    assert process is not None
+
+    def watch() -> None:
+        while not wait([process.sentinel], LOOK):
+            if hasattr(os, "getppid") and os.getppid() != parent and sys.platform != "win32":
+                break
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
