@@ -11,7 +11,7 @@ ROOT = Path(mbdae.__file__).parent
 LAYERS = [
     {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"run"},
     {"results"}, {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
-    {"joints", "elements", "forces", "contact", "friction"}, {"inputs"}, {"symbolic"}, {"values"},
+    {"joints", "elements", "forces", "contact", "friction"}, {"inputs"}, {"symbolic"}, {"values", "files"},
     {"notation", "errors", "threads"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.kept import read_kept, replace_file, resume_path
+from mbdae.compare.kept import read_kept, resume_path
 from mbdae.compare.pairwise import Final
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
+from mbdae.files import write_file
 from mbdae.system.base import Array
 
 FORMAT = "mbdae comparison in progress 1"
@@ -64,7 +65,7 @@ class Checkpoint:
             "reference": asdict(state.reference) if state.reference else None, "cpu_s": state.cpu_s,
             "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": None if state.truth is None else _text(state.truth),
         }  # fmt: skip
-        replace_file(self.path, json.dumps(data, indent=1) + "\n")
+        write_file(self.path, json.dumps(data, indent=1) + "\n")
 
 
 def checkpoint(path: Any, statement: dict[str, Any]) -> Checkpoint:

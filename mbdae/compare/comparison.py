@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from mbdae.compare.run import Run, checked_runs, default_runs
 from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
 from mbdae.errors import OptionError
+from mbdae.files import write_file
 from mbdae.run.control import plausible
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -157,5 +157,5 @@ def _checked_accuracies(accuracies: Sequence[float]) -> tuple[float, ...]:
 
 def _written(text: str, path: Any) -> str:
     if path is not None:
-        Path(path).write_text(text, encoding="utf-8")
+        write_file(path, text)
     return text

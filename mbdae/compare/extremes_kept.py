@@ -10,9 +10,10 @@ from typing import Any
 
 from mbdae.compare.extremes_cell import Cell
 from mbdae.compare.job import Job
-from mbdae.compare.kept import read_kept, replace_file, resume_path
+from mbdae.compare.kept import read_kept, resume_path
 from mbdae.compare.run import Run
 from mbdae.compare.statement import statement
+from mbdae.files import write_file
 
 FORMAT = "mbdae extremes in progress 1"
 
@@ -34,7 +35,7 @@ class Kept:
         rows = [{"parameter": p, "value": v, "reference": r, "cells": [asdict(c) for c in row]}
                 for (p, v), (r, row) in self.rows.items()]  # fmt: skip
         data = {"format": FORMAT, "statement": self.statement, "rows": rows}
-        replace_file(self.path, json.dumps(data, indent=1) + "\n")
+        write_file(self.path, json.dumps(data, indent=1) + "\n")
 
 
 def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run] | None, accuracy: float) -> Kept:

@@ -6,12 +6,12 @@ import json
 import re
 from collections import Counter
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from mbdae.compare.environment import environment
 from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.compare.table import grid
+from mbdae.files import write_file
 
 #: numbers, and what resists a run most: sentences that differ in them alone are told once
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
@@ -151,5 +151,5 @@ def _short(sentence: str) -> str:
 
 def _written(content: str, path: Any) -> str:
     if path is not None:
-        Path(path).write_text(content, encoding="utf-8")
+        write_file(path, content)
     return content

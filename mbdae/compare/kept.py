@@ -19,16 +19,6 @@ def resume_path(path: Any) -> Path | None:
     return where
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Replace a file as a whole, so that it is valid whenever the run stops."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def read_kept(path: Path, file_format: str, what: str, statement: Any) -> dict[str, Any]:
     """A JSON file kept earlier; refused where it is not of this format, or holds another `what` than the statement says."""
     try:

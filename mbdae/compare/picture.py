@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from mbdae.compare.rows import Row
-from mbdae.results.plots import style
+from mbdae.results.plots import style, written
 
 if TYPE_CHECKING:
     from mbdae.compare.comparison import Comparison
@@ -44,9 +44,7 @@ def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> An
     told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
     look = {"frameon": False, "fontsize": "small", "title": told, "title_fontsize": "small"}
     figure.legend(handles, texts, loc="outside lower center", ncols=columns, **look)
-    if path is not None:
-        figure.savefig(path, dpi=150)
-    return figure
+    return written(figure, path, "compare")
 
 
 def inline_svg(w: Comparison, stacked: bool, title: str, name: str) -> str:

@@ -16,9 +16,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mbdae.compare.kept import check_same, replace_file, resume_path
+from mbdae.compare.kept import check_same, resume_path
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
 from mbdae.errors import OptionError
+from mbdae.files import write_file
 from mbdae.system.base import Array
 
 FORMAT = "mbdae sweep 1"
@@ -93,7 +94,7 @@ class Sweep:
         rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
         text = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False) + "\n"
         if path is not None:
-            Path(path).write_text(text, encoding="utf-8")
+            write_file(path, text)
         return text
 
     def __repr__(self) -> str:
@@ -232,7 +233,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        replace_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:

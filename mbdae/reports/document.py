@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mbdae.errors import OptionError
+from mbdae.files import write_file
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,7 @@ class Document:
         }  # fmt: skip
         if file.suffix not in writers:
             raise OptionError(f"'{path}': a report is written as {', '.join(writers)}; end the name with one of them")
-        file.write_text(writers[file.suffix](), encoding="utf-8")
-        return file
+        return write_file(file, writers[file.suffix]())
 
     def _beside(self, file: Path) -> str:
         """Text with its pictures in files beside it (LaTeX reads no SVG: there of an SVG the caption only)."""
@@ -113,8 +113,7 @@ class Document:
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix == ".md":
                 place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
-                content = picture.content
-                place.write_bytes(content if isinstance(content, bytes) else content.encode())
+                write_file(place, picture.content)
                 files[id(picture)] = place.name
         return (markdown if file.suffix == ".md" else latex)(self, files)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
 from mbdae.results.drawing import Picture, axes_for, figure_size, show_gravity
 from mbdae.results.geometry import Geometry
@@ -73,7 +74,7 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     else:
         from mbdae.results.player import page
 
-        file.write_text(page(film), encoding="utf-8")
+        write_file(file, page(film))
 
 
 def natural_speed(duration: float) -> float:
@@ -120,7 +121,7 @@ def write_gif(film: Film, file: Path, delay: float) -> None:
     stage = _Stage(film)
     rate: Any = 100 / max(2, round(100 * delay))
     writer = PillowWriter(fps=rate)
-    with writer.saving(stage.figure, str(file), dpi=80):
+    with replacing(file) as part, writer.saving(stage.figure, str(part), dpi=80):
         for i in range(len(film.seen.t)):
             stage.show(i)
             writer.grab_frame()

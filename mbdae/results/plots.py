@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.sensors import placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
@@ -70,7 +71,8 @@ def checked(path: Any, suffixes: Sequence[str] = PICTURES, what: str = "plot") -
 def written(figure: Any, path: Any, what: str = "plot") -> Any:
     """The figure, saved where a path is given."""
     if path is not None:
-        figure.savefig(checked(path, what=what), dpi=150)
+        with replacing(checked(path, what=what)) as part:
+            figure.savefig(part, dpi=150)
     return figure
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
+from mbdae.files import replacing
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
@@ -46,7 +47,7 @@ def save(result: Result, path: Any) -> None:
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
     arrays |= _arrays(solution.interpolant)
-    with Path(path).open("wb") as file:
+    with replacing(path) as part, part.open("wb") as file:
         np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
 
 

@@ -9,6 +9,7 @@ from html import escape
 from importlib.metadata import version
 from pathlib import Path
 
+from mbdae.files import write_file
 from mbdae.validation.claim import Claim, Row
 
 COLUMNS = ("case", "solver", "error", "tolerance", "unit", "holds", "CPU s")
@@ -82,7 +83,7 @@ def write(measured: Sequence[Measured], folder: Path) -> list[Path]:
     """validation.md and validation.html."""
     pages = {"validation.md": markdown(measured), "validation.html": html(measured)}
     for name, content in pages.items():
-        (folder / name).write_text(content, encoding="utf-8")
+        write_file(folder / name, content)
     return [folder / name for name in pages]
 
 

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from mbdae.files import write_file
 from mbdae.reports.audit import latex
 from mbdae.reports.audit.claims import Count, count
 from mbdae.reports.audit.notation import AuditError
@@ -74,7 +75,7 @@ class Audit:
         """The same as JSON text, written to a file where one is named."""
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
         if path is not None:
-            Path(path).write_text(text + "\n", encoding="utf-8")
+            write_file(path, text + "\n")
         return text
 
     def document(self) -> Document:

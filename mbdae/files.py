@@ -1,0 +1,76 @@
+"""Files written as a whole: beside their place first, then renamed, so that an old file stays until the new one is complete."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from mbdae.errors import OptionError
+
+
+def path_of(path: Any) -> Path:
+    """A path as users name it; OptionError where it is none."""
+    try:
+        found = Path(path)
+        os.fsencode(found)
+    except (TypeError, ValueError):
+        raise OptionError(f"path = {path!r} is not the name of a file; give a text such as 'result.npz', or a Path") from None
+    if "\0" in str(found):
+        raise OptionError(f"path = {path!r} holds a zero character, which no file name may; give another name")
+    return found
+
+
+@contextmanager
+def replacing(path: Any) -> Iterator[Path]:
+    """A temporary file in the folder of `path`, with its suffix, to write to: it takes the place of `path` at the end.
+
+    Where the writing fails or is interrupted, `path` stays as it was and the temporary file is removed. What is no regular
+    file (a pipe, a terminal) is written to directly; of a link its target is replaced. OptionError, with the reason, where the
+    system refuses."""
+    named = path_of(path)
+    try:
+        place = Path(os.path.realpath(named))
+        if place.exists() and not place.is_file() and not place.is_dir():
+            yield place
+            return
+        part = place.with_name(f".{secrets.token_hex(8)}{named.suffix}")
+        try:
+            _begin(part, place)
+            yield part
+            _flush(part)
+            os.replace(part, place)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OptionError(f"'{named}' cannot be written: {error.strerror or error}; name a file in a folder that exists and may "
+                          f"be written to") from error  # fmt: skip
+
+
+def write_file(path: Any, content: str | bytes) -> Path:
+    """Write text (UTF-8) or bytes as a whole file, see `replacing`; returns its path."""
+    with replacing(path) as part:
+        part.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "backslashreplace"))
+    return Path(path)
+
+
+def _begin(part: Path, place: Path) -> None:
+    """An empty file with the rights of the file that is at `place`; OSError where that one may not be replaced."""
+    if place.is_dir():
+        raise IsADirectoryError("it is a folder")
+    there = place.exists()
+    if there and not os.access(place, os.W_OK):
+        raise PermissionError("the file that is there may not be changed")
+    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    if there:
+        part.chmod(place.stat().st_mode & 0o777)
+
+
+def _flush(part: Path) -> None:
+    """Wait until the file is on the disk: only then may it replace another."""
+    with part.open("rb+") as file:
+        os.fsync(file.fileno())

@@ -1,0 +1,85 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mbdae as mb
+from mbdae import files
+from mbdae.files import replacing, write_file
+
+
+class Stopped(BaseException):
+    """An interruption, as Ctrl-C is one."""
+
+
+def test_a_file_appears_whole_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    assert write_file(str(path), "eins\n") == path
+    write_file(path, b"zwei\n")
+    assert path.read_bytes() == b"zwei\n"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("stop", [Stopped, KeyboardInterrupt, ValueError, OSError, MemoryError])
+def test_what_was_there_stays_where_writing_stops(tmp_path: Path, stop: type[BaseException]) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def stopped() -> None:
+        with replacing(path) as part:
+            part.write_text("half")
+            raise stop("stop")
+
+    with pytest.raises(mb.OptionError if stop is OSError else stop):
+        stopped()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("step", ["open", "fsync", "replace"])
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path, step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    monkeypatch.setattr(files.os, step, full)
+    with pytest.raises(mb.OptionError, match=r"a\.txt' cannot be written: No space left"):
+        write_file(path, "new")
+    monkeypatch.undo()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_rights_and_links_stay(tmp_path: Path) -> None:
+    path, link = tmp_path / "a.txt", tmp_path / "link.txt"
+    path.write_text("old")
+    path.chmod(0o640)
+    link.symlink_to(path)
+    write_file(link, "new")
+    assert link.is_symlink()
+    assert path.read_text() == "new"
+    assert path.stat().st_mode & 0o777 == 0o640
+    write_file(os.devnull, "gone")
+    assert not Path(os.devnull).is_file()
+
+
+def test_what_cannot_be_written_is_told_with_its_name(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "no" / "x.txt", tmp_path / ("x" * 300)):
+        with pytest.raises(mb.OptionError, match="cannot be written"):
+            write_file(path, "")
+    for nothing in (None, 3, b"x\0", "a\0b", ["x"]):
+        with pytest.raises(mb.OptionError, match="path = "):
+            write_file(nothing, "")
+    locked = tmp_path / "locked.txt"
+    locked.write_text("old")
+    locked.chmod(0o400)
+    if not os.access(locked, os.W_OK):  # the superuser may write to anything
+        with pytest.raises(mb.OptionError, match="may not be changed"):
+            write_file(locked, "new")
+    assert locked.read_text() == "old"
