@@ -30,7 +30,7 @@ from mbdae.scene.components import (
     Place,
 )
 from mbdae.scene.joints import JointStatements
-from mbdae.scene.record import Statement, statement
+from mbdae.scene.record import Own, Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
@@ -43,6 +43,7 @@ class SceneData(BeamStatements, JointStatements):
         self.name, self.space = name, space
         self.problems: list[str] = []
         self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
+        self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
         self.gravity = self._vector("scene", "gravity", gravity, "m/s^2")
         if space not in ("auto", "planar", "spatial"):
