@@ -1,8 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
-Xor, pi, E, and the time t. It may come from a file that anybody wrote, so Python and SymPy evaluate nothing of it: the reader knows
-these words alone, and refuses what would take long or grow beyond bounds before it is calculated.
+Xor, pi, E, and the time t. It may come from a file that anybody wrote, so Python and SymPy evaluate nothing of it: the reader
+knows these words alone, and refuses what would take long or grow beyond bounds before it is calculated.
 """
 
 from __future__ import annotations

@@ -59,8 +59,8 @@ def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
         for law, copy in zip(old.laws, new.laws, strict=True):
             for name in sorted(vars(law)):
                 if name not in vars(copy) or _told(law, name) != _told(copy, name):
-                    raise OptionError(f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the "
-                                      f"class, in `params` (a number) or in `options` (anything else that can be stored)")  # fmt: skip
+                    raise OptionError(f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
+                                      f"`params` (a number) or `options` (anything else that can be stored)")  # fmt: skip
 
 
 def _told(law: Law, name: str) -> Any:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, fields, is_dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from mbdae import formulations
-from mbdae.errors import MbdaeError, OptionError
+from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.files import path_of
+from mbdae.formulations import GGL, ODE, Form, Index1, Index3
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.radau_tables import radau_table
@@ -39,6 +40,9 @@ from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
+#: mbdae's solvers; of these, the module of the one that a file names is imported
+SOLVERS = ("mbdae.integrators.cvode:CVODE", "mbdae.integrators.generalized_alpha:GeneralizedAlpha",
+           "mbdae.integrators.generalized_alpha:HHT", "mbdae.integrators.ida:IDA", "mbdae.integrators.radau:RadauIIA")
 _AGAIN = "give a file written by r.save(path)"
 
 
@@ -79,18 +83,20 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
     except (FileNotFoundError, PermissionError, IsADirectoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes its readers raise
-        raise OptionError(f"{place} is not a result of mbdae ({shown_reason(error)}); {_AGAIN}") from error
+        raise OptionError(f"{place} is not a result of mbdae ({_told(error)}); {_AGAIN}") from error
     try:
         return _result(header, arrays, known)
-    except (MbdaeError, BadValueError) as error:
-        raise OptionError(f"{place}: {error}; {_AGAIN}") from error
-    except Exception as error:  # what no check of the statements foresaw
-        raise OptionError(f"{place} is damaged ({shown_reason(error)}); {_AGAIN}") from error
+    except Exception as error:  # of a statement, or what no check of the statements foresaw
+        told = _told(error)
+        raise OptionError(f"{place} cannot be loaded: {told}{'' if 'pass laws=' in told else f'; {_AGAIN}'}") from error
 
 
-def shown_reason(error: Exception) -> str:
+def _told(error: Exception) -> str:
     """An error in a few words."""
-    return str(error) if isinstance(error, BadValueError) else f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    if isinstance(error, SceneError):
+        return "; ".join(error.problems)
+    plain = isinstance(error, MbdaeError | BadValueError)
+    return str(error) if plain else f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
 
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
@@ -193,11 +199,9 @@ def _info(info: RunInfo) -> dict[str, Any]:
 
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver, with its options checked by itself."""
-    import mbdae
-
-    homes = {f"{home}:{name}": name for name, home in mbdae._HOME.items() if home.startswith("mbdae.integrators.")}
     name = stored["class"]
-    cls = getattr(mbdae, homes[name]) if name in homes else known.find(name, Solver)
+    home, _, own = name.partition(":")
+    cls = vars(import_module(home))[own] if name in SOLVERS else known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:
@@ -213,9 +217,9 @@ def _solver(stored: dict[str, Any], known: Known) -> Any:
 
 def _form(label: str, known: Known) -> str:
     """The label of one of mbdae's forms, or of a form among the caller's classes."""
-    forms = [vars(formulations)[name] for name in formulations.__all__] + list(known.own.values())
-    if label not in {form.label for form in forms if isinstance(form, type) and issubclass(form, formulations.Form)
-                     and form is not formulations.Form}:  # fmt: skip
+    own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
+    forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
+    if label not in {form.label for form in forms}:
         raise BadValueError(f"its form {shown(label)} is unknown: pass laws=[...] with its class in it")
     return label
 

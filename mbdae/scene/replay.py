@@ -2,7 +2,7 @@
 
 The data may come from a file that anybody wrote. Only methods marked as statements are called, with arguments of the kinds they
 take; only classes and functions that mbdae defines or that the caller hands over are used; laws and their parts are made by their
-constructors; expressions are read by `inputs.text`. Nothing is imported, looked up by attribute or evaluated.
+constructors; expressions are read by `inputs.text`. No name from the data is imported, looked up as an attribute or evaluated.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from importlib import import_module
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from mbdae import contact, forces, friction, joints
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.friction import Friction
 from mbdae.inputs import text
@@ -40,7 +40,8 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _mbdaes() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    exported = [vars(home)[name] for home in (joints, forces, contact, friction) for name in home.__all__]
+    homes = [import_module(f"mbdae.{home}") for home in ("joints", "forces", "contact", "friction")]
+    exported = [vars(home)[name] for home in homes for name in home.__all__]
     return {named(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
 
 
@@ -103,8 +104,8 @@ def _decode(value: Any, scene: Any, known: Known) -> Any:
     reader = _READERS.get(frozenset(value))
     if reader is None:
         if "unreadable" in value:
-            raise SceneError([f"the argument {shown(value['unreadable'])} cannot be repeated: give numbers, texts, expressions of "
-                              f"mb.t, laws or their parts"])  # fmt: skip
+            raise SceneError([f"the argument {shown(value['unreadable'])} cannot be repeated: give numbers, texts, expressions "
+                              f"of mb.t, laws or their parts"])  # fmt: skip
         raise SceneError([f"a stored argument cannot be read: {shown(value)}"])
     return reader(value, scene, known)
 
@@ -191,7 +192,7 @@ def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[
         found = _made(cls, arguments)
         if equal(found):
             return found
-    bare = object.__new__(cls)
+    bare: Any = object.__new__(cls)
     _made(lambda **given: vars(base)["__init__"](bare, **given), arguments)
     return bare
 

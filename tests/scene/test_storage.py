@@ -131,14 +131,3 @@ def test_other_files_are_refused(pair: Any, tmp_path: Path) -> None:
         mb.load(changed(path, tmp_path / "d.npz", format="photo"))
     with pytest.raises(mb.OptionError, match="has format version 99, this mbdae reads up to 1: update mbdae"):
         mb.load(changed(path, tmp_path / "e.npz", version=99))
-
-
-def test_law_that_cannot_be_found_again(tmp_path: Path) -> None:
-    class Local(Rubber):
-        pass
-
-    s = mb.Scene("local")
-    s.point_mass("p", 1.0, (1, 0))
-    s.add(Local("R", s.ground, "p", at=(1, 0), stiffness=1.0))
-    with pytest.raises(mb.OptionError, match="law class Local is defined inside a function"):
-        s.simulate(0.1, accuracy=1e-3).save(tmp_path / "x.npz")
