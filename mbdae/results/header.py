@@ -79,12 +79,12 @@ def _flag(value: Any, where: str) -> None:
         raise _refuse(value, where, "true or false")
 
 
-def _real(least: float = -math.inf, finite: bool = True) -> Kind:
-    """A number; of estimates also infinity, and nan for one that is not known."""
+def _real(least: float = -math.inf, finite: bool = True, known: bool = True) -> Kind:
+    """A number; where it need not be known also nan."""
 
     def check(value: Any, where: str) -> None:
         number = isinstance(value, int | float) and not isinstance(value, bool) and (type(value) is float or abs(value) <= MOST)
-        if not number or value < least or (finite and not math.isfinite(value)):
+        if not number or value < least or (finite and not math.isfinite(value)) or (known and math.isnan(value)):
             raise _refuse(value, where, f"a {'finite ' if finite else ''}number{'' if least < 0 else f' from {least:g}'}")
 
     return check
@@ -162,7 +162,7 @@ def _dense(value: Any, where: str) -> None:
         raise _refuse(value["steps"], f"{where}.steps", f"a list of {len(value['points'])}")
 
 
-_TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False))
+_TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
 _STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
           for f in fields(Stats)}  # fmt: skip
 _ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE}

@@ -43,6 +43,7 @@ _RANK = ("kept", "dropped", "singular_here", "not_unique")
 #: mbdae's solvers; of these, the module of the one that a file names is imported
 SOLVERS = ("mbdae.integrators.cvode:CVODE", "mbdae.integrators.generalized_alpha:GeneralizedAlpha",
            "mbdae.integrators.generalized_alpha:HHT", "mbdae.integrators.ida:IDA", "mbdae.integrators.radau:RadauIIA")
+LONGEST = 700  #: characters of a reason
 _AGAIN = "give a file written by r.save(path)"
 
 
@@ -93,10 +94,10 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
 
 def _told(error: Exception) -> str:
     """An error in a few words."""
-    if isinstance(error, SceneError):
-        return "; ".join(error.problems)
     plain = isinstance(error, MbdaeError | BadValueError)
-    return str(error) if plain else f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+    told = " ".join(told.split()) if plain else f"{type(error).__name__}: {' '.join(told.split())}"
+    return told if len(told) <= LONGEST else f"{told[:LONGEST]}..."
 
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
