@@ -156,7 +156,10 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None) -> Audit:
         path = Path(text)
         if not path.is_file():
             raise AuditError(f"there is no file '{text}'; give a file of printed formulas, or its text")
-        text = path.read_text(encoding="utf-8")
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            raise AuditError(f"'{path}' cannot be read: {error}; give a file of printed formulas in UTF-8") from error
     found = read(text, laws)
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c) for c in found.claims))
 
