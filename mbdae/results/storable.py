@@ -6,13 +6,9 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from mbdae.errors import MbdaeError, OptionError
-from mbdae.scene.record import encode
-from mbdae.scene.replay import Known, replay
+from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.scene.replay import Known, lost, replay
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.law import Law
-
-_PLACES = {"name", "k", "l", "at", "axis", "at_l"}
 
 
 def statements(scene: SceneData) -> dict[str, Any]:
@@ -50,22 +46,9 @@ def _check_name(item: str, name: Any) -> None:
 
 
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
-    """Laws of a user's own must come back as they are: what their own constructors add is not stored."""
+    """Laws of a user's own must come back as they are."""
     try:
-        again: SceneData = replay(json.loads(json.dumps(data)), SceneData, Known(scene.own))
+        lost(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:
-        raise OptionError(f"this scene could not be built again from what is stored of it: {error}") from error
-    for old, new in zip(scene.connections, again.connections, strict=True):
-        for law, copy in zip(old.laws, new.laws, strict=True):
-            for name in sorted(vars(law)):
-                if name not in vars(copy) or _told(law, name) != _told(copy, name):
-                    raise OptionError(f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
-                                      f"`params` (a number) or `options` (anything else that can be stored)")  # fmt: skip
-
-
-def _told(law: Law, name: str) -> Any:
-    """An attribute as plain data."""
-    value = vars(law)[name]
-    if name in ("params", "states"):
-        return dict(value)
-    return encode(value) if name not in _PLACES else None
+        told = "; ".join(error.problems) if isinstance(error, SceneError) else error
+        raise OptionError(f"this scene could not be built again from what is stored of it: {told}") from error

@@ -190,12 +190,15 @@ def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
 
 
 def _info(info: RunInfo) -> dict[str, Any]:
-    given = [f.name for f in fields(info.solver) if f.init] if is_dataclass(info.solver) else []
-    options = {name: encode(getattr(info.solver, name)) for name in given}
-    solver = {"class": named(type(info.solver)), "options": options}
     parts = {"accuracy": info.accuracy.as_data(), "stats": asdict(info.stats), "warnings": list(info.warnings)}
-    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
+    return {"solver": _info_of(info.solver), "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
             "reliable": info.reliable, **parts}  # fmt: skip
+
+
+def _info_of(solver: Any) -> dict[str, Any]:
+    """A solver as its class and options."""
+    given = [f.name for f in fields(solver) if f.init] if is_dataclass(solver) else []
+    return {"class": named(type(solver)), "options": {name: encode(getattr(solver, name)) for name in given}}
 
 
 def _solver(stored: dict[str, Any], known: Known) -> Any:

@@ -20,7 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.friction import Friction
 from mbdae.inputs import text
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
-from mbdae.scene.record import STATEMENTS, Own, Statement, named
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, named
 from mbdae.scene.section import Section
 from mbdae.symbolic.law import Force, Joint, Law
 from mbdae.symbolic.part import Part
@@ -144,6 +144,9 @@ def _object(value: Any, scene: Any, known: Known) -> Any:
     given = _options(value["fields"], scene, known)
     if not issubclass(cls, Part):
         return _made(cls, given)
+    wrong = [key for key, v in given.items() if key in cls.params and not _is_number(v)]
+    if wrong:
+        raise SceneError([f"{wrong[0]} = {shown(given[wrong[0]])} of {cls.__name__} is not a number"])
     return _rebuilt(cls, Part, given, lambda part: {key: v for key, v in part.values().items() if v is not None} == given)
 
 
@@ -267,3 +270,15 @@ def _told(said: Any) -> str:
     first = args[0] if args else kwargs.get("name")
     name = first.get("name") if isinstance(first, dict) else first
     return f"{shown(method)} of {shown(name)}"
+
+
+def lost(scene: Any, copy: Any) -> None:
+    """Raise SceneError where a user's own law in a copy of a scene lacks what an instance has beside parameters and options."""
+    for old, new in zip(scene.connections, copy.connections, strict=True):
+        for law, again in zip(old.laws, new.laws, strict=False):
+            if type(law) is not type(again) or _is_mbdaes(type(law)):
+                continue
+            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l"}):
+                if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
+                    raise SceneError([f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
+                                      f"`params` (a number) or `options` (anything else that can be stored)"])  # fmt: skip

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.record import Statement, encode
-from mbdae.scene.replay import Known, replay
+from mbdae.scene.replay import Known, lost, replay
 
 if TYPE_CHECKING:
     from mbdae.scene.scene import SceneData
@@ -36,7 +36,9 @@ def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any
             args, kwargs = _with_model(args, kwargs, encode(model, own), MODELLED[method])
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
-    return replay(data, type(scene), Known(own))
+    found = replay(data, type(scene), Known(own))
+    lost(scene, found)
+    return found
 
 
 def with_recursive_tree(scene: SceneData) -> Any:

@@ -172,6 +172,8 @@ TEXTS = ["os:system", "subprocess:check_output", RUN, "../../x", "", "x" * 100_0
 NUMBERS = [-1, 0, 1, 3, 10**400, 2**63, -(2**63), 1e308, -1e308, 5e-324, float("nan"), float("inf"), -float("inf"), True, None, "1",
            [], {}, [1.0], 1e9, {"object": "os:system", "fields": {"command": f"touch {MARK}"}}, {"expression": RUN},
            {"class": "os:system"}, {"law": "os:system"}, {"body": "ground"}, {"unreadable": "x"}, 0.5, 10**6]  # fmt: skip
+#: entries and texts that say something else there, and nothing wrong
+ALSO = (("expression", "sin(t)"), ("body", "ground"), ("place", "ground"))
 TOLD = ("scene.name", "info.choice", "info.warnings", "start.changes", "accuracy.unknown")  #: free texts
 
 
@@ -191,7 +193,7 @@ def _texts(stored: Stored, each: int) -> None:
     for path, new in _each(stored, found, TEXTS, each, lambda p, new: put(stored.header, p, new)):
         free = ".".join(map(str, path)).startswith(TOLD)
         named = path[:2] == ("scene", "statements") and path[3:] in ((1, 0), (2, "name"), (1, 0, "name"))
-        assert free or named or at(stored.header, path) == new or (path[-1] == "expression" and new == "sin(t)"), (path, new)
+        assert free or named or at(stored.header, path) == new or (path[-1], new) in ALSO, (path, new)
 
 
 @pytest.mark.parametrize("each", [1, pytest.param(len(TEXTS), marks=pytest.mark.slow)])
@@ -206,7 +208,7 @@ def test_numbers_replaced_by_hostile_ones(stored: Stored, each: int) -> None:
     numbers = [p for p in places(stored.header) if isinstance(at(stored.header, p), int | float)]
     assert len(numbers) > 100
     for path, new in _each(stored, numbers, NUMBERS, each, lambda p, new: put(stored.header, p, new)):
-        assert new is None or isinstance(new, bool | int | float), (path, new)
+        assert new is None or isinstance(new, int | float) or "section" in path or "model" in path, (path, new)
         assert path[0] == "scene" or new is None or new >= 0 or path[-1] in ("t", "degrees_of_freedom"), (path, new)
 
 
