@@ -25,7 +25,8 @@ import mbdae as mb
 from mbdae.results import archive
 
 MARK = "executed-by-a-file"
-OUTSIDE = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "socket.connect", "shutil.rmtree", "os.remove",
+OUTSIDE = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "socket.connect", "shutil.rmtree",
+    "os.remove",
            "os.rename", "os.mkdir", "pickle.find_class", "ctypes.dlopen", "exec", "import", "marshal.loads")  # fmt: skip
 ALLOWED = {"mbdae", "numpy", "scipy", "sympy", "symengine", "sksundae", "mpmath"}
 
@@ -76,7 +77,8 @@ def rich() -> mb.Scene:
     s.revolute("B", a, b, at=(0, 0.3), friction=mb.Coulomb(0.1, 0.01), radius=0.01, model=mb.Kinematic())
     s.spring("S", b.at((0.3, 0.3)), "ball", at_k=(0.3, 0.3), at_l=(0.3, 0.6), stiffness=20.0, damping=0.5)
     pin = s.rigid_body("pin", 0.2, 0.001, at=(1.0, 0))
-    s.revolute("C", s.ground, pin, at=(1.0, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e6, 0.1), friction=mb.Coulomb(0.1, 0.01)))
+    s.revolute("C", s.ground, pin, at=(1.0, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e6, 0.1), friction=mb.Coulomb(0.1,
+        0.01)))
     s.add(Rubber("R", s.ground, b, at=(0.3, 0.3), stiffness=4.0, friction=mb.Coulomb(0.2, 0.1)))
     beam = s.beam("beam", curve=wave, section=mb.Section.circular(0.01, 2e9, 0.3, 1000, damping=1e-3), elements=2)
     s.weld("W", s.ground, beam, at=(2, 0))
@@ -166,10 +168,13 @@ def renamed(header: Any, path: tuple[Any, ...], key: str) -> Any:
 
 
 RUN = f"__import__('os').system('touch {MARK}')"
-TEXTS = ["os:system", "subprocess:check_output", RUN, "../../x", "", "x" * 100_000, "mbdae.cli:main", "mbdae.results.storage:save",
-         "builtins:eval", "nan", "ground", "\ud800", "__class__", "t.__class__", "9**9**9**9", "A", "mbdae.joints.revolute:Revolute",
+TEXTS = ["os:system", "subprocess:check_output", RUN, "../../x", "", "x" * 100_000, "mbdae.cli:main",
+    "mbdae.results.storage:save",
+         "builtins:eval", "nan", "ground", "\ud800", "__class__", "t.__class__", "9**9**9**9", "A",
+         "mbdae.joints.revolute:Revolute",
          "__init__", "draw", "simulate", "<lambda>", "\x00", "mbdae.friction.coulomb:Coulomb", "sin(t)"]  # fmt: skip
-NUMBERS = [-1, 0, 1, 3, 10**400, 2**63, -(2**63), 1e308, -1e308, 5e-324, float("nan"), float("inf"), -float("inf"), True, None, "1",
+NUMBERS = [-1, 0, 1, 3, 10**400, 2**63, -(2**63), 1e308, -1e308, 5e-324, float("nan"), float("inf"), -float("inf"), True, None,
+    "1",
            [], {}, [1.0], 1e9, {"object": "os:system", "fields": {"command": f"touch {MARK}"}}, {"expression": RUN},
            {"class": "os:system"}, {"law": "os:system"}, {"body": "ground"}, {"unreadable": "x"}, 0.5, 10**6]  # fmt: skip
 #: entries and texts that say something else there, and nothing wrong
@@ -282,7 +287,8 @@ def damaged(stored: Stored) -> Iterator[tuple[str, bytes]]:
     yield "an enormous shape", _raw({**members, "y.npy": _npy(f"({'9' * 50},)")})
     yield "a bomb", _raw({**members, "y.npy": _npy("(500000,)", body=bytes(4_000_000))})
     yield "a bomb of a header", _raw({**members, "header.npy": _npy("()", "'<U900000'", bytes(3_600_000))})
-    yield "another check sum", good.replace(members["t.npy"][-8:], bytes(8)) if members["t.npy"][-8:] in good else good[:-30] + bytes(30)
+    yield "another check sum", good.replace(members["t.npy"][-8:],
+        bytes(8)) if members["t.npy"][-8:] in good else good[:-30] + bytes(30)
 
 
 def test_damaged_archives(stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -316,7 +322,8 @@ ARRAYS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
     "integers": lambda a: {"y": a["y"].astype(int)}, "single precision": lambda a: {"y": a["y"].astype(np.float32)},
     "complex": lambda a: {"y": a["y"].astype(complex)}, "texts": lambda a: {"t": np.array(["a"] * len(a["t"]))},
     "a start of another size": lambda a: {"start_q": a["start_q"][:-1]}, "a number": lambda a: {"start_u": np.array(1.0)},
-    "multipliers": lambda a: {"start_multipliers": np.r_[a["start_multipliers"], 1.0]}, "inner": lambda a: {"inner": a["inner"][:, :, :-1]},
+    "multipliers": lambda a: {"start_multipliers": np.r_[a["start_multipliers"], 1.0]},
+    "inner": lambda a: {"inner": a["inner"][:, :, :-1]},
     "a later start": lambda a: {"steps": a["steps"] + 0.001}, "extra": lambda a: {"more": a["t"]},
 }  # fmt: skip
 
@@ -329,13 +336,15 @@ def test_arrays_that_do_not_fit(stored: Stored, name: str) -> None:
 
 HEADERS: dict[str, Callable[[str], str]] = {
     "empty": lambda text: "", "no table": lambda text: "[1]", "null": lambda text: "null", "a number": lambda text: "1" * 10_000,
-    "nested": lambda text: "[" * 100_000, "nested inside": lambda text: text.replace('"changes": [', '"changes": [' + "[" * 900 + "]" * 900 + ", ", 1),
+    "nested": lambda text: "[" * 100_000, "nested inside": lambda text: text.replace('"changes": [',
+    '"changes": [' + "[" * 900 + "]" * 900 + ", ", 1),
     "twice": lambda text: text.replace('"version": 1', '"version": 1, "version": 1', 1), "no JSON": lambda text: text[:-1],
     "a huge number": lambda text: text.replace('"version": 1', '"version": ' + "9" * 5000, 1),
     "a version of text": lambda text: text.replace('"version": 1', '"version": "1"', 1),
     "a negative version": lambda text: text.replace('"version": 1', '"version": -1', 1),
     "one more entry": lambda text: text.replace('"version": 1', '"version": 1, "os": "system"', 1),
-    "NaN": lambda text: text.replace('"version": 1', '"version": NaN', 1), "a format": lambda text: text.replace("mbdae result", "other", 1),
+    "NaN": lambda text: text.replace('"version": 1', '"version": NaN', 1), "a format": lambda text: text.replace("mbdae result",
+    "other", 1),
 }  # fmt: skip
 
 
@@ -358,13 +367,16 @@ STATEMENTS: dict[str, Any] = {
                     {"object": "mbdae.friction.coulomb:Coulomb", "fields": {"mu": 1.0}}}],
     "fields of a part": ["revolute", ["X", "crank", "block"], {"at": [0, 0], "radius": 1.0, "friction":
                          {"object": "mbdae.friction.coulomb:Coulomb", "fields": {"__class__": "x", "mu": 1.0, "v_c": 1.0}}}],
-    "a method for a value": ["add", [{"law": f"{__name__}:Rubber", "name": "X", "k": "ground", "l": "block", "at": None, "axis": [0, 0, 1],
+    "a method for a value": ["add", [{"law": f"{__name__}:Rubber", "name": "X", "k": "ground", "l": "block", "at": None,
+    "axis": [0, 0, 1],
                                       "at_l": None, "values": {"energy": 1.0, "stiffness": 1.0}}], {}],
     "many elements": ["beam", ["X", [0, 0], [1, 0]], {"section": None, "elements": 10**9}],
-    "itself": ["link", ["X", [0, 0], [1, 0]], {"self": 1, "mass": 1.0}], "a truth value": ["link", ["X", [0, 0], [1, 0]], {"mass": True}],
+    "itself": ["link", ["X", [0, 0], [1, 0]], {"self": 1, "mass": 1.0}], "a truth value": ["link", ["X", [0, 0], [1, 0]],
+    {"mass": True}],
     "a body for a number": ["link", ["X", [0, 0], [1, 0]], {"mass": {"body": "ground"}}],
     "a text for a number": ["link", ["X", [0, 0], [1, 0]], {"mass": "1"}],
-    "a number for a name": ["link", [1, [0, 0], [1, 0]], {"mass": 1.0}], "twice the name": ["link", ["crank", [0, 0], [1, 0]], {"mass": 1.0}],
+    "a number for a name": ["link", [1, [0, 0], [1, 0]], {"mass": 1.0}], "twice the name": ["link", ["crank", [0, 0], [1, 0]],
+    {"mass": 1.0}],
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Laws of one's own on disk: found among `laws`, wherever they are defined, and the same afterwards; every statement comes back."""
+"""Laws of one's own on disk: found among `laws`, wherever they are defined, the same afterwards; every statement comes back."""
 
 from __future__ import annotations
 
@@ -86,7 +86,8 @@ def stored(s: mb.Scene, path: Path) -> Any:
 
 
 SAID = {
-    "a law with options": lambda s, rod: s.add(OWN["Shaped"]("X", s.ground, rod, at=(1, 0), c=2 * sp.sin(mb.t), mode="a", shape=(1.0, 2))),
+    "a law with options": lambda s, rod: s.add(OWN["Shaped"]("X", s.ground, rod, at=(1, 0), c=2 * sp.sin(mb.t), mode="a",
+    shape=(1.0, 2))),
     "a joint with a constructor": lambda s, rod: s.add(OWN["Gear"]("X", s.ground, rod, (0, 0), (3, 2))),
     "friction with a constructor": lambda s, rod: s.revolute("X", rod, s.link("more", (1, 0), (2, 0), mass=1.0), at=(1, 0),
                                                               friction=OWN["Smooth"](10), radius=0.1),
@@ -121,7 +122,8 @@ def test_a_class_is_found_by_its_name_alone_where_only_one_has_it(tmp_path: Path
     assert type(mb.load(tmp_path / "r.npz", laws=[shaped]).prepared.model.scene["X"].laws[0]) is shaped
     another = local_classes()["Shaped"]
     another.__module__ = "elsewhere"
-    with pytest.raises(mb.OptionError, match=r"several of `laws` are called 'Shaped': pass laws=\[...\] with the right one alone"):
+    with pytest.raises(mb.OptionError,
+        match=r"several of `laws` are called 'Shaped': pass laws=\[...\] with the right one alone"):
         mb.load(tmp_path / "r.npz", laws=[shaped, another])
     assert type(mb.load(tmp_path / "r.npz", laws=[shaped, OWN["Shaped"]]).prepared.model.scene["X"].laws[0]) is OWN["Shaped"]
 
@@ -131,7 +133,8 @@ def test_a_class_that_is_missing_is_named(tmp_path: Path) -> None:
     s.add(Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1))
     stored(s, tmp_path / "r.npz")
     for laws in ([], [OWN["Gear"]], [np.sin.__class__]):
-        with pytest.raises(mb.OptionError, match=r"r\.npz .*Cubic' is neither mbdae's nor in `laws`: pass laws=\[...\] with Cubic in it$"):
+        with pytest.raises(mb.OptionError,
+            match=r"r\.npz .*Cubic' is neither mbdae's nor in `laws`: pass laws=\[...\] with Cubic in it$"):
             mb.load(tmp_path / "r.npz", laws=laws)
     for wrong in ("Cubic", Cubic, 1, None, {"Cubic": Cubic}, ["Cubic"], [Cubic("X", None, None)]):
         with pytest.raises(mb.OptionError, match="laws"):
@@ -188,10 +191,12 @@ def everything() -> mb.Scene:
     b = s.link("b", (0, 0), (1, 0.1), (2, 0), mass_per_length=np.float64(0.7))
     p = s.point_mass("p", 2, (3, 0, 0), velocity=(0, 1))
     pulse = sp.Piecewise((0, mb.t < 0.1), (sp.Piecewise((sp.sin(mb.t), sp.And(mb.t < 2, sp.Not(mb.t > 1))), (1, True)), True))
-    s.revolute("r1", s.ground, a, at=a.at((0, 0, 0)), axis=(1, 1, 0), model=mb.Classical(2.0, 0.5), angle0=0.1, rate0=1, spring=0.3, damper=1)
+    s.revolute("r1", s.ground, a, at=a.at((0, 0, 0)), axis=(1, 1, 0), model=mb.Classical(2.0, 0.5), angle0=0.1, rate0=1,
+        spring=0.3, damper=1)
     s.revolute("r2", "a", b, at=(0, 0), torque=sp.Max(mb.t, sp.Mod(mb.t, sp.Rational(1, 3))) + sp.floor(7.1 * mb.t),
                friction=mb.LuGre(0.2, 0.3, 0.01, 1e3, 10.0, 0.1, 1.5, False), radius=0.1)  # fmt: skip
-    s.revolute("r3", s.ground, b, at=(2, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1, 0.01), length=0.1))
+    s.revolute("r3", s.ground, b, at=(2, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1,
+        0.01), length=0.1))
     s.prismatic("p1", s.ground, "a", (0, 0), (0, 0, 1), position=pulse, model=mb.Recursive())
     s.prismatic("p2", s.ground, b, at=(0, 0), axis=(1, 0, 0), force=mb.t**2, friction=mb.Coulomb(0.1, 1e-3), normal_force=3)
     s.spherical("s", a, b, at=(1, 0, 0))
@@ -203,7 +208,8 @@ def everything() -> mb.Scene:
     s.force("F", b.at(0.3), (1, pulse, 0.1), frame="body")
     s.torque("T", a, (0, 0, sp.Heaviside(mb.t - 0.3) * 1e300 * 1e-300))
     s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))
-    beam = s.beam("beam", (0, 5), (1, 6), (2, 5), section=mb.Section.tube(0.1, 0.05, 2e9, 0.3, 1000), curve="arc", elements=3, order=3,
+    beam = s.beam("beam", (0, 5), (1, 6), (2, 5), section=mb.Section.tube(0.1, 0.05, 2e9, 0.3, 1000), curve="arc", elements=3,
+        order=3,
                   axis2=(0, 0, 1), velocity=(0, 0, 0.1))  # fmt: skip
     beam.load((0, mb.t, 1), frame="section", name="load")
     return s
@@ -217,10 +223,12 @@ def test_every_statement_comes_back_to_the_last_bit() -> None:
     assert again.statements == s.statements
     assert again.problems == s.problems
     for old, new in zip(s.bodies, again.bodies, strict=True):
-        assert all(np.array_equal(getattr(old, x), getattr(new, x)) for x in ("position", "rotation", "velocity", "angular_velocity"))
+        assert all(np.array_equal(getattr(old, x), getattr(new, x)) for x in ("position", "rotation", "velocity",
+            "angular_velocity"))
         assert (old.mass, getattr(old, "section", None)) == (new.mass, getattr(new, "section", None))
     for old, new in zip(s.connections, again.connections, strict=True):
-        assert (old.name, old.kind, old.model, old.hold, old.hold_rate) == (new.name, new.kind, new.model, new.hold, new.hold_rate)
+        assert (old.name, old.kind, old.model, old.hold, old.hold_rate) == (new.name, new.kind, new.model, new.hold,
+            new.hold_rate)
         for law, copy in zip(old.laws, new.laws, strict=True):
             assert type(law) is type(copy)
             for value in (*law.params, *law.options):
