@@ -278,7 +278,7 @@ class Result:
         animate(self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
-        """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with the classes of one's own in the scene."""
+        """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with one's own classes in `laws`."""
         from mbdae.results.storage import save
 
         save(self, path)
