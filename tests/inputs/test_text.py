@@ -73,6 +73,22 @@ def _restored(e: Any) -> None:
         assert np.array_equal(*values, equal_nan=True)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_equal_inputs_have_one_text_and_one_order_of_their_terms(seed: int) -> None:
+    """However they were made: a sum of many terms has them in the order of how it grew."""
+    rng = random.Random(seed)
+    terms = [se.RealDouble(rng.uniform(-3, 3)) * se.sin(k * timed.TIME) ** rng.randint(1, 3) for k in range(1, 30)]
+    made = []
+    for _ in range(2):
+        rng.shuffle(terms)
+        grown = terms[0]
+        for term in terms[1:]:
+            grown = grown + term
+        made.append(timed.expression(grown))
+    assert text.written(made[0]) == text.written(made[1])
+    assert made[0].args == made[1].args
+
+
 OLD = {
     "Piecewise((0, t < 1/20), (cos(t), And(1 < t, t < 2)), (1, Or(4 != t, t < 3)), (2, True))":
         sp.Piecewise((0, t < sp.Rational(1, 20)), (sp.cos(t), sp.And(t > 1, t < 2)), (1, sp.Or(sp.Ne(t, 4), t < 3)), (2, True)),
