@@ -6,22 +6,18 @@ that is the same. It is replaced as a whole, so it is valid whenever the run sto
 
 from __future__ import annotations
 
-import base64
 import json
-import zlib
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mbdae.compare.kept import read_kept, resume_path
+from mbdae.compare.kept import made, packed, read_kept, reading, resume_path, unpacked
 from mbdae.compare.pairwise import Final
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
 from mbdae.files import write_file
 from mbdae.system.base import Array
+from mbdae.values import number
 
 FORMAT = "mbdae comparison in progress 1"
 
@@ -50,20 +46,22 @@ class Checkpoint:
         if self.path is None or not self.path.exists():
             return State()
         data = read_kept(self.path, FORMAT, "comparison", self.statement)
-        reference = Reference(**data["reference"]) if data["reference"] else None
-        finals = {f["label"]: Final(**(f | {"values": _array(f["values"])})) for f in data["finals"]}
-        truth = _array(data["truth"]) if data["truth"] else None
-        return State(reference, truth, [Row(**row) for row in data["rows"]], finals, data["cpu_s"], data["total_cpu_s"])
+        with reading(self.path):
+            reference = made(Reference, data["reference"]) if data["reference"] else None
+            finals = {f["label"]: made(Final, f, values=unpacked(f["values"])) for f in data["finals"]}
+            truth = unpacked(data["truth"]) if data["truth"] else None
+            rows = [made(Row, row) for row in data["rows"]]
+            return State(reference, truth, rows, finals, number(data["cpu_s"], least=0.0), number(data["total_cpu_s"], least=0.0))
 
     def save(self, state: State) -> None:
         """Replace the file by the state."""
         if self.path is None:
             return
-        finals = [{"label": f.label, "asked": f.asked, "rtol": f.rtol, "values": _text(f.values)} for f in state.finals.values()]
+        finals = [{"label": f.label, "asked": f.asked, "rtol": f.rtol, "values": packed(f.values)} for f in state.finals.values()]
         data = {
             "format": FORMAT, "statement": self.statement, "rows": [asdict(row) for row in state.rows],
             "reference": asdict(state.reference) if state.reference else None, "cpu_s": state.cpu_s,
-            "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": None if state.truth is None else _text(state.truth),
+            "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": None if state.truth is None else packed(state.truth),
         }  # fmt: skip
         write_file(self.path, json.dumps(data, indent=1) + "\n")
 
@@ -71,13 +69,3 @@ class Checkpoint:
 def checkpoint(path: Any, statement: dict[str, Any]) -> Checkpoint:
     """The checkpoint at a path the user gave."""
     return Checkpoint(resume_path(path), statement)
-
-
-def _text(values: Array) -> dict[str, Any]:
-    packed = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
-    return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(packed).decode("ascii")}
-
-
-def _array(stored: Mapping[str, Any]) -> Array:
-    shape: Sequence[int] = stored["shape"]
-    return np.frombuffer(zlib.decompress(base64.b64decode(stored["zlib_float64"])), dtype="<f8").reshape(shape)

@@ -15,7 +15,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import OptionError
-from mbdae.inputs import timed
+from mbdae.inputs import text, timed
 from mbdae.scene.record import encode
 
 NUMBERS = ("begin", "width", "strength")  #: of a pulse, that can be varied
@@ -128,9 +128,9 @@ def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
 
 
 def _expression(stated: Any) -> Any:
-    return timed.expression(se.sympify(stated["expression"]))
+    return timed.expression(text.read(stated["expression"]))
 
 
 def _exact(value: float) -> Any:
-    """A number as a fraction: text keeps 15 digits of a float."""
+    """A number as a fraction, so that moved times lose no digit."""
     return se.Rational(*float(value).as_integer_ratio())

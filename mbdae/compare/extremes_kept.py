@@ -10,10 +10,11 @@ from typing import Any
 
 from mbdae.compare.extremes_cell import Cell
 from mbdae.compare.job import Job
-from mbdae.compare.kept import read_kept, resume_path
+from mbdae.compare.kept import made, read_kept, reading, resume_path
 from mbdae.compare.run import Run
 from mbdae.compare.statement import statement
 from mbdae.files import write_file
+from mbdae.values import BadValueError, number, shown
 
 FORMAT = "mbdae extremes in progress 1"
 
@@ -52,6 +53,17 @@ def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run
     if path is None or not path.exists():
         return Kept(path, said)
     data = read_kept(path, FORMAT, "map", said)
-    rows = {(r["parameter"], r["value"]): (r["reference"], [Cell(**(c | {"warnings": tuple(c["warnings"])})) for c in r["cells"]])
-            for r in data["rows"]}  # fmt: skip
+    with reading(path):
+        rows = {(_text(r["parameter"]), number(r["value"])): (_text(r["reference"]), [_cell(c) for c in r["cells"]])
+                for r in data["rows"]}  # fmt: skip
     return Kept(path, said, rows, sum(c.cpu_s or 0.0 for _, row in rows.values() for c in row))
+
+
+def _cell(stored: Any) -> Cell:
+    return made(Cell, stored, warnings=tuple(_text(w) for w in stored["warnings"]))
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise BadValueError(f"{shown(value)} is no text")
+    return value

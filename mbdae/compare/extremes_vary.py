@@ -20,7 +20,7 @@ import symengine as se
 from mbdae.compare.extremes_inputs import Pulse, pulses, varying
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.inputs import timed
-from mbdae.scene.record import replay
+from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.values import number, option, sequence, shown
 
@@ -176,7 +176,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
     statements[index] = [statements[index][0], list(call.args[1:]), dict(call.kwargs)]
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     try:
-        return replay(data, type(scene)), factor
+        return replay(data, type(scene), Known(scene.own)), factor
     except MbdaeError as error:
         raise OptionError(f"vary: {name} = {value:g}: {error}") from error
 

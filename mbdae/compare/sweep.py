@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mbdae.compare.kept import check_same, resume_path, written
+from mbdae.compare.kept import check_same, reading, resume_path, written
 from mbdae.compare.workers import Job, Outcome, with_executor, with_processes
 from mbdae.errors import OptionError, Told, interrupted
 from mbdae.files import write_file
@@ -259,7 +259,10 @@ class _Kept:
             head = _json(self.statement)
         except TypeError as error:
             raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        except (OSError, ValueError) as error:
+            raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
@@ -271,16 +274,21 @@ class _Kept:
             said = json.loads(lines[0])
             if said["format"] != FORMAT:
                 raise ValueError(said["format"])
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
         check_same(path, "sweep", said, meant)
         for line in lines[1:]:
             try:
                 data = json.loads(line)
-            except ValueError:
+            except (ValueError, RecursionError):
                 continue  # the run was stopped while it was written
-            if not (data["died"] or (self.again and data["error"])):
-                self.rows[data["number"]] = SweepRow(self.points[data["number"]], data["values"], data["error"], data["died"])
+            with reading(path):
+                number = whole(data["number"], least=0, most=len(self.points) - 1)
+                row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
+                if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
+                    raise BadValueError(f"a row is {shown(data)}")
+            if not (row.died or (self.again and row.error)):
+                self.rows[number] = row
 
     def add(self, i: int, row: SweepRow) -> None:
         """Append a row."""

@@ -17,16 +17,13 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs.numpy_functions import teach
+from mbdae.inputs.text import FUNCTIONS, canonical
+from mbdae.inputs.text import TIME as TIME
 from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, number, shown
 
-TIME, SIDE = se.Symbol("t"), se.Symbol("t_of_conditions")
-#: functions with derivatives the kernels can compile
-FUNCTIONS = (
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
-    "floor",
-)  # fmt: skip
+SIDE = se.Symbol("t_of_conditions")
 #: functions that are rewritten with those above, and what joins conditions
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
 HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
@@ -61,7 +58,13 @@ def expression(value: Any) -> Expr:
     others = sorted(str(s) for s in e.free_symbols if s != TIME)
     if others:
         raise BadValueError(f"{shown(value)} contains the symbol {others[0]}; only mb.t may appear")
-    return _with_plain_numbers(e) if e.free_symbols else _plain_number(e)
+    if not e.free_symbols:
+        return _plain_number(e)
+    plain = _with_plain_numbers(e)
+    try:
+        return canonical(plain)
+    except ValueError as error:
+        raise BadValueError(f"{shown(value)} is no input of time: {error}") from error
 
 
 def _has_symbols(value: Any) -> bool:
@@ -176,15 +179,6 @@ def _rewritten(value: Any, exponents: dict[str, Any]) -> Expr:
     return one_sided(rebuilt(se.sympify(value), rule))
 
 
-def with_fractions(e: Expr) -> Expr:
-    """The expression with fractions for its floating-point numbers: as text they keep every digit."""
-
-    def rule(node: Expr, _: list[Expr]) -> Expr | None:
-        return se.Rational(*float(node).as_integer_ratio()) if type(node).__name__ == "RealDouble" else None
-
-    return rebuilt(e, rule)
-
-
 def _complete(piecewise: Any) -> bool:
     """Whether one of the conditions always holds."""
     import sympy
@@ -216,8 +210,14 @@ def sided(e: Expr) -> Expr:
 def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
     """The expression and its first two time derivatives, with sides."""
     e = sided(e)
-    d = se.diff(e, TIME)
-    return e, d, se.diff(d, TIME)
+    d = _rate(e)
+    return e, d, _rate(d)
+
+
+def _rate(e: Expr) -> Expr:
+    """The time derivative of an expression with sides: its floors are constant between two instants."""
+    floors = {node: se.Dummy() for node in nodes(e) if type(node).__name__ == "floor"}
+    return se.diff(e.subs(floors), TIME).subs({symbol: node for node, symbol in floors.items()})
 
 
 def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | None = None) -> NDArray[np.float64]:

@@ -298,7 +298,7 @@ class Result(Told):
         animate(self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
-        """Write scene and run to one .npz file; `mb.load` reads it."""
+        """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with one's own classes in `laws`."""
         from mbdae.results.storage import save
 
         save(self, option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists"))

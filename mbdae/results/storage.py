@@ -2,27 +2,32 @@
 
 A header (JSON) carries the statements and how the run was made, arrays carry the numbers. `load` replays the
 statements and restores start, steps and interpolant as they were: nothing is solved again. Own law classes are stored
-by name; their module must be importable, and is imported, when the file is loaded.
+by name; `load` builds those that are handed to it, and nothing else that a file names (see `scene/replay.py`).
 """
 
 from __future__ import annotations
 
 import json
-import zipfile
+from collections.abc import Iterable
 from dataclasses import asdict, fields, is_dataclass
-from pathlib import Path
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError
-from mbdae.files import replacing
+from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.files import path_of
+from mbdae.formulations import GGL, ODE, Form, Index1, Index3
+from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
 from mbdae.integrators.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
+from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
 from mbdae.results.result import Result, RunInfo
-from mbdae.scene.record import encode, found, replay
+from mbdae.scene.record import encode, named
+from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.contacts import expected_contacts
@@ -31,41 +36,84 @@ from mbdae.system.numbering import constraint_rows
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
 from mbdae.system.start import Start
+from mbdae.values import BadValueError, shown
 
-FORMAT, VERSION = "mbdae result", 1
 _START = ("q", "u", "s", "acceleration", "multipliers")
+_RANK = ("kept", "dropped", "singular_here", "not_unique")
+#: mbdae's solvers; of these, the module of the one that a file names is imported
+SOLVERS = ("mbdae.integrators.cvode:CVODE", "mbdae.integrators.generalized_alpha:GeneralizedAlpha",
+           "mbdae.integrators.generalized_alpha:HHT", "mbdae.integrators.ida:IDA", "mbdae.integrators.radau:RadauIIA")
+LONGEST = 700  #: characters of a reason
+_AGAIN = "give a file written by r.save(path)"
 
 
 def save(result: Result, path: Any) -> None:
-    """Write a result to one .npz file."""
+    """Write a result to one .npz file; OptionError where something in it cannot be stored."""
     prepared, solution = result.prepared, result.solution
     header = {
-        "format": FORMAT, "version": VERSION, "scene": _scene(prepared), "rank": _rank(prepared.rank),
+        "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
         "start": {"t": prepared.start.t, "changes": prepared.start.changes}, "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
     arrays |= {"t": result.t, "steps": solution.t, "y": solution.y, "yp": solution.yp}
     arrays |= _arrays(solution.interpolant)
-    with replacing(path) as part, part.open("wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)
+    text = json.dumps(header)
+    try:
+        parsed(text)
+        _check_shapes(header, {name: values.shape for name, values in arrays.items()})
+    except BadValueError as error:
+        raise OptionError(f"this result cannot be stored: {error}") from error
+    archive.write(path, text, arrays)
 
 
-def load(path: Any) -> Result:
-    """The result stored in a file by `Result.save`."""
-    header, arrays = _read(Path(path))
+def load(path: Any, laws: Iterable[Any] = ()) -> Result:
+    """The result stored in a file by `Result.save`.
+
+    laws: the law classes (joints, forces, friction, normal laws, solvers) and functions (curves of beams) of one's own that the
+    file names. Nothing else that a file names is built or called. OptionError where the file is damaged, is no result, or names
+    a class that is neither mbdae's nor among `laws`; OSError where it cannot be opened."""
+    place, known = path_of(path), Known.among(laws)
+    try:
+        with archive.Archive(place) as stored:
+            header = parsed(stored.text("header"))
+            _check_shapes(header, stored.shapes)
+            arrays = {name: stored.array(name) for name in stored.shapes}
+    except OtherFormatError as error:
+        raise OptionError(f"{place} {error}") from error
+    except (FileNotFoundError, PermissionError, IsADirectoryError):
+        raise
+    except Exception as error:  # whatever a damaged archive makes its readers raise
+        raise OptionError(f"{place} is not a result of mbdae ({_told(error)}); {_AGAIN}") from error
+    try:
+        return _result(header, arrays, known)
+    except Exception as error:  # of a statement, or what no check of the statements foresaw
+        told = _told(error)
+        raise OptionError(f"{place} cannot be loaded: {told}{'' if 'pass laws=' in told else f'; {_AGAIN}'}") from error
+
+
+def _told(error: Exception) -> str:
+    """An error in a few words."""
+    plain = isinstance(error, MbdaeError | BadValueError)
+    told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+    told = " ".join(told.split()) if plain else f"{type(error).__name__}: {' '.join(told.split())}"
+    return told if len(told) <= LONGEST else f"{told[:LONGEST]}..."
+
+
+def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
+    _check_times(header, arrays)
     start = Start(**header["start"], **{name: arrays[f"start_{name}"] for name in _START})  # type: ignore[arg-type]
-    prepared = _prepared(header, start)
+    prepared = _prepared(header, start, known)
     prepared.model.conditions.end = float(arrays["steps"][-1])
     run, info = header["run"], header["info"]
-    solver = _solver(info["solver"])
+    solver = _solver(info["solver"], known)
     stats = Stats(**info["stats"])
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
-    known = RunInfo(solver, info["form"], accuracy, stats, info["runs"], info["cpu_s"], warnings, info.get("choice", ""),
-                    info.get("reliable", True))
-    return Result(prepared, solution, known, arrays["t"])
+    told = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
+                   info.get("choice", ""), info.get("reliable", True))  # fmt: skip
+    return Result(prepared, solution, told, arrays["t"])
 
 
 def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
@@ -80,57 +128,104 @@ def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
 # ---- the scene and its start -----------------------------------------------------------------------------------------
 
 
-def _scene(prepared: Prepared) -> dict[str, Any]:
-    scene = prepared.model.scene
-    for law in (law for c in scene.connections for law in c.laws):
-        if "<locals>" in type(law).__qualname__:
-            raise OptionError(f"'{law.name}': the law class {type(law).__name__} is defined inside a function and could not be "
-                              f"found again; define it at the top of a module to save this result")  # fmt: skip
-    for method, args, kwargs in scene.statements:
-        curve = kwargs.get("curve") if method == "beam" else None
-        if curve not in (None, "arc") and not ("class" in curve and "<" not in curve["class"]):
-            raise OptionError(f"beam '{[*args, kwargs.get('name')][0]}': its curve is not a function at the top of a module and "
-                              f"could not be found again; define it there with def to save this result")  # fmt: skip
-    return {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
-
-
 def _rank(rank: RankReport) -> dict[str, Any]:
-    names = {what: [row.name for row in getattr(rank, what)] for what in ("kept", "dropped", "singular_here", "not_unique")}
+    names = {what: [row.name for row in getattr(rank, what)] for what in _RANK}
     doubtful = [[row.name, size] for row, size in rank.doubtful]
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
 
-def _prepared(header: dict[str, Any], start: Start) -> Prepared:
-    scene, unknowns = replay(header["scene"], SceneData), header["run"]["names"]
+def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
+    unknowns = header["run"]["names"]
+    _check_elements(header["scene"]["statements"], len(unknowns))
+    scene = replay(header["scene"], SceneData, known)
+    if scene.problems or not scene.bodies:
+        raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
     model, carried = modelled(scene)
     if list(Expansion(model, carried).numbering.names()) != unknowns[: Expansion(model, carried).numbering.n]:
         model, carried = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
-    lists = {what: [rows[name] for name in stored[what]] for what in ("kept", "dropped", "singular_here", "not_unique")}
+    named_rows = [*(name for what in _RANK for name in stored[what]), *(name for name, _ in stored["doubtful"])]
+    unknown = sorted({*named_rows} - set(rows))
+    if unknown or sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
+        told = f"has no row {shown(unknown[0])}" if unknown else f"has {len(rows)} rows, not those kept or dropped"
+        raise BadValueError(f"its scene {told}")
+    lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
     expansion = Expansion(model, carried)
     mechanics = mechanics_of(model, rank.kept, expansion)
-    contacts = expected_contacts(mechanics, start, {}) if any(c.loose for c in model.scene.joints) else []
-    return Prepared(model, mechanics, rank, start, header["time"], expansion, contacts)
+    prepared = Prepared(model, mechanics, rank, start, header["time"], expansion)
+    _check_unknowns(prepared, unknowns)
+    if any(c.loose for c in scene.joints):
+        prepared.contacts += expected_contacts(mechanics, start, {})
+    return prepared
+
+
+def _check_elements(statements: list[Any], unknowns: int) -> None:
+    """A beam has more unknowns than elements: of one that has not, no mesh is made."""
+    for method, args, kwargs in statements:
+        given = kwargs.get("elements", 1) if method == "beam" else 1
+        for count in given if isinstance(given, list) else [given]:
+            if not isinstance(count, int) or count > unknowns:
+                raise BadValueError(f"its beam {shown(args[:1] or kwargs.get('name'))} has elements = {shown(count)}")
+
+
+def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
+    """The unknowns of a run belong to the scene: those of its motion first, then stresses and multipliers."""
+    nb, mechanics, start = prepared.expansion.numbering, prepared.mechanics, prepared.start
+    stresses = [name for line in prepared.model.lines for name in line.stresses]
+    rest = [name for name in names[nb.n :] if name not in set(stresses)]
+    multipliers = {f"{block}({row.name})" for block in ("lambda", "mu") for row in mechanics.rows}
+    in_order = [*nb.names(), *(stresses if len(rest) < len(names) - nb.n else []), *rest]
+    if names != in_order or not multipliers >= {*rest} or len({*rest}) < len(rest):
+        raise BadValueError("the unknowns of its run are not those of its scene")
+    sizes = {"q": prepared.model.nq, "u": prepared.model.nu, "s": len(mechanics.numbering.states),
+             "acceleration": prepared.model.nu, "multipliers": len(mechanics.rows)}  # fmt: skip
+    for name, size in sizes.items():
+        if getattr(start, name).shape != (size,):
+            raise BadValueError(f"its start has {name} of shape {getattr(start, name).shape}, its scene needs ({size},)")
 
 
 # ---- the run -----------------------------------------------------------------------------------------------------------
 
 
 def _info(info: RunInfo) -> dict[str, Any]:
-    given = [f.name for f in fields(info.solver) if f.init] if is_dataclass(info.solver) else []
-    options = {name: encode(getattr(info.solver, name)) for name in given}
-    cls = type(info.solver)
-    solver = {"class": f"{cls.__module__}:{cls.__qualname__}", "options": options}
     parts = {"accuracy": info.accuracy.as_data(), "stats": asdict(info.stats), "warnings": list(info.warnings)}
-    return {"solver": solver, "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
+    return {"solver": _info_of(info.solver), "form": info.form, "runs": info.runs, "cpu_s": info.cpu_s, "choice": info.choice,
             "reliable": info.reliable, **parts}  # fmt: skip
 
 
-def _solver(stored: dict[str, Any]) -> Any:
-    options = {name: np.array(value) if isinstance(value, list) else value for name, value in stored["options"].items()}
-    return found(stored["class"])(**options)
+def _info_of(solver: Any) -> dict[str, Any]:
+    """A solver as its class and options."""
+    given = [f.name for f in fields(solver) if f.init] if is_dataclass(solver) else []
+    return {"class": named(type(solver)), "options": {name: encode(getattr(solver, name)) for name in given}}
+
+
+def _solver(stored: dict[str, Any], known: Known) -> Any:
+    """The solver, with its options checked by itself."""
+    name = stored["class"]
+    home, _, own = name.partition(":")
+    cls = vars(import_module(home))[own] if name in SOLVERS else known.find(name, Solver)
+    given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
+    unknown = sorted(set(stored["options"]) - set(given))
+    if unknown:
+        raise BadValueError(f"its solver {cls.__name__} has no option {shown(unknown[0])}")
+    options = {}
+    for key, value in stored["options"].items():
+        several = isinstance(value, list)
+        if not all(isinstance(v, int | float | str | None) for v in (value if several else [value])):
+            raise BadValueError(f"its solver has {key} = {shown(value)}")
+        options[key] = np.array(value, dtype=float) if several else value
+    return cls(**options)
+
+
+def _form(label: str, known: Known) -> str:
+    """The label of one of mbdae's forms, or of a form among the caller's classes."""
+    own: list[type[Form]] = [form for form in known.own.values() if isinstance(form, type) and issubclass(form, Form)]
+    forms: list[type[Form]] = [GGL, Index3, Index1, ODE, *own]
+    if label not in {form.label for form in forms}:
+        raise BadValueError(f"its form {shown(label)} is unknown: pass laws=[...] with its class in it")
+    return label
 
 
 def _dense(interpolant: Interpolant) -> dict[str, Any]:
@@ -165,19 +260,36 @@ def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolan
     return Hermite(arrays["steps"], arrays["y"], arrays["yp"], stored["points"])
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Header and arrays of a file; OptionError where it is not a result this version reads."""
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        header = json.loads(str(arrays.pop("header")))
-        is_ours = header["format"] == FORMAT
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        raise OptionError(f"{path} is not a result of mbdae ({error}); give a file written by r.save(path)") from error
-    if not is_ours:
-        raise OptionError(f"{path} holds {header['format']!r}, not a result of mbdae; give a file written by r.save(path)")
-    if header["version"] > VERSION:
-        raise OptionError(f"{path} has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
-    return header, arrays
+# ---- what belongs together ---------------------------------------------------------------------------------------------
+
+
+def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
+    """The arrays are those the header needs, of the sizes that belong together; nothing of them is read yet."""
+    dense, n = header["run"]["dense"], len(header["run"]["names"])
+    steps = (*shapes.get("steps", ()), 0)[0]
+    meant: dict[str, tuple[int | None, ...]] = {f"start_{name}": (None,) for name in _START}
+    meant |= {"t": (None,), "steps": (steps,), "y": (steps, n), "yp": (steps, n)}
+    if dense["kind"] == "collocation":
+        meant |= {"inner": (steps - 1, dense["stages"] - 1, n)}
+        meant |= {"ends": (steps - 1, n)} if "ends" in shapes else {}  # earlier versions had none
+    if dense["kind"] == "joined":
+        inside = sum(dense["steps"])
+        meant |= {"part_t": (inside,), "part_y": (inside, n), "part_yp": (inside, n)}
+    if set(shapes) != set(meant):
+        raise BadValueError(f"it has the arrays {', '.join(shapes)}, not {', '.join(meant)}")
+    for name, shape in shapes.items():
+        fits = len(shape) == len(meant[name]) and all(m in (None, k) for m, k in zip(meant[name], shape, strict=True))
+        if not fits or not steps:
+            raise BadValueError(f"its array {name} has shape {shape}, not {meant[name]} of {n} unknowns at {steps} steps")
+
+
+def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
+    """Times of steps rise from the start; times of outputs are among them."""
+    t, steps = arrays["t"], arrays["steps"]
+    parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
+    if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
+        raise BadValueError("the times of its steps do not rise")
+    slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
+    outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
+    if np.any(outside) or abs(header["start"]["t"] - steps[0]) > slack:
+        raise BadValueError("its times lie outside of its run")

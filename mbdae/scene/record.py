@@ -1,25 +1,26 @@
-"""The statements of a scene as plain data: recorded as they are made, stored as JSON, replayed into an equal scene."""
+"""The statements of a scene as plain data, recorded as they are made: what is stored as JSON and replayed by `replay`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
-from importlib import import_module
 from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
-import symengine as se
 
-from mbdae.errors import SceneError
-from mbdae.inputs import timed
+from mbdae.inputs import text, timed
 from mbdae.scene.components import Body, Place
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
+from mbdae.values import number, shown
 
 F = TypeVar("F", bound=Callable[..., Any])
 Statement = list[Any]  #: [method, positional arguments, keyword arguments], JSON-able
+Own = dict[str, Any]  #: classes and functions by the names that statements give them
+
+STATEMENTS: dict[str, Callable[..., Any]] = {}  #: methods that are statements, by name: all that a stored scene may call
 
 
 def statement(method: F) -> F:
@@ -28,111 +29,68 @@ def statement(method: F) -> F:
     @wraps(method)
     def recorded(self: Any, *args: Any, **kwargs: Any) -> Any:
         if self.recording:
-            self.statements.append([method.__name__, [encode(a) for a in args], {k: encode(v) for k, v in kwargs.items()}])
+            plain = [encode(a, self.own) for a in args], {k: encode(v, self.own) for k, v in kwargs.items()}
+            self.statements.append([method.__name__, *plain])
         before, self.recording = self.recording, False
         try:
             return method(self, *args, **kwargs)
         finally:
             self.recording = before
 
+    STATEMENTS[method.__name__] = recorded
     return recorded  # type: ignore[return-value]
 
 
-def encode(value: Any) -> Any:
-    """JSON-able form of an argument."""
-    if value is None or isinstance(value, bool | str | int | float):
+def encode(value: Any, own: Own | None = None) -> Any:
+    """JSON-able form of an argument; classes and functions in it are kept in `own`, by the names they get."""
+    if value is None or isinstance(value, bool | str):
         return value
+    if isinstance(value, int | float):
+        return float(value) if isinstance(value, float) else int(value)
     if isinstance(value, Body):
         return {"body": value.name}
     if isinstance(value, Place):
         return {"place": value.body.name, "point": value.point.tolist()}
     if isinstance(value, Law):
-        return _encode_law(value)
-    if isinstance(value, type):
-        return {"class": _path(value)}
-    if isinstance(value, FunctionType):
-        return {"class": _path(value)}
+        return _encode_law(value, own)
+    if isinstance(value, type | FunctionType):
+        return {"class": named(value, own)}
     if isinstance(value, list | tuple):
-        return [encode(v) for v in value]
-    if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
-        return value.tolist()
-    if isinstance(value, np.ndarray):
-        return [encode(v) for v in value]
+        return [encode(v, own) for v in value]
+    if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufUS":
+        return value.tolist() if value.dtype.kind != "S" else {"unreadable": shown(value)}
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return [encode(v, own) for v in value] if value.ndim else encode(value.item(), own)
     if isinstance(value, Part):
-        return {"object": _path(type(value)), "fields": {key: encode(v) for key, v in value.values().items() if v is not None}}
+        given = {key: encode(v, own) for key, v in value.values().items() if v is not None}
+        return {"object": named(type(value), own), "fields": given}
     if is_dataclass(value):
-        return {"object": _path(type(value)), "fields": {f.name: encode(getattr(value, f.name)) for f in fields(value)}}
+        return {"object": named(type(value), own), "fields": {f.name: encode(getattr(value, f.name), own) for f in fields(value)}}
     return _encode_expression(value)
 
 
 def _encode_expression(value: Any) -> Any:
     try:
-        e = timed.expression(value)
-    except (TypeError, ValueError):
-        return {"unreadable": repr(value)}
-    if not e.free_symbols:
-        return float(e)
-    return {"expression": str(timed.with_fractions(e))}  # text keeps 15 digits of a number, a fraction keeps all
+        if not getattr(value, "free_symbols", None):
+            return number(value)
+        return {"expression": text.written(timed.expression(value))}
+    except Exception:  # the method that was called says what is wrong with it, if it is
+        return {"unreadable": shown(value)}
 
 
-def _encode_law(law: Law) -> dict[str, Any]:
-    own = {key: encode(getattr(law, key)) for key in (*law.params, *law.options)}
-    places = {key: encode(getattr(law, key, None)) for key in ("k", "l", "at", "axis")}
-    return {"law": _path(type(law)), "name": law.name, "at_l": encode(getattr(law, "at_l", None)), **places, "values": own}
+def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
+    values = {key: encode(getattr(law, key), own) for key in (*type(law).params, *type(law).options)}
+    places = {key: encode(getattr(law, key, None), own) for key in ("k", "l", "at", "axis", "at_l")}
+    return {"law": named(type(law), own), "name": law.name, **places, "values": values}
 
 
-def _path(cls: type | FunctionType) -> str:
-    return f"{cls.__module__}:{cls.__qualname__}"
-
-
-def found(path: str) -> Any:
-    """The class "module:qualname" names; imports its module."""
-    module, _, name = path.partition(":")
-    try:
-        value: Any = import_module(module)
-        for part in name.split("."):
-            value = getattr(value, part)
-    except (ImportError, AttributeError) as error:
-        raise SceneError([f"class {path} cannot be imported ({error}); make its module importable before loading"]) from error
-    return value
-
-
-def decode(value: Any, scene: Any) -> Any:
-    """The argument an encoded value stands for, in `scene`."""
-    if isinstance(value, list):
-        return [decode(v, scene) for v in value]
-    if not isinstance(value, dict):
-        return value
-    if "body" in value:
-        return scene[value["body"]]
-    if "place" in value:
-        return Place(scene[value["place"]], np.array(value["point"]))
-    if "expression" in value:
-        return se.sympify(value["expression"])
-    if "class" in value:
-        return found(value["class"])
-    if "object" in value:
-        return found(value["object"])(**{k: decode(v, scene) for k, v in value["fields"].items()})
-    if "law" in value:
-        return _decode_law(value, scene)
-    raise SceneError([f"a stored argument cannot be read: {value}"])
-
-
-def _decode_law(value: dict[str, Any], scene: Any) -> Law:
-    law: Law = object.__new__(found(value["law"]))
-    places = {key: decode(value[key], scene) for key in ("k", "l", "at", "axis")}
-    parameters = {key: decode(v, scene) for key, v in value["values"].items()}
-    for key, v in {"name": value["name"], **places, **parameters}.items():
-        setattr(law, key, v)
-    if value["at_l"] is not None:
-        law.at_l = np.asarray(decode(value["at_l"], scene), dtype=float)  # type: ignore[attr-defined]
-    law.compose()
-    return law
-
-
-def replay(data: dict[str, Any], scene_class: Callable[..., Any]) -> Any:
-    """A scene from its data: {"name", "gravity", "space", "statements"}."""
-    scene = scene_class(data["name"], gravity=data["gravity"], space=data["space"])
-    for method, args, kwargs in data["statements"]:
-        getattr(scene, method)(*[decode(a, scene) for a in args], **{k: decode(v, scene) for k, v in kwargs.items()})
-    return scene
+def named(thing: type | FunctionType, own: Own | None = None) -> str:
+    """The name "module:qualname" of a class or function; another one of the same name gets a number behind it."""
+    path = f"{thing.__module__}:{thing.__qualname__}"
+    if own is None:
+        return path
+    name, number = path, 1
+    while own.setdefault(name, thing) is not thing:
+        number += 1
+        name = f"{path} ({number})"
+    return name

@@ -33,7 +33,7 @@ from mbdae.scene.components import (
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.own_laws import plain_law
 from mbdae.scene.reading import FEEDS, Told, reads
-from mbdae.scene.record import Statement, statement
+from mbdae.scene.record import Own, Statement, statement
 from mbdae.scene.variants import replaced, with_recursive_tree
 from mbdae.symbolic.law import Force, Joint, Law
 
@@ -51,6 +51,7 @@ class SceneData(BeamStatements, JointStatements):
         head = f"scene '{self.name}'"
         self.space = reading.one_of("auto", "planar", "spatial")(Told(self, head, "space"), space)
         self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
+        self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
         self.gravity = reading.vector("m/s^2")(Told(self, head, "gravity"), gravity)
         eye, zero = np.eye(3), np.zeros(3)

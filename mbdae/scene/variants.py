@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
-from mbdae.scene.record import Statement, encode, replay
+from mbdae.scene.record import Statement, encode
+from mbdae.scene.replay import Known, lost, replay
 from mbdae.values import shown
 
 if TYPE_CHECKING:
@@ -33,12 +34,15 @@ def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any
     if not chosen:
         raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])
     statements: list[Statement] = []
+    own = dict(scene.own)
     for method, args, kwargs in scene.statements:
         if method in MODELLED and (args[0] if args else kwargs["name"]) in chosen:
-            args, kwargs = _with_model(args, kwargs, encode(model), MODELLED[method])
+            args, kwargs = _with_model(args, kwargs, encode(model, own), MODELLED[method])
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
-    return replay(data, type(scene))
+    found = replay(data, type(scene), Known(own))
+    lost(scene, found)
+    return found
 
 
 def with_recursive_tree(scene: SceneData) -> Any:

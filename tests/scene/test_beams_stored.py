@@ -41,7 +41,7 @@ def test_a_loaded_result_is_the_result(space: str, solver: Any, stresses: bool, 
     r = scene(space).simulate(0.02, solver=solver, outputs=5)
     assert any(name.startswith("a.M3") for name in r.solution.names) == stresses
     r.save(tmp_path / "run.npz")
-    again = mb.load(tmp_path / "run.npz")
+    again = mb.load(tmp_path / "run.npz", laws=[wave])
     assert again.prepared.model.scene.statements == r.prepared.model.scene.statements
     between = np.linspace(0, 0.02, 13)
     for path in READ:
@@ -54,7 +54,7 @@ def test_a_loaded_result_is_the_result(space: str, solver: Any, stresses: bool, 
 
 def test_a_curve_that_cannot_be_found_again(tmp_path: Path) -> None:
     r = scene(curve=lambda s: (s, 0.1 * s * s - 0.1 * s)).simulate(1e-3, solver=mb.RadauIIA(3, rtol=1e-3))
-    with pytest.raises(mb.OptionError, match=r"beam 'a': its curve is not a function at the top of a module .* define it there"):
+    with pytest.raises(mb.OptionError, match=r"beam 'a': a lambda has no name .* define it with def"):
         r.save(tmp_path / "run.npz")
     assert not list(tmp_path.iterdir())
 

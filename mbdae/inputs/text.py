@@ -1,0 +1,275 @@
+"""The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
+
+The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
+Xor, pi, E, and the time t. It may come from a file that anybody wrote, so Python and SymPy evaluate nothing of it: the reader
+knows these words alone, and refuses what would take long or grow beyond bounds before it is calculated.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import symengine as se
+
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes
+from mbdae.symbolic.vectors import Expr
+
+TIME = se.Symbol("t")
+#: functions with derivatives the kernels can compile
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "log", "Piecewise",
+    "floor",
+)  # fmt: skip
+LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
+MOST_BITS = 100_000  #: of the whole numbers that may arise while a text is read; fractions of doubles have up to 1100
+
+_TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)|(?P<name>[A-Za-z]\w*)"
+                    r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
+_CONSTANTS: dict[str, Any] = {
+    "t": TIME, "pi": se.pi, "E": se.E, "GoldenRatio": se.GoldenRatio, "EulerGamma": se.EulerGamma, "Catalan": se.Catalan,
+    "True": se.true, "False": se.false,
+}  # fmt: skip
+_NUMBERS = ("Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "Half")
+_PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "EulerGamma", "Catalan", "Add", "Mul", "Pow", "Symbol"}
+_RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
+_SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
+#: how strongly a sign between two numbers binds; one before a number: 4
+_STRENGTH = {**dict.fromkeys(_RELATIONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "**": 5}
+#: functions with their numbers of arguments (None: two or more)
+_FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
+    **{name: (1, getattr(se, name)) for name in FUNCTIONS if name != "Piecewise"},
+    **{name: (1, getattr(se, name)) for name in ("sqrt", "sign", "ceiling")}, "Abs": (1, se.Abs), "abs": (1, se.Abs),
+    "Max": (None, se.Max), "Min": (None, se.Min), "Mod": (2, lambda a, b: a - b * se.floor(a / b)),
+    "frac": (1, lambda a: a - se.floor(a)), "Heaviside": (1, lambda a: (1 + se.sign(a)) / 2),
+}  # fmt: skip
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------------
+
+
+def canonical(e: Expr) -> Expr:
+    """The expression with its terms in the order of its text: after it was stored its values are the same to the last bit."""
+    return read(written(e))
+
+
+def written(e: Expr) -> str:
+    """An expression of time as text, the same for all equal ones; ValueError where it is too long."""
+    made: dict[Expr, str] = {}
+    for node in nodes(e):
+        made[node] = _written(node, [made[part] for part in node.args])
+        if len(made[node]) > LONGEST:
+            raise ValueError(f"it takes more than {LONGEST} characters; state something shorter")
+    return made[e]
+
+
+def _written(node: Expr, args: list[str]) -> str:
+    name = type(node).__name__
+    if name in _NUMBERS:
+        text = repr(_finite(float(node))) if name == "RealDouble" else str(node)
+        return f"({text})" if text.startswith("-") or "/" in text else text
+    if not args:
+        return str(node)
+    if name in ("Add", "Mul"):
+        return f"({(' + ' if name == 'Add' else '*').join(sorted(args))})"
+    if name == "Pow":
+        return f"exp({args[1]})" if node.args[0] == se.E else f"({args[0]}**{args[1]})"
+    if name in _SIGNS:
+        return f"({args[0]} {_SIGNS[name]} {args[1]})"
+    if name == "Piecewise":
+        return f"Piecewise({', '.join(f'({v}, {c})' for v, c in zip(args[::2], args[1::2], strict=True))})"
+    return f"{name}({', '.join(sorted(args) if name in LOGIC else args)})"
+
+
+# ---- reading -------------------------------------------------------------------------------------------------------------
+
+
+class _Read(NamedTuple):
+    """A part that was read; bits: bound of the size of the whole numbers in it."""
+
+    e: Any
+    bits: int
+
+
+def read(text: Any) -> Expr:
+    """The expression of time a text stands for; raises ValueError with the reason where it is none."""
+    if not isinstance(text, str) or len(text) > LONGEST:
+        raise ValueError(f"an expression of t is a text of up to {LONGEST} characters")
+    try:
+        e = _Reader(text).whole()
+    except (RuntimeError, OverflowError, ZeroDivisionError, TypeError, RecursionError, NotImplementedError) as error:
+        raise ValueError(f"it has no value: {error}") from error
+    for part in () if is_condition(e) else nodes(e):
+        name = type(part).__name__
+        if name == "RealDouble":
+            _finite(float(part))
+        if not (name in _PARTS or is_condition(part)):
+            raise ValueError(f"{name} is no real number or function of t")
+    if is_condition(e):
+        raise ValueError("it is a condition, not a number")
+    return e
+
+
+class _Reader:
+    """Reads a text from left to right; signs that bind more strongly first."""
+
+    def __init__(self, text: str) -> None:
+        self.tokens, at = list[tuple[str, str]](), 0
+        while at < len(text.rstrip()):
+            found = _TOKEN.match(text, at)
+            if not found:
+                raise ValueError(f"{text[at : at + 20].strip()!r} does not belong to it")
+            self.tokens.append((str(found.lastgroup), found[str(found.lastgroup)]))
+            at = found.end()
+        self.tokens.append(("end", "the end"))
+        self.at = self.depth = 0
+
+    def whole(self) -> Any:
+        """All of the text."""
+        found = self._expression(0)
+        self._expect("the end")
+        return found.e
+
+    def _next(self) -> str:
+        return self.tokens[self.at][1]
+
+    def _expect(self, sign: str) -> None:
+        if self._next() != sign:
+            raise ValueError(f"{self._next()!r} is where {sign!r} is expected")
+        self.at += 1
+
+    def _expression(self, strength: int) -> _Read:
+        """What stands from here on, up to a sign that does not bind more strongly."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ValueError(f"its brackets are more than {DEEPEST} deep")
+        left = self._begin()
+        while _STRENGTH.get(self._next(), 0) > strength:
+            sign = self._next()
+            left = self._chain(left, sign) if sign in "+-*/" else self._pair(left, sign)
+        self.depth -= 1
+        return left
+
+    def _begin(self) -> _Read:
+        if self._next() in "+-":
+            negative = self._next() == "-"
+            self.at += 1
+            found = _value(self._expression(4))
+            return _Read(-found.e, found.bits) if negative else found
+        kind, text = self.tokens[self.at]
+        self.at += 1
+        if kind == "float":
+            return _Read(se.RealDouble(_finite(float(text))), 1)
+        if kind == "integer":
+            if len(text) > MOST_BITS // 4:
+                raise ValueError("it holds a number of too many digits")
+            return _Read(se.Integer(int(text) if len(text) < 4000 else _long(text)), 4 * len(text))
+        if kind == "name":
+            return self._named(text)
+        if text != "(":
+            raise ValueError(f"{text!r} is where a number, t or a function is expected")
+        found = self._expression(0)
+        self._expect(")")
+        return found
+
+    def _chain(self, first: _Read, sign: str) -> _Read:
+        """Sums, and products with quotients: all their terms at once, in the order of the text."""
+        terms, signs = [_value(first)], ("+-" if sign in "+-" else "*/")
+        while self._next() in signs and self.tokens[self.at][0] == "sign":
+            inverse = self._next() == signs[1]
+            self.at += 1
+            term = _value(self._expression(_STRENGTH[sign]))
+            terms.append(_Read(-term.e if signs == "+-" else term.e**-1, term.bits) if inverse else term)
+        bits = _bounded(sum(term.bits for term in terms))
+        return _Read((se.Add if signs == "+-" else se.Mul)(*(term.e for term in terms)), bits)
+
+    def _pair(self, left: _Read, sign: str) -> _Read:
+        """A comparison, or a power."""
+        self.at += 1
+        if sign != "**":
+            right = _value(self._expression(_STRENGTH[sign]))
+            return _Read(_RELATIONS[sign](_value(left).e, right.e), left.bits + right.bits)
+        right = _value(self._expression(_STRENGTH[sign] - 1))
+        return _power(_value(left), right)
+
+    def _named(self, name: str) -> _Read:
+        if self._next() != "(" or self.tokens[self.at][0] != "sign":
+            if name not in _CONSTANTS:
+                raise ValueError(f"{name!r} is neither t nor a known constant")
+            return _Read(_CONSTANTS[name], 1)
+        if name == "Piecewise":
+            return self._piecewise()
+        arguments = self._arguments()
+        bits = _bounded(sum(a.bits for a in arguments))
+        if name in LOGIC:
+            if not all(is_condition(a.e) for a in arguments) or (name == "Not" and len(arguments) != 1):
+                raise ValueError(f"{name} joins conditions")
+            return _Read(getattr(se, name)(*(a.e for a in arguments)), bits)
+        if name not in _FUNCTIONS:
+            raise ValueError(f"{name!r} is none of the functions {', '.join([*_FUNCTIONS, 'Piecewise', *LOGIC])}")
+        count, function = _FUNCTIONS[name]
+        if len(arguments) != count and not (count is None and len(arguments) > 1):
+            raise ValueError(f"{name} takes {count or 'two or more'} arguments, not {len(arguments)}")
+        return _Read(function(*(_value(a).e for a in arguments)), bits)
+
+    def _arguments(self) -> list[_Read]:
+        self._expect("(")
+        found = [self._expression(0)]
+        while self._next() == ",":
+            self.at += 1
+            found.append(self._expression(0))
+        self._expect(")")
+        return found
+
+    def _piecewise(self) -> _Read:
+        """Pieces (value, condition), the last of which holds wherever no other does."""
+        pieces, bits = list[tuple[Any, Any]](), 0
+        self._expect("(")
+        while True:
+            piece = self._arguments()
+            if len(piece) != 2 or not is_condition(piece[1].e):
+                raise ValueError("a Piecewise consists of pairs (value, condition)")
+            pieces.append((_value(piece[0]).e, piece[1].e))
+            bits = _bounded(bits + piece[0].bits + piece[1].bits)
+            if self._next() != ",":
+                break
+            self.at += 1
+        self._expect(")")
+        return _Read(se.Piecewise(*pieces[:-1], (pieces[-1][0], se.true)), bits)
+
+
+def _value(part: _Read) -> _Read:
+    if is_condition(part.e):
+        raise ValueError("a condition stands where a number is expected")
+    return part
+
+
+def _power(base: _Read, exponent: _Read) -> _Read:
+    """A power whose result is not too large: 9**9**9 would take for ever."""
+    times = 1
+    if exponent.e.is_number:
+        size = abs(float(exponent.e))
+        if not size <= MOST_BITS:
+            raise ValueError(f"an exponent is larger than {MOST_BITS}")
+        times = math.ceil(size) or 1
+    return _Read(base.e**exponent.e, _bounded(base.bits * times + exponent.bits))
+
+
+def _finite(number: float) -> float:
+    if not math.isfinite(number):
+        raise ValueError("it holds a number that is not finite")
+    return number
+
+
+def _bounded(bits: int) -> int:
+    if bits > MOST_BITS:
+        raise ValueError("it leads to numbers of too many digits")
+    return bits
+
+
+def _long(digits: str) -> int:
+    """A whole number of more digits than Python reads at once."""
+    half = len(digits) // 2
+    return int(digits) if half < 2000 else _long(digits[:-half]) * 10**half + _long(digits[-half:])

@@ -1,0 +1,133 @@
+"""The arrays of a stored result: an .npz file whose members are known by name, kind and size before any of them is read."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import stat
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from mbdae.files import replacing
+from mbdae.system.base import Array
+from mbdae.values import BadValueError, shown
+
+FREE, DENSEST = 2**28, 100  #: bytes a file may hold whatever its size, and how many times its size it may hold beyond
+CHUNK = 2**22  #: bytes read at once
+_HEAD = re.compile(rb"\{'descr': '([<>])(f8|U\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), \}\s*\Z")
+
+
+def write(path: Any, header: str, arrays: Mapping[str, Array]) -> None:
+    """Write a header and arrays of numbers as one file, or leave what is there."""
+    with replacing(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, header=np.array(header), **arrays)  # type: ignore[arg-type]
+
+
+class _Member(NamedTuple):
+    """An array inside the file: where its numbers begin, and what they are."""
+
+    info: zipfile.ZipInfo
+    offset: int
+    dtype: np.dtype[Any]
+    fortran: bool
+    shape: tuple[int, ...]
+
+
+class Archive:
+    """An .npz file that is open; raises BadValueError where it is damaged, or holds more than a result does."""
+
+    def __init__(self, path: Path) -> None:
+        mode = os.stat(path).st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for without end
+            raise BadValueError("it is no regular file")
+        self._file = path.open("rb")
+        try:
+            self._zip = zipfile.ZipFile(self._file)
+            self._members = self._listed(os.fstat(self._file.fileno()).st_size)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._file.close()
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of every array of numbers, by name."""
+        return {name: member.shape for name, member in self._members.items() if member.dtype.kind == "f"}
+
+    def _listed(self, size: int) -> dict[str, _Member]:
+        infos = self._zip.infolist()
+        names = [info.filename.removesuffix(".npy") for info in infos]
+        if len(infos) > 100 or len(set(names)) < len(names):
+            raise BadValueError(f"it has {len(infos)} members, {len(set(names))} of them of different names")
+        total = sum(info.file_size for info in infos)
+        if total > max(FREE, DENSEST * size):
+            raise BadValueError(f"its {size} bytes would become {total}: that is no result")
+        return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
+
+    def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
+        """What a member says of itself in its first bytes."""
+        plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
+        if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
+            raise BadValueError(f"its member {shown(info.filename)} is no array of mbdae")
+        with self._zip.open(info) as file:
+            begin = file.read(12)
+            wide = begin[6:8] == b"\2\0"
+            length = int.from_bytes(begin[8:12] if wide else begin[8:10], "little")
+            offset = (12 if wide else 10) + length
+            head = (begin[12 if wide else 10 :] + file.read(max(0, offset - 12)))[:length] if length <= 4096 else b""
+        found = _HEAD.fullmatch(head)
+        if begin[:6] != b"\x93NUMPY" or begin[6:8] not in (b"\1\0", b"\2\0") or found is None:
+            raise BadValueError(f"its member {shown(name)} is not an array of numbers")
+        order, kind, fortran, inside = found.groups()
+        try:
+            shape = tuple(int(n) for n in inside.decode().replace(" ", "").rstrip(",").split(",") if inside.strip())
+        except ValueError:
+            raise BadValueError(f"its member {shown(name)} has no shape") from None
+        letters = int(kind[1:]) if kind != b"f8" else 0
+        item = 8 if kind == b"f8" else 4 * letters
+        if offset + item * math.prod(shape) != info.file_size or len(shape) > 3:
+            raise BadValueError(f"its member {shown(name)} is said to have shape {shape}, but has {info.file_size} bytes")
+        return _Member(info, offset, np.dtype((order + kind).decode()), fortran == b"True", shape)
+
+    def text(self, name: str) -> str:
+        """A member that is one text."""
+        member = self._members.get(name)
+        if member is None or member.dtype.kind != "U" or member.shape:
+            raise BadValueError(f"it has no {name}")
+        raw = np.empty(member.info.file_size - member.offset, np.uint8)
+        self._read(member, raw)
+        return raw.tobytes().decode("utf-32-be" if member.dtype.str[0] == ">" else "utf-32-le").rstrip("\0")
+
+    def array(self, name: str) -> Array:
+        """An array of finite numbers."""
+        member = self._members[name]
+        flat = np.empty(math.prod(member.shape), member.dtype)
+        self._read(member, flat.view(np.uint8))
+        if not np.isfinite(flat).all():
+            raise BadValueError(f"its array {shown(name)} holds a number that is not finite")
+        return flat.astype(float, copy=False).reshape(member.shape, order="F" if member.fortran else "C")
+
+    def _read(self, member: _Member, into: np.ndarray[Any, np.dtype[np.uint8]]) -> None:
+        """Fill an array with the bytes of a member, whose check sum is compared at its end."""
+        with self._zip.open(member.info) as file:
+            file.read(member.offset)
+            at = 0
+            while at < len(into):
+                piece = file.read(min(CHUNK, len(into) - at))
+                if not piece:
+                    raise BadValueError("it ends too early")
+                into[at : at + len(piece)] = np.frombuffer(piece, np.uint8)
+                at += len(piece)
+            if file.read(1):
+                raise BadValueError("it has more than it says")

@@ -1,0 +1,184 @@
+"""What a stored result says of itself: which entries its header has, of which kinds, and nothing beside them.
+
+A kind is a function of a value and of where it stands in the header; it raises BadValueError with a sentence that says both.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from mbdae.integrators.solution import Stats
+from mbdae.values import BadValueError, shown
+
+FORMAT, VERSION = "mbdae result", 1
+DEEPEST = 60  #: lists and tables inside each other
+MOST = 2**53  #: of counts
+Kind = Callable[[Any, str], None]
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """A header from its text, checked; BadValueError where it is damaged, or of another format."""
+    try:
+        header = json.loads(text, object_pairs_hook=_table)
+    except (ValueError, RecursionError) as error:
+        raise BadValueError(f"its header is no JSON: {shown(error)}") from error
+    _plain(header, 0)
+    if not isinstance(header, dict) or "format" not in header:
+        raise BadValueError("its header names no format")
+    if header["format"] != FORMAT:
+        raise OtherFormatError(f"holds {shown(header['format'])}, not a result of mbdae; give a file written by r.save(path)")
+    _whole()(header.get("version"), "version")
+    if header["version"] > VERSION:
+        raise OtherFormatError(f"has format version {header['version']}, this mbdae reads up to {VERSION}: update mbdae")
+    HEADER(header, "")
+    return header
+
+
+class OtherFormatError(BadValueError):
+    """A file of another kind, or of a later version: not damaged."""
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("an entry occurs twice")
+    return found
+
+
+def _plain(value: Any, depth: int) -> None:
+    """Refuse what is nested too deeply, and text that cannot be written."""
+    if depth > DEEPEST:
+        raise BadValueError(f"its header is nested more than {DEEPEST} deep")
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise BadValueError(f"its header holds {ascii(value)[:60]}, which is no text") from None
+    for part in value.items() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
+        _plain(part, depth if isinstance(value, dict) else depth + 1)
+
+
+# ---- kinds ----------------------------------------------------------------------------------------------------------------
+
+
+def _refuse(value: Any, where: str, what: str) -> BadValueError:
+    return BadValueError(f"its header says {where} = {shown(value)}, where {what} is expected")
+
+
+def _text(value: Any, where: str) -> None:
+    if not isinstance(value, str):
+        raise _refuse(value, where, "a text")
+
+
+def _flag(value: Any, where: str) -> None:
+    if not isinstance(value, bool):
+        raise _refuse(value, where, "true or false")
+
+
+def _real(least: float = -math.inf, finite: bool = True, known: bool = True) -> Kind:
+    """A number; where it need not be known also nan."""
+
+    def check(value: Any, where: str) -> None:
+        number = isinstance(value, int | float) and not isinstance(value, bool) and (type(value) is float or abs(value) <= MOST)
+        if not number or value < least or (finite and not math.isfinite(value)) or (known and math.isnan(value)):
+            raise _refuse(value, where, f"a {'finite ' if finite else ''}number{'' if least < 0 else f' from {least:g}'}")
+
+    return check
+
+
+def _whole(least: int = 0, most: int = MOST) -> Kind:
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise _refuse(value, where, f"a whole number from {least} to {most}")
+
+    return check
+
+
+def _optional(kind: Kind) -> Kind:
+    return lambda value, where: None if value is None else kind(value, where)
+
+
+def _many(kind: Kind, count: int | None = None) -> Kind:
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, list) or (count is not None and len(value) != count):
+            raise _refuse(value, where, f"a list{'' if count is None else f' of {count}'}")
+        for i, part in enumerate(value):
+            kind(part, f"{where}[{i}]")
+
+    return check
+
+
+def _each(kind: Kind) -> Kind:
+    """A table with names of any kind."""
+
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, dict):
+            raise _refuse(value, where, "a table")
+        for key, part in value.items():
+            kind(part, f"{where}.{shown(key)}")
+
+    return check
+
+
+def _row(*kinds: Kind) -> Kind:
+    """A list of one value of every kind."""
+
+    def check(value: Any, where: str) -> None:
+        _many(lambda part, place: None, len(kinds))(value, where)
+        for i, (kind, part) in enumerate(zip(kinds, value, strict=True)):
+            kind(part, f"{where}[{i}]")
+
+    return check
+
+
+def _record(required: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None) -> Kind:
+    """A table with these entries and no others; optional ones are missing in files of earlier versions."""
+    known = {**required, **(optional or {})}
+
+    def check(value: Any, where: str) -> None:
+        if not isinstance(value, dict):
+            raise _refuse(value, where or "all of it", "a table")
+        for key in (*(k for k in required if k not in value), *(k for k in value if k not in known)):
+            raise BadValueError(f"its header {'has an unknown' if key in value else 'lacks the'} entry "
+                                f"{f'{where}.' if where else ''}{shown(key)}")  # fmt: skip
+        for key, part in value.items():
+            known[key](part, f"{where}.{key}" if where else key)
+
+    return check
+
+
+def _dense(value: Any, where: str) -> None:
+    kinds = {"collocation": {"stages": _whole(2, 20)}, "hermite": {"points": _whole(1, 20)},
+             "joined": {"points": _many(_whole(1, 20)), "steps": _many(_whole(1))}}  # fmt: skip
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if not isinstance(kind, str) or kind not in kinds:
+        raise _refuse(value, where, f"one of {', '.join(kinds)}")
+    _record({"kind": _text, **kinds[kind]})(value, where)
+    if kind == "joined" and len(value["points"]) != len(value["steps"]):
+        raise _refuse(value["steps"], f"{where}.steps", f"a list of {len(value['points'])}")
+
+
+_TEXTS, _SHARE = _many(_text), _optional(_real(0.0, finite=False, known=False))
+_STATS = {f.name: _whole() if f.type == "int" else _each(_whole()) if f.name == "unresolved" else _real(0.0, finite=False)
+          for f in fields(Stats)}  # fmt: skip
+_ACCURACY = {"mesh": _SHARE, "has_mesh": _flag, "unknown": _each(_text), "found_reactions": _SHARE}
+_INFO = {
+    "solver": _record({"class": _text, "options": _each(lambda value, where: None)}), "form": _text,
+    "accuracy": _record({"asked": _SHARE, "estimated": _SHARE, "verified": _SHARE}, _ACCURACY), "stats": _record({}, _STATS),
+    "warnings": _TEXTS, "runs": _whole(), "cpu_s": _real(0.0),
+}  # fmt: skip
+HEADER = _record({
+    "format": _text, "version": _whole(),
+    "scene": _record({"name": _text, "gravity": _many(_real(), 3), "space": _text,
+                      "statements": _many(_row(_text, _many(lambda value, where: None), _each(lambda value, where: None)))}),
+    "rank": _record({**dict.fromkeys(("kept", "dropped", "singular_here", "not_unique"), _TEXTS),
+                     "doubtful": _many(_row(_text, _real(0.0))), "degrees_of_freedom": _whole(-MOST),
+                     "smallest": _real(0.0, finite=False)}),
+    "start": _record({"t": _real(), "changes": _TEXTS}), "time": _real(0.0),
+    "info": _record(_INFO, {"choice": _text, "reliable": _flag}),
+    "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
+})  # fmt: skip

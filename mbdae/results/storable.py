@@ -1,0 +1,54 @@
+"""Whether the statements of a scene can be stored: told by item and remedy where they cannot, before anything is written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.scene.replay import Known, lost, replay
+from mbdae.scene.scene import SceneData
+
+
+def statements(scene: SceneData) -> dict[str, Any]:
+    """The data a scene is stored as; OptionError where it would not come back the same."""
+    data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
+    for method, args, kwargs in scene.statements:
+        item = args[0] if args else kwargs.get("name")
+        item = item["name"] if isinstance(item, dict) else item
+        for found in _inside([args, kwargs]):
+            if "unreadable" in found:
+                raise OptionError(f"{method} '{item}' was given {found['unreadable']}, which cannot be stored: give numbers, "
+                                  f"texts, expressions of mb.t, laws, or a function defined with def")  # fmt: skip
+            _check_name(f"{method} '{item}'", found.get("class", found.get("object", found.get("law"))))
+    if set(scene.own) - set(Known().own):
+        _check_own(scene, data)
+    return data
+
+
+def _inside(value: Any) -> Iterator[dict[str, Any]]:
+    """All tables in plain data."""
+    if isinstance(value, dict):
+        yield value
+    for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _inside(part)
+
+
+def _check_name(item: str, name: Any) -> None:
+    """A class or function must have a name by which it can be handed to `mb.load`."""
+    if isinstance(name, str) and name.endswith("<lambda>"):
+        raise OptionError(f"{item}: a lambda has no name by which it could be found again; define it with def, and pass it to "
+                          f"mb.load in laws=[...]")  # fmt: skip
+    if isinstance(name, str) and name.endswith(")"):
+        raise OptionError(f"{item}: another class or function is called {name.rpartition(' ')[0]} too, and could not be told "
+                          f"from it; give each a name of its own")  # fmt: skip
+
+
+def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
+    """Laws of a user's own must come back as they are."""
+    try:
+        lost(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
+    except MbdaeError as error:
+        told = "; ".join(error.problems) if isinstance(error, SceneError) else error
+        raise OptionError(f"this scene could not be built again from what is stored of it: {told}") from error

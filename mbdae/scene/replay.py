@@ -1,0 +1,284 @@
+"""Scenes from plain data: statements called again with their arguments, and nothing else.
+
+The data may come from a file that anybody wrote. Only methods marked as statements are called, with arguments of the kinds they
+take; only classes and functions that mbdae defines or that the caller hands over are used; laws and their parts are made by their
+constructors; expressions are read by `inputs.text`. No name from the data is imported, looked up as an attribute or evaluated.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from importlib import import_module
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.friction import Friction
+from mbdae.inputs import text
+from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, named
+from mbdae.scene.section import Section
+from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.part import Part
+from mbdae.values import array, shown
+
+#: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
+_KINDS: dict[str, tuple[type, ...]] = {
+    "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
+    "beam": (str, Body), "law": (Joint, Force), "model": (JointModel,), "friction": (Friction,), "section": (Section,),
+    "curve": (str, FunctionType),
+}  # fmt: skip
+
+
+# ---- classes by name ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _mbdaes() -> Own:
+    """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
+    homes = [import_module(f"mbdae.{home}") for home in ("joints", "forces", "contact", "friction")]
+    exported = [vars(home)[name] for home in homes for name in home.__all__]
+    return {named(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
+
+
+class Known:
+    """The classes and functions that stored names may stand for: mbdae's own and those of the caller."""
+
+    def __init__(self, own: Own | None = None, loose: bool = False) -> None:
+        """own: by the names that statements give them; loose: of stored names the part behind the last dot is enough."""
+        self.own, self.loose = {**(own or {}), **_mbdaes()}, loose
+
+    @classmethod
+    def among(cls, laws: Any, further: Own | None = None) -> Known:
+        """mbdae's own, further ones, and what a caller hands over as `laws`; OptionError where that is no such thing."""
+        if isinstance(laws, str | Mapping) or not isinstance(laws, Iterable):
+            raise OptionError(f"laws = {shown(laws)}: give a list of law classes and of functions of beam curves")
+        own: Own = dict(further or {})
+        for one in laws:
+            if not isinstance(one, type | FunctionType):
+                raise OptionError(f"laws holds {shown(one)}: give law classes themselves, and functions of beam curves")
+            named(one, own)
+        return cls(own, loose=True)
+
+    def find(self, name: Any, *kinds: type) -> Any:
+        """What a stored name stands for; SceneError where there is nothing of that name, or nothing of these kinds."""
+        if not isinstance(name, str):
+            raise SceneError([f"{shown(name)} is not the name of a class"])
+        short = name.rpartition(":")[2].rpartition(".")[2]
+        found = [self.own[name]] if name in self.own else []
+        if not found and self.loose:
+            found = list({id(one): one for one in self.own.values() if one.__name__ == short and not _is_mbdaes(one)}.values())
+        if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
+            what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
+            remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
+            raise SceneError([f"{what}: {remedy}"])
+        one = found[0]
+        if not (isinstance(one, FunctionType) if FunctionType in kinds else isinstance(one, type) and issubclass(one, kinds)):
+            wanted = " or ".join("a function" if kind is FunctionType else f"a {kind.__name__}" for kind in kinds)
+            raise SceneError([f"{shown(name)} stands where {wanted} is expected"])
+        return one
+
+
+def _is_mbdaes(thing: Any) -> bool:
+    return _mbdaes().get(named(thing)) is thing
+
+
+def _word(name: str) -> str:
+    """A class's name in a remedy; of what is no name, nothing is repeated."""
+    return name if name.isidentifier() and len(name) <= 60 else "the class"
+
+
+# ---- arguments -----------------------------------------------------------------------------------------------------------
+
+
+def _decode(value: Any, scene: Any, known: Known) -> Any:
+    """The argument an encoded value stands for, in `scene`."""
+    if isinstance(value, list):
+        return [_decode(v, scene, known) for v in value]
+    if not isinstance(value, dict):
+        return value
+    reader = _READERS.get(frozenset(value))
+    if reader is None:
+        if "unreadable" in value:
+            raise SceneError([f"the argument {shown(value['unreadable'])} cannot be repeated: give numbers, texts, expressions "
+                              f"of mb.t, laws or their parts"])  # fmt: skip
+        raise SceneError([f"a stored argument cannot be read: {shown(value)}"])
+    return reader(value, scene, known)
+
+
+def _body(name: Any, scene: Any) -> Any:
+    found = next((b for b in [scene.ground, *scene.bodies] if b.name == name), None)
+    if found is None:
+        raise SceneError([f"there is no body {shown(name)} at the statement that names it"])
+    return found
+
+
+def _expression(value: Any, scene: Any, known: Known) -> Any:
+    try:
+        return text.read(value["expression"])
+    except ValueError as error:
+        raise SceneError([f"{shown(value['expression'])} is no expression of t: {error}"]) from None
+
+
+def _place(value: Any, scene: Any, known: Known) -> Place:
+    return Place(_body(value["place"], scene), array(value["point"], (3,)))
+
+
+def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
+    """Values of a law, or fields of a part; lists among them are tuples: what changes a statement can be hashed."""
+
+    def fixed(v: Any) -> Any:
+        return tuple(fixed(x) for x in v) if isinstance(v, list) else v
+
+    if not isinstance(value, dict):
+        raise SceneError([f"{shown(value)} stands where values by name are expected"])
+    return {key: fixed(_decode(v, scene, known)) for key, v in value.items()}
+
+
+def _object(value: Any, scene: Any, known: Known) -> Any:
+    cls = known.find(value["object"], Part, Section, JointModel)
+    given = _options(value["fields"], scene, known)
+    if not issubclass(cls, Part):
+        return _made(cls, given)
+    wrong = [key for key, v in given.items() if key in cls.params and not _is_number(v)]
+    if wrong:
+        raise SceneError([f"{wrong[0]} = {shown(given[wrong[0]])} of {cls.__name__} is not a number"])
+    return _rebuilt(cls, Part, given, lambda part: {key: v for key, v in part.values().items() if v is not None} == given)
+
+
+def _law(value: Any, scene: Any, known: Known) -> Law:
+    cls = known.find(value["law"], Joint, Force)
+    at_l = _decode(value["at_l"], scene, known)
+    at_l = np.asarray(at_l, dtype=float) if isinstance(at_l, list) else at_l
+    places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
+    for key, one in {"name": value["name"], **places}.items():
+        if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
+            raise SceneError([f"{key} = {shown(one)} is not what a law takes there"])
+    given = _options(value["values"], scene, known)
+    stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
+    base = Joint if issubclass(cls, Joint) else Force
+    sides = {} if base is Joint else {"at_l": at_l}
+    law: Law = _rebuilt(cls, base, {"name": value["name"], **places, **sides, **stated},
+                        lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))  # fmt: skip
+    if base is Joint and at_l is not None:
+        law.at_l = at_l  # type: ignore[attr-defined]
+    return law
+
+
+def _of_part(cls: type[Law], key: str) -> bool:
+    """Whether a value is one of a part of the law, "<option>_<parameter>": it comes with the part."""
+    return any(key.startswith(f"{option}_") for option in cls.options)
+
+
+def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
+    """What a constructor makes; SceneError with its reason where it refuses."""
+    try:
+        return cls(**arguments)
+    except MbdaeError:
+        raise
+    except Exception as error:  # a constructor of a user's own may raise anything
+        what = getattr(cls, "__name__", "the law")
+        raise SceneError([f"{what} cannot be made: {type(error).__name__}: {shown(error)}"]) from error
+
+
+def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
+    """A law or part with its values: by its constructor or, where that is the user's own and takes or makes other values, by the
+    constructor of its base class, which knows its parameters and options."""
+    maker = next(c for c in cls.__mro__ if "__init__" in vars(c))
+    if maker.__module__.split(".")[0] == "mbdae":
+        return _made(cls, arguments)
+    if _takes(cls, arguments):
+        found = _made(cls, arguments)
+        if equal(found):
+            return found
+    bare: Any = object.__new__(cls)
+    _made(lambda **given: vars(base)["__init__"](bare, **given), arguments)
+    return bare
+
+
+def _takes(cls: type, arguments: dict[str, Any]) -> bool:
+    try:
+        inspect.signature(cls).bind(**arguments)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+_READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
+    frozenset({"body"}): lambda value, scene, known: _body(value["body"], scene),
+    frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
+    frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
+    frozenset({"object", "fields"}): _object,
+    frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values"}): _law,
+}  # fmt: skip
+
+
+# ---- statements ----------------------------------------------------------------------------------------------------------
+
+
+def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Known | None = None) -> Any:
+    """A scene from its data: {"name", "gravity", "space", "statements"}; SceneError where a statement cannot be made."""
+    scene = scene_class(data["name"], gravity=data["gravity"], space=data["space"])
+    known = known if known is not None else Known()
+    for i, said in enumerate(data["statements"]):
+        try:
+            _repeat(scene, said, known)
+        except SceneError as error:
+            raise SceneError([f"statement {i + 1}, {_told(said)}: {problem}" for problem in error.problems]) from error
+        except MbdaeError as error:
+            raise SceneError([f"statement {i + 1}, {_told(said)}: {error}"]) from error
+        except Exception as error:  # whatever a value that no check foresaw makes a statement raise
+            told = f"{type(error).__name__}: {shown(error)}"
+            raise SceneError([f"statement {i + 1}, {_told(said)}, cannot be made: {told}"]) from error
+    return scene
+
+
+def _repeat(scene: Any, said: Statement, known: Known) -> None:
+    method, args, kwargs = said
+    if method not in STATEMENTS:
+        raise SceneError([f"{shown(method)} is no statement; there are {', '.join(STATEMENTS)}"])
+    arguments = [_decode(a, scene, known) for a in args], {k: _decode(v, scene, known) for k, v in kwargs.items()}
+    signature = inspect.signature(STATEMENTS[method])
+    try:
+        bound = signature.bind(scene, *arguments[0], **arguments[1])
+    except TypeError as error:
+        raise SceneError([f"it takes other arguments: {error}"]) from None
+    for name, value in list(bound.arguments.items())[1:]:
+        if value is None or signature.parameters[name].default is value:
+            continue
+        if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
+            raise SceneError([f"{name} = {shown(value)} is not what {method} takes there"])
+    STATEMENTS[method](scene, *arguments[0], **arguments[1])
+
+
+def _is_number(value: Any) -> bool:
+    """Numbers, expressions, places, and lists of these."""
+    if isinstance(value, list | tuple):
+        return all(_is_number(v) for v in value)
+    if isinstance(value, bool):
+        return False
+    return value is None or isinstance(value, int | float | Place) or hasattr(value, "free_symbols")
+
+
+def _told(said: Any) -> str:
+    """A statement in a message: its method and the name of its item."""
+    method, args, kwargs = said
+    first = args[0] if args else kwargs.get("name")
+    name = first.get("name") if isinstance(first, dict) else first
+    return f"{shown(method)} of {shown(name)}"
+
+
+def lost(scene: Any, copy: Any) -> None:
+    """Raise SceneError where a user's own law in a copy of a scene lacks what an instance has beside parameters and options."""
+    for old, new in zip(scene.connections, copy.connections, strict=True):
+        for law, again in zip(old.laws, new.laws, strict=False):
+            if type(law) is not type(again) or _is_mbdaes(type(law)):
+                continue
+            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l"}):
+                if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
+                    raise SceneError([f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
+                                      f"`params` (a number) or `options` (anything else that can be stored)"])  # fmt: skip

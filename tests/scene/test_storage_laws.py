@@ -1,0 +1,253 @@
+"""Laws of one's own on disk: found among `laws`, wherever they are defined, the same afterwards; every statement comes back."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import symengine as se
+import sympy as sp
+
+import mbdae as mb
+from mbdae import integrators
+from mbdae.results import archive, storage
+from mbdae.results.storage import SOLVERS
+from mbdae.scene.record import STATEMENTS
+from mbdae.scene.replay import Known, replay
+from mbdae.scene.scene import SceneData
+
+
+class Cubic(mb.Force):
+    """At the top of a module."""
+
+    params = mb.params(stiffness="N/m^3")
+
+    def energy(self, k: Any, l: Any) -> Any:
+        d = l.r - k.r
+        return self.stiffness * (d @ d) ** 2 / 4
+
+
+def local_classes() -> dict[str, Any]:
+    """Classes defined inside a function, with constructors of their own."""
+
+    class Gear(mb.Joint):
+        params = mb.params(ratio="1")
+
+        def __init__(self, name: str, k: Any, l: Any, at: Any, teeth: tuple[int, int]) -> None:
+            super().__init__(name, k, l, at, ratio=teeth[0] / teeth[1])
+
+        def constraints(self, k: Any, l: Any) -> Any:
+            return {"z": k.z @ (l.r - k.r) * self.ratio}
+
+    class Shaped(mb.Force):
+        params = mb.params(c="N/m")
+        options = ("mode", "shape")
+
+        def energy(self, k: Any, l: Any) -> Any:
+            d = l.r - k.r
+            return self.c * (d @ d) * (self.shape[0] if self.mode == "a" else self.shape[1])
+
+    class Smooth(mb.Friction):
+        params = mb.params(mu="1")
+
+        def __init__(self, percent: float) -> None:
+            super().__init__(mu=percent / 100)
+
+        def coefficient(self, v: Any) -> Any:
+            return self.mu * se.tanh(v / 0.01)
+
+    class Cubic(mb.Force):
+        params = mb.params(stiffness="N/m^3")
+
+        def energy(self, k: Any, l: Any) -> Any:
+            return self.stiffness * (l.r - k.r) @ (l.r - k.r)
+
+    return {"Gear": Gear, "Shaped": Shaped, "Smooth": Smooth, "Cubic": Cubic}
+
+
+OWN = local_classes()
+
+
+def swing() -> tuple[mb.Scene, Any]:
+    s = mb.Scene("swing", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    s.revolute("hinge", s.ground, rod, at=(0, 0))
+    return s, rod
+
+
+def stored(s: mb.Scene, path: Path) -> Any:
+    r = s.simulate(0.05, accuracy=1e-3, outputs=3)
+    r.save(path)
+    return r
+
+
+SAID = {
+    "a law with options": lambda s, rod: s.add(OWN["Shaped"]("X", s.ground, rod, at=(1, 0), c=2 * sp.sin(mb.t), mode="a",
+    shape=(1.0, 2))),
+    "a joint with a constructor": lambda s, rod: s.add(OWN["Gear"]("X", s.ground, rod, (0, 0), (3, 2))),
+    "friction with a constructor": lambda s, rod: s.revolute("X", rod, s.link("more", (1, 0), (2, 0), mass=1.0), at=(1, 0),
+                                                              friction=OWN["Smooth"](10), radius=0.1),
+    "a law of a module": lambda s, rod: s.add(Cubic("X", s.ground, rod.at(0.5), at=(1, 0), stiffness=0.1)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_own_laws_come_back(name: str, tmp_path: Path) -> None:
+    s, rod = swing()
+    SAID[name](s, rod)
+    r = stored(s, tmp_path / "r.npz")
+    again = mb.load(tmp_path / "r.npz", laws=[*OWN.values(), Cubic])
+    assert again.prepared.model.scene.statements == r.prepared.model.scene.statements
+    for old, new in zip(s["X"].laws, again.prepared.model.scene["X"].laws, strict=True):
+        assert type(old) is type(new)
+        assert vars(old).keys() == vars(new).keys()
+        assert all(getattr(old, p) == getattr(new, p) for p in (*old.params, *old.options))
+    for values in ("q", "u", "acceleration", "multipliers"):
+        np.testing.assert_array_equal(getattr(again, values), getattr(r, values))
+    np.testing.assert_array_equal(again.energy.balance, r.energy.balance)
+    assert repr(again) == repr(r)
+    assert s.replace("hinge", model=mb.Classical())["X"].name == "X"  # other models need no laws=
+
+
+def test_a_class_is_found_by_its_name_alone_where_only_one_has_it(tmp_path: Path) -> None:
+    s, rod = swing()
+    s.add(OWN["Shaped"]("X", s.ground, rod, at=(1, 0), c=2.0, mode="b", shape=(1.0, 2)))
+    stored(s, tmp_path / "r.npz")
+    shaped = local_classes()["Shaped"]
+    shaped.__module__ = "__main__"
+    assert type(mb.load(tmp_path / "r.npz", laws=[shaped]).prepared.model.scene["X"].laws[0]) is shaped
+    another = local_classes()["Shaped"]
+    another.__module__ = "elsewhere"
+    with pytest.raises(mb.OptionError,
+        match=r"several of `laws` are called 'Shaped': pass laws=\[...\] with the right one alone"):
+        mb.load(tmp_path / "r.npz", laws=[shaped, another])
+    assert type(mb.load(tmp_path / "r.npz", laws=[shaped, OWN["Shaped"]]).prepared.model.scene["X"].laws[0]) is OWN["Shaped"]
+
+
+def test_a_class_that_is_missing_is_named(tmp_path: Path) -> None:
+    s, rod = swing()
+    s.add(Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1))
+    stored(s, tmp_path / "r.npz")
+    for laws in ([], [OWN["Gear"]], [np.sin.__class__]):
+        with pytest.raises(mb.OptionError,
+            match=r"r\.npz .*Cubic' is neither mbdae's nor in `laws`: pass laws=\[...\] with Cubic in it$"):
+            mb.load(tmp_path / "r.npz", laws=laws)
+    for wrong in ("Cubic", Cubic, 1, None, {"Cubic": Cubic}, ["Cubic"], [Cubic("X", None, None)]):
+        with pytest.raises(mb.OptionError, match="laws"):
+            mb.load(tmp_path / "r.npz", laws=wrong)
+
+
+def test_a_class_of_another_kind_is_refused(tmp_path: Path) -> None:
+    s, rod = swing()
+    s.add(Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1))
+    stored(s, tmp_path / "r.npz")
+    wrong = type("Cubic", (), {"__module__": Cubic.__module__})
+    with pytest.raises(mb.OptionError, match="stands where a Joint or a Force is expected"):
+        mb.load(tmp_path / "r.npz", laws=[wrong])
+
+
+def test_what_cannot_be_stored_is_refused_with_its_item(tmp_path: Path) -> None:
+    s, rod = swing()
+    s.add(Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1))
+    s.add(local_classes()["Cubic"]("Y", s.ground, rod, at=(1, 0), stiffness=0.1))
+    s.add(local_classes()["Cubic"]("Z", s.ground, rod, at=(1, 0), stiffness=0.1))
+    with pytest.raises(mb.OptionError, match=r"add 'Z': another class or function is called .*Cubic too"):
+        stored(s, tmp_path / "r.npz")
+    s, rod = swing()
+    law = Cubic("X", s.ground, rod, at=(1, 0), stiffness=0.1)
+    law.remark = [1]
+    s.add(law)
+    with pytest.raises(mb.OptionError, match=r"'X': remark of Cubic would be lost: declare it in the class"):
+        stored(s, tmp_path / "r.npz")
+    assert not os.listdir(tmp_path)
+
+
+def test_saving_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    s, _ = swing()
+    path = tmp_path / "r.npz"
+    r = stored(s, path)
+    before = path.read_bytes()
+
+    def stop(file: Any, **_: Any) -> None:
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(archive.np, "savez_compressed", stop)
+    with pytest.raises(KeyboardInterrupt):
+        r.save(path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["r.npz"]
+
+
+def everything() -> mb.Scene:
+    """All statements, joint models and laws of the package."""
+    s = mb.Scene("all", gravity=(0, -9.81, 0), space="spatial")
+    a = s.rigid_body("a", 1.0, np.diag([0.1, 0.2, 0.25]), at=(0.1, 0.2, 1 / 3), rotation=np.eye(3), velocity=(0.1, 0, 2e-7),
+                     angular_velocity=(0, 0, 1e-3))  # fmt: skip
+    b = s.link("b", (0, 0), (1, 0.1), (2, 0), mass_per_length=np.float64(0.7))
+    p = s.point_mass("p", 2, (3, 0, 0), velocity=(0, 1))
+    pulse = sp.Piecewise((0, mb.t < 0.1), (sp.Piecewise((sp.sin(mb.t), sp.And(mb.t < 2, sp.Not(mb.t > 1))), (1, True)), True))
+    s.revolute("r1", s.ground, a, at=a.at((0, 0, 0)), axis=(1, 1, 0), model=mb.Classical(2.0, 0.5), angle0=0.1, rate0=1,
+        spring=0.3, damper=1)
+    s.revolute("r2", "a", b, at=(0, 0), torque=sp.Max(mb.t, sp.Mod(mb.t, sp.Rational(1, 3))) + sp.floor(7.1 * mb.t),
+               friction=mb.LuGre(0.2, 0.3, 0.01, 1e3, 10.0, 0.1, 1.5, False), radius=0.1)  # fmt: skip
+    s.revolute("r3", s.ground, b, at=(2, 0), model=mb.Clearance(0.0101, 0.01, mb.Hertz(1e8, 0.1), friction=mb.Coulomb(0.1,
+        0.01), length=0.1))
+    s.prismatic("p1", s.ground, "a", (0, 0), (0, 0, 1), position=pulse, model=mb.Recursive())
+    s.prismatic("p2", s.ground, b, at=(0, 0), axis=(1, 0, 0), force=mb.t**2, friction=mb.Coulomb(0.1, 1e-3), normal_force=3)
+    s.spherical("s", a, b, at=(1, 0, 0))
+    s.weld("w", s.ground, a)
+    s.distance("d", a, b, at_k=(0, 0), at_l=(1, 2))
+    s.fixed_orientation("f", a, b)
+    s.spring("k", a, p, at_k=(0, 0, 0), at_l=(3, 0, 0), stiffness=10**12, damping=1e-12, length=0.25)
+    s.bushing("u", a, b, at=(0, 0), stiffness=(1, 2, 3, 4, 5, 6), damping=[0.1] * 6)
+    s.force("F", b.at(0.3), (1, pulse, 0.1), frame="body")
+    s.torque("T", a, (0, 0, sp.Heaviside(mb.t - 0.3) * 1e300 * 1e-300))
+    s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))
+    beam = s.beam("beam", (0, 5), (1, 6), (2, 5), section=mb.Section.tube(0.1, 0.05, 2e9, 0.3, 1000), curve="arc", elements=3,
+        order=3,
+                  axis2=(0, 0, 1), velocity=(0, 0, 0.1))  # fmt: skip
+    beam.load((0, mb.t, 1), frame="section", name="load")
+    return s
+
+
+def test_every_statement_comes_back_to_the_last_bit() -> None:
+    s = everything()
+    assert {said[0] for said in s.statements} == set(STATEMENTS)
+    data = {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": json.loads(json.dumps(s.statements))}
+    again = replay(data, SceneData, Known.among([]))
+    assert again.statements == s.statements
+    assert again.problems == s.problems
+    for old, new in zip(s.bodies, again.bodies, strict=True):
+        assert all(np.array_equal(getattr(old, x), getattr(new, x)) for x in ("position", "rotation", "velocity",
+            "angular_velocity"))
+        assert (old.mass, getattr(old, "section", None)) == (new.mass, getattr(new, "section", None))
+    for old, new in zip(s.connections, again.connections, strict=True):
+        assert (old.name, old.kind, old.model, old.hold, old.hold_rate) == (new.name, new.kind, new.model, new.hold,
+            new.hold_rate)
+        for law, copy in zip(old.laws, new.laws, strict=True):
+            assert type(law) is type(copy)
+            for value in (*law.params, *law.options):
+                assert repr(getattr(law, value)) == repr(getattr(copy, value))
+                assert getattr(law, value) == getattr(copy, value)
+
+
+@pytest.mark.parametrize("solver", [
+    mb.IDA(1e-5, max_order=4), mb.IDA(atol=1e-4), mb.CVODE(method="BDF", max_order=3), mb.RadauIIA(2, 1e-4, [1e-5] * 2),
+    mb.RadauIIA(3, step=0.01, newton=1e-9), mb.HHT(0.1, step=0.01), mb.GeneralizedAlpha(0.5, accuracy=1e-4),
+], ids=repr)  # fmt: skip
+def test_solvers_come_back(solver: Any) -> None:
+    name = f"{type(solver).__module__}:{type(solver).__qualname__}"
+    assert name in SOLVERS
+    options = storage._info_of(solver)["options"]
+    again = storage._solver({"class": name, "options": json.loads(json.dumps(options))}, Known.among([]))
+    assert repr(again) == repr(solver).replace("[1e-05, 1e-05]", repr(np.array([1e-5] * 2)))
+
+
+def test_all_public_solvers_are_known() -> None:
+    public = {f"{home}:{name}" for name, home in mb._HOME.items() if home.startswith(f"{integrators.__name__}.")}
+    assert public == set(SOLVERS)
