@@ -110,11 +110,9 @@ class Book:
 
     def symbols(self) -> Table:
         """Every symbol of the report, with unit and meaning."""
-        order = {"k": 0, "l": 1, "E": 2}
+        kinds = [*_BASES, "E"]
         rows: list[list[str]] = []
-        for base in sorted(
-            self.writer.bases, key=lambda b: (list(_BASES).index(b.kind) if b.kind in _BASES else 99, order.get(b.kind, 0))
-        ):
+        for base in sorted(self.writer.bases, key=lambda b: (kinds.index(b.kind), b.side)):
             row = _base_row(base, self.what)
             if row not in rows:
                 rows.append(row)
