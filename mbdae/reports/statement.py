@@ -39,7 +39,7 @@ def check_kind(name: str, value: Any, typical: Any) -> None:
         option(name, value, flag, "give True or False")
     elif isinstance(typical, type) and not (isinstance(value, type) and issubclass(value, Law)):
         raise OptionError(f"{name} = {shown(value)} is not a class of a law: give one such as mb.{typical.__name__}")
-    elif isinstance(typical, PartStructure) and not isinstance(value, Part | PartStructure):
+    elif isinstance(typical, PartStructure) and not isinstance(value, Part | PartStructure | None):
         raise OptionError(f"{name} = {shown(value)} is no {name} law: give one such as mb.{typical.cls.__name__}(...)")
 
 

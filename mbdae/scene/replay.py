@@ -252,7 +252,7 @@ def _repeat(scene: Any, said: Statement, known: Known) -> None:
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
             raise SceneError([f"{name} = {shown(value)} is not what {method} takes there"])
-    STATEMENTS[method](scene, *arguments[0], **arguments[1])
+    getattr(type(scene), method)(scene, *arguments[0], **arguments[1])
 
 
 def _is_number(value: Any) -> bool:
