@@ -105,7 +105,7 @@ class Equilibrium(Result):
         multipliers, units = p.start.multipliers, p.mechanics.velocity_units
         if p.rank.dropped:
             force = p.mechanics.constraint_jacobian(t, q)[0].T @ multipliers
-            multipliers = least_norm(p.everything.constraint_jacobian(t, q)[0] * units, force * units)
+            multipliers = least_norm(p.everything.constraint_jacobian(t, q) * units, (force * units)[None])[0]
         return p.start.acceleration[None], multipliers[None]
 
     def _start_value(self, item: Connection) -> float:

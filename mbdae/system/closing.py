@@ -176,8 +176,8 @@ class Closing:
         joints = self._held_joints(self.held_value)
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), joints)
         off: Array = value - np.array([self.held_value(c) for c in joints], dtype=float)
-        turns = np.array([2 * np.pi if c.kind == "revolute" else np.inf for c in joints])
-        off -= np.where(np.isfinite(turns), turns * np.round(off / turns), 0.0)
+        turns = np.array([2 * np.pi if c.kind == "revolute" else 0.0 for c in joints])
+        off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
     def _closure_jacobian(self, q: Array) -> Array:

@@ -7,25 +7,30 @@ import numpy as np
 from mbdae.system.base import Array
 
 AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
+ROUND_OFF = 1e-12  #: part of a row below which what joint coordinates leave of it is rounding
 
 
-def unique_multipliers(B: Array, redundant: int, mass: float) -> Array:
+def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> Array:
     """E (nt, m, m) of G u' - E lambda = -gamma, for rows G of which so many follow from the others.
 
     With E the equations have one solution: the accelerations are those without it, and lambda is the one of least norm, every
-    row in the unit of its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement."""
-    lengths = np.linalg.norm(B, axis=2, keepdims=True)
+    row in the unit of its work in a unit displacement. B (nt, m, nu): G over unit displacements; mass: of a unit displacement;
+    whole (nt, m): lengths of the rows over the displacements of all nodes: joint coordinates may satisfy a row by themselves."""
+    lengths = np.linalg.norm(B, axis=2)
+    lengths = np.where(lengths > ROUND_OFF * whole, lengths, whole)[:, :, None]
     lengths[lengths == 0] = 1.0
     null = np.linalg.svd(B / lengths)[0][:, :, B.shape[1] - redundant :] * lengths
     return np.asarray(null @ null.transpose(0, 2, 1) / mass)
 
 
 def least_norm(B: Array, force: Array) -> Array:
-    """Multipliers lambda (m,) of least norm, as in `unique_multipliers`, with B^T lambda = force (nu,); B (m, nu): G over unit
-    displacements, force: times them."""
-    lengths = np.linalg.norm(B, axis=1)
+    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force (nt, nu); B (nt, m, nu): G over
+    unit displacements, force: times them."""
+    lengths = np.linalg.norm(B, axis=2)
     lengths[lengths == 0] = 1.0
-    return np.asarray(np.linalg.lstsq((B / lengths[:, None]).T, force, rcond=1e-9)[0] / lengths)
+    rows = B / lengths[:, :, None]
+    found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(rows, force, strict=True)]
+    return np.asarray(np.array(found).reshape(lengths.shape) / lengths)
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.system.base import Array
 from mbdae.system.carried import Carried, slot_of
-from mbdae.system.constrained import solve_constrained
+from mbdae.system.constrained import least_norm, solve_constrained
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.model import Model
 from mbdae.system.nodes import Node
@@ -131,19 +131,22 @@ class TreeMechanics(Mechanics):
         G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
         Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
         mass, rows = Tt @ (M @ T), G[:, closing] @ T
-        right, E = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias), self.unique(rows, 1 / units)
+        right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
+        E = self.unique(G[:, closing], rows, 1 / units)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
             inner = None if slope is None else slope[:, :, closing]  # joints with friction of their own are never recursive
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
-            left = f - acceleration @ M - np.einsum("tij,ti->tj", G[:, closing], lam)
+            left = f - acceleration @ M  # what all rows together have to give
             if inner is not None:
                 left += np.einsum("tij,tj->ti", inner, lam)
+            if self.redundant:
+                return acceleration, least_norm(G * self.velocity_units, left * self.velocity_units)
             multipliers = np.zeros((len(t), self.m))
             multipliers[:, closing] = lam
-            self._leaf_to_root(left, G, multipliers)
+            self._leaf_to_root(left - np.einsum("tij,ti->tj", G[:, closing], lam), G, multipliers)
             return acceleration, multipliers
 
         return solve

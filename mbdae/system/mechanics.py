@@ -258,13 +258,14 @@ class Mechanics:
         E = self.unique(G)
         return lambda f, slope: solve_constrained(self.mass, f, G, gamma, 1 / self.velocity_units, slope, E)
 
-    def unique(self, G: Array, units: Array | None = None) -> Array | None:
+    def unique(self, G: Array, rows: Array | None = None, units: Any = 1.0) -> Array | None:
         """E (nt, m, m), see `unique_multipliers`, where rows of G (nt, m, nu) follow from others; None where all are needed.
-        units (nu,): of the displacements, by default those of all nodes."""
+        rows (nt, m, n): what is left of these rows over joint coordinates, whose units are (n,)."""
         if not self.redundant:
             return None
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
-        return unique_multipliers(G * (self.velocity_units if units is None else units), self.redundant, mass)
+        B = G * self.velocity_units
+        return unique_multipliers(B if rows is None else rows * units, self.redundant, mass, np.linalg.norm(B, axis=2))
 
     def _sparse_accelerations(self, t: Array, q: Array, u: Array, f: Array, slope: Array | None) -> tuple[Array, Array]:
         out = np.empty((len(t), self.nu + self.m))

@@ -177,14 +177,15 @@ def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: Ran
     """The same at later times, as far as some short steps lead: where not all rows can be satisfied, but those in force."""
     timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
+    together = Mechanics(everything.model, [row for row in everything.rows if row in rank.kept or row.name in dropped])
     step = 0.01 * (end - start.t)
     for _ in range(FOLLOWED if timed and dropped else 0):
         step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
-        while step > 0 and Starter(everything, t + step, holding=False).off(q) > NEAR:
+        while step > 0 and Starter(together, t + step, holding=False).off(q) > NEAR:
             step /= 2
         t += step
         try:
-            q = Starter(everything, t, holding=False).close(q)
+            q = Starter(together, t, holding=False).close(q)
             continue
         except StartError:
             pass
