@@ -55,7 +55,7 @@ class Body:
         try:
             given = array(point)
             if given.ndim == 0:
-                return Place(self, self._along(number(given, least=0, most=1)))
+                return Place(self, self._along(number(float(given), least=0, most=1)))
             if given.shape not in ((2,), (3,)):
                 raise BadValueError(f"{shown(point)} has shape {given.shape}")
         except BadValueError as refused:

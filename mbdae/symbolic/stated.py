@@ -7,8 +7,10 @@ of the user's own code, or a result of another kind than the contract says, beco
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -175,13 +177,20 @@ def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         except (MbdaeError, NotImplementedError):
             raise
         except Exception as error:
-            raise LawError(f"{where} fails: {type(error).__name__}: {error}{_hint(self, error)}") from error
+            raise LawError(f"{where} fails{_line(error)}: {type(error).__name__}: {error}{_hint(self, error)}") from error
         try:
             return read(found)
         except _WrongError as wrong:
             raise LawError(f"{where} returns {wrong}; it must return {wanted}") from wrong.__cause__
 
     return asked
+
+
+def _line(error: Exception) -> str:
+    """" (line 3 of swing.py)": the last line of the user's own code that led to an error."""
+    package = str(Path(__file__).parents[1])
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(package)]
+    return f" (line {own[-1].lineno} of {Path(own[-1].filename).name})" if own else ""
 
 
 def _hint(law: Any, error: Exception) -> str:

@@ -24,8 +24,8 @@ def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> A
 
 
 def least_norm(B: Array, force: Array) -> Array:
-    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force (nt, nu); B (nt, m, nu): G over
-    unit displacements, force: times them."""
+    """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force (nt, nu); B (nt, m, nu): G
+    over unit displacements, force: times them."""
     lengths = np.linalg.norm(B, axis=2)
     lengths[lengths == 0] = 1.0
     rows = B / lengths[:, :, None]

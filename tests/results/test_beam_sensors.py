@@ -148,7 +148,7 @@ def test_paths(flexible_run: Any, tmp_path: Any) -> None:
         r.read("rod.at(x).position")
     with pytest.raises(mb.SceneError, match=r"there is no place 'A\.at\(0\.5\)'"):
         r.read("A.at(0.5).position")
-    with pytest.raises(mb.OptionError, match=r"'rod'\.at\(1\.5\): give a number from 0 to 1 along it, or a point"):
+    with pytest.raises(mb.OptionError, match=r"'rod'\.at: point = 1\.5 is not between 0 and 1; give a number"):
         r.read("rod.at(1.5).position")
     with pytest.raises(mb.OptionError, match="'wind' is a distributed load: it has no sensors; read its beam 'hook'"):
         r.read("wind.force")

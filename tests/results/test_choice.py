@@ -103,7 +103,7 @@ def test_places_are_found_and_files_read(tmp_path: Path) -> None:
     assert loaded.info.form == "ODE"
 
 
-def test_a_scene_whose_laws_cannot_be_found_again_runs_as_stated() -> None:
+def test_a_scene_with_a_law_from_inside_a_function_gets_recursive_joints() -> None:
     class Slow(mb.Force):
         params = mb.params(c="N s/m")
 
@@ -112,7 +112,7 @@ def test_a_scene_whose_laws_cannot_be_found_again_runs_as_stated() -> None:
 
     s = chain(1)
     s.add(Slow("drag", s.ground, s["rod0"], at=(1, 0), c=0.1))
-    assert s.check().choice.recursive == ()
+    assert s.check().choice.recursive == ("J0",)
 
 
 def test_where_eliminated_multipliers_stop_radau_takes_over_and_says_so() -> None:

@@ -150,10 +150,12 @@ def test_a_solver_with_its_own_tolerance_covers_nothing_and_says_so():
 
 
 def test_a_stopped_run_covers_nothing_and_says_so():
-    r = pendulum().simulate(500.0, accuracy=1e-9, solver=mb.RadauIIA(3), progress=stop)
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        pendulum().simulate(500.0, accuracy=1e-9, solver=mb.RadauIIA(3), progress=stop)
+    r = stopped.value.solution
     assert not r.complete
     assert r.accuracy.covers == frozenset()
-    assert "stopped" in r.accuracy.not_covered["motion"]
+    assert "interrupted" in r.accuracy.not_covered["motion"]
 
 
 def stop(*_: object) -> None:
@@ -252,17 +254,18 @@ def test_a_continued_run_does_not_know_its_mesh():
 
 
 def test_a_finer_mesh_that_does_not_run_is_told(monkeypatch):
-    """Neither a refusal nor a stop of the finer run takes the result away, or counts as a mesh without error."""
+    """A finer run that fails takes no result away, and counts as no mesh without error; Ctrl-C comes out."""
     monkeypatch.setattr(verification, "_by_another_method", lambda *_: verification.Verified(1e-5))
     r = dropped(1, 1).simulate(0.01, 1e-3)
     run = Controlled(r.solution, r.info.solver, 1e-5, 2, 0.0)
     kept = r.prepared, mb.GGL(), run, 1e-3, 0.01, False
-    for options, why in (({"max_residuals": 3}, "failed: "), ({"progress": stop}, "stopped before its end")):
-        found = verification.verified(*kept, options)
-        known = verification.accuracy_of(r.prepared, 1e-3, run, found)
-        assert known.mesh is None
-        assert "mesh" not in known.covers
-        assert why in known.not_covered["mesh"]
+    found = verification.verified(*kept, {"max_residuals": 3})
+    known = verification.accuracy_of(r.prepared, 1e-3, run, found)
+    assert known.mesh is None
+    assert "mesh" not in known.covers
+    assert "failed: " in known.not_covered["mesh"]
+    with pytest.raises(KeyboardInterrupt):
+        verification.verified(*kept, {"progress": stop})
     r.prepared.model.scene.problem = threading.Lock()
     assert "cannot be copied" in verification.verified(*kept, {}).unknown["mesh"]
 
