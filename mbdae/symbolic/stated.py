@@ -177,7 +177,7 @@ def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         except (MbdaeError, NotImplementedError):
             raise
         except Exception as error:
-            raise LawError(f"{where} fails: {type(error).__name__}: {error}{_line(error)}{_hint(self, error)}") from error
+            raise LawError(f"{where} fails: {type(error).__name__}: {error}{_hint(self, error)}{_line(error)}") from error
         try:
             return read(found)
         except _WrongError as wrong:
