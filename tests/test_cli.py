@@ -244,7 +244,7 @@ def test_wrong_usage_ends_with_2_and_the_next_step(arguments, words, file, capsy
     assert words in said(capsys)[1]
 
 
-WRONG_WORDS = [["compute"], ["run", "a.py", "--solver", "euler"], ["compare", "a.py", "--accuracies", "fine"], []]
+WRONG_WORDS = [["compute"], ["compare", "a.py", "--accuracies", "fine"], []]
 
 
 @pytest.mark.parametrize("arguments", WRONG_WORDS)

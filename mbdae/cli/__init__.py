@@ -13,9 +13,9 @@ import warnings
 from argparse import Namespace
 from collections.abc import Sequence
 
-from mbdae.cli.parser import UsageError
 from mbdae.cli.parser import make_parser as _parser
 from mbdae.cli.streams import READER_GONE, OutputLostError, json_alone, usable_streams
+from mbdae.cli.usage import UsageError
 from mbdae.cli.userfile import place_in
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError
 

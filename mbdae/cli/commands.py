@@ -7,13 +7,13 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mbdae.cli.parser import REPORTS, UsageError
+from mbdae.cli.usage import REPORTS, UsageError
 from mbdae.cli.userfile import scene_of, user_file
 from mbdae.errors import SolverError
 
@@ -40,7 +40,7 @@ def run(a: argparse.Namespace) -> int:
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
     measure = _measure(a, module, scene)
-    options = {"accuracy": a.accuracy, "solver": _solver(a.solver), "form": _form(a.form)}
+    options = {"accuracy": a.accuracy, "solver": a.solver, "form": a.form}
     with closing(bar()) as shown, _partial_kept(a, out, t_end):
         r = scene.simulate(t_end, **options, progress=shown)
     final = _write_result(a, r, measure, out)
@@ -321,22 +321,3 @@ def _is_file(name: str) -> bool:
         return Path(name).is_file()
     except (OSError, ValueError):
         return False
-
-
-def _solver(name: str | None) -> Any:
-    from mbdae.integrators.cvode import CVODE
-    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
-
-    makers: dict[str, Callable[[], Any]] = {
-        "ida": IDA, "radau2": lambda: RadauIIA(2), "radau3": lambda: RadauIIA(3), "cvode": CVODE,
-        "hht": HHT, "genalpha": GeneralizedAlpha
-    }  # fmt: skip
-    return makers[name]() if name else None
-
-
-def _form(name: str | None) -> Any:
-    from mbdae.formulations import GGL, ODE, Index1, Index3
-
-    return {"ggl": GGL, "index3": Index3, "index1": Index1, "ode": ODE}[name]() if name else None

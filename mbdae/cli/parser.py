@@ -7,17 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-FORMS = ("ggl", "index3", "index1", "ode")
-REPORTS = (".html", ".md", ".tex")
-SOLVERS = ("ida", "radau2", "radau3", "cvode", "hht", "genalpha")
-
-
-class UsageError(Exception):
-    """The command line, or the file it names, is not as it must be. usage: the words a command takes, where they are wrong."""
-
-    def __init__(self, message: str, usage: str = "") -> None:
-        super().__init__(message)
-        self.usage = usage
+from mbdae.cli.usage import REPORTS, UsageError
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,8 +39,8 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _command(commands, "check", do.check, "say what a scene is before solving it")
     p = _command(commands, "run", do.run, "simulate a scene with controlled accuracy")
-    p.add_argument("--solver", type=_one_of(SOLVERS), choices=SOLVERS, help="default: chosen for the scene")
-    p.add_argument("--form", type=_one_of(FORMS), choices=FORMS, help="default: chosen for the scene")
+    p.add_argument("--solver", metavar="NAME", help="as in simulate: ida, cvode, radau3, hht, ...; default: chosen for the scene")
+    p.add_argument("--form", metavar="NAME", help="as in simulate: ggl, index1, index3, ode; default: chosen for the scene")
     p.add_argument("--accuracy", type=_positive, default=1e-6, help="bound of the error over the run (default 1e-6)")
     _common(p, "folder for the result (.npz) and a picture of `measure`; a run that is stopped leaves what it computed there")
     p = _command(commands, "compare", do.compare, "solvers side by side against a confirmed reference")

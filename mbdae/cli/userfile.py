@@ -19,8 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mbdae.cli.parser import UsageError
 from mbdae.cli.streams import OutputLostError
+from mbdae.cli.usage import UsageError
 from mbdae.errors import MbdaeError
 
 NAME = "__mp_main__"

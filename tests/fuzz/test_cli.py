@@ -33,14 +33,14 @@ NO_NUMBERS = ["", " ", "abc", "1e-6,", ",", "1,2", "1e-6 m", "1..2", "1e", "--",
               "é" * 50]  # fmt: skip
 NO_LISTS = ["", " ", "abc", "1e-3,", ",1e-3", "1e-3,,1e-4", "1e-3 1e-4", "1e-3;1e-4", "nan", "1e-3,inf", "1e-3,-1e-4", "0",
             "[1e-3]"]  # fmt: skip
-NO_WORDS = ["", " ", "euler", "ida ", "GGL()", "1", "None", "../ida", "id", "-ida", "a\nb", "{0}"]
+NO_WORDS = ["", " ", "euler", "1", "None", "id", "a\nb", "{0}"]
 NO_FOLDERS = ["", " ", "file", "file/below", "/proc/none", "a\0b", "x" * 300]
 NO_KEPT = ["", " ", "absent/file.json", "folder", "file/below", "x" * 300]
 NO_FILES = ["", " ", "absent.py", "folder", "a\0b", "x" * 300, "~", "*", "nul\n", "http://x.py", "-", "file/below.py", "\udcff"]
 #: words that mean something here: what each kind of option must refuse
 HOSTILE = {"accuracy": NO_NUMBERS, "t_end": NO_NUMBERS, "max_wall": NO_NUMBERS, "accuracies": NO_LISTS, "out": NO_FOLDERS,
            "resume": NO_KEPT, "root": ["", " ", "absent", "file", "folder", "x" * 300], "file": NO_FILES,
-           "what": [*NO_FILES, "Revolute()", "hinge"], "claims": ["", "absent", "..", "/", "x" * 300]}  # fmt: skip
+           "solver": NO_WORDS, "form": NO_WORDS, "what": [*NO_FILES, "Revolute()", "hinge"], "claims": ["", "absent", "..", "/", "x" * 300]}  # fmt: skip
 SWITCHES = {"json", "debug", "help", "version"}
 
 
