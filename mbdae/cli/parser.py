@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from mbdae.cli.usage import REPORTS, UsageError
@@ -101,11 +101,6 @@ def _common(p: argparse.ArgumentParser, out: str) -> None:
 
 
 # -- what options take
-
-
-def _one_of(words: Sequence[str]) -> Callable[[str], str]:
-    """Reads a word in capitals too."""
-    return lambda text: text.lower() if text.lower() in words else text
 
 
 def _positive(text: str) -> float:
