@@ -125,7 +125,9 @@ class Result(Told):
                               f"'{scene.name}', cannot start it: give a state of a scene with the same bodies")  # fmt: skip
         (q,), (u,), (s,) = self.states(when)
         known = {c.name for c in scene.joints if c.joint.own_coordinates}
-        coordinates = {n.name: float(q[n.q]) for n in self.prepared.model.joint_coordinates}
+        here = self(when)
+        found = {c.name: here.coordinate(c) for c in self.prepared.model.scene.joints}
+        coordinates = {name: float(of[0][0]) for name, of in found.items() if of is not None}
         nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.name in known]
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
@@ -227,7 +229,7 @@ class Result(Told):
     def _start_value(self, item: Connection) -> float:
         if item.prescribed is not None:
             return timed.value_at(item.prescribed, float(self.solution.t[0]))
-        return item.hold or 0.0
+        return self.prepared.start.coordinates.get(item.name, item.hold or 0.0)
 
     def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
         """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""

@@ -52,7 +52,8 @@ def save(result: Result, path: Any) -> None:
     prepared, solution = result.prepared, result.solution
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
-        "start": {"t": prepared.start.t, "changes": prepared.start.changes}, "time": prepared.time, "info": _info(result.info),
+        "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": prepared.start.coordinates},
+        "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}

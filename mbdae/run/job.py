@@ -65,6 +65,8 @@ class Job:
         if isinstance(system, Eliminated):
             system.strict = strict
         with self._attaching(solver):
+            if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
+                solver = solver.at_accuracy(self.accuracy, system.label)  # a tolerance of the user's own: run as it is
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)

@@ -212,4 +212,4 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])
-    return Start(start.t, start.q, start.u, s, a[0], multipliers[0])
+    return Start(start.t, start.q, start.u, s, a[0], multipliers[0], coordinates=start.coordinates)

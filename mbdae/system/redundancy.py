@@ -12,13 +12,14 @@ from mbdae.system.base import Array
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.numbering import Row
 from mbdae.system.rows import DEPENDENT, chosen_rows, in_order, novelty, smallest, unit_rows
-from mbdae.system.scaling import position_scale
 from mbdae.system.start import Starter
 
 CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
 SAMPLES = 3
 STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
-LEAST = 0.02  #: part of such a step that has to be left when the loops are closed
+ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
+NEARBY = 1e-3  #: of the scene's length: rows that were released and are off by more belong to another motion
+CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
 
 
 @dataclass
@@ -50,20 +51,26 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     here = _rows_at(mechanics, starter.t, q)[order]
     new = novelty(here)
     dependent = {row.name for row, part in zip(rows, new, strict=True) if part <= DEPENDENT}
-    elsewhere = _other_positions(mechanics, starter, q, dependent) if closing else []  # a tree has no dependent rows anywhere
+    elsewhere = _other_positions(mechanics, starter, q) if dependent and closing else []
     places = [here, *(_rows_at(mechanics, starter.t, p)[order] for p in elsewhere)]
+    freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []
+    nearby = [_rows_at(mechanics, starter.t, p)[order] for p in freed
+              if np.max(np.abs(mechanics.position_residual(starter.t, p[None]))) < NEARBY * mechanics.model.length]  # fmt: skip
     ranks = [int(np.sum(novelty(B) > DEPENDENT)) for B in places]
-    rank, at_start = max(ranks), ranks[0]
+    at_start = ranks[0]
+    lost, beside = _lost_here(mechanics, starter.t, q, at_start) if dependent else (0, here)
+    rank = max(at_start + lost, *ranks)
     chosen = chosen_rows(here, at_start, first) if at_start < len(rows) else list(range(len(rows)))
     singular = set[int]()
-    if at_start < rank:  # the start is a singular position: rows that are new elsewhere make up for those that are not here
-        chosen = in_order(places[int(np.argmax(ranks))], rank, chosen)
+    if at_start < rank:  # the start is a singular position: rows that are new beside it make up for those that are not here
+        best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
+        chosen = in_order(best_place, rank, chosen)
         singular = set(chosen[at_start:])
     report = RankReport([row for row in mechanics.rows if row in {rows[i] for i in chosen}])
     report.degrees_of_freedom, report.smallest = mechanics.nu - rank, smallest(here, rank)
     report.dropped = [row for i, row in enumerate(rows) if i not in set(chosen)]
     report.singular_here = [rows[i] for i in sorted(singular)]
-    report.doubtful = _nearly(rows, chosen, singular, places)
+    report.doubtful = _nearly(rows, chosen, singular, [*places, *nearby])
     report.not_unique = [rows[i] for i in _dependent_on_others(here)] if report.dropped else []
     return report
 
@@ -92,33 +99,55 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
     return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
 
 
-def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, dependent: set[str]) -> list[Array]:
-    """Consistent positions reached by moving along the freedoms (drives released) and closing the loops again; where
-    nearly dependent rows lock the loops, they are released too."""
-    free = [row for row in mechanics.rows if not row.name.endswith(".drive")]
-    found: list[Array] = []
-    for rows in (free, [row for row in free if row.name not in dependent]):
-        released = Mechanics(mechanics.model, rows)
-        closer = Starter(released, float(starter.t[0]), holding=False)
-        freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
-        for _ in range(SAMPLES if freedoms.size else 0):
-            direction = freedoms @ rng.normal(size=freedoms.shape[1])
-            found += _moved(closer, q, direction / np.max(np.abs(direction)) * closer.units(q))
-        if found or not dependent:
+def _lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
+    """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
+
+    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
+    W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
+    a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
+    units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
+    lengths = np.linalg.norm(G * units, axis=1, keepdims=True)
+    lengths[lengths == 0] = 1.0
+    B = G * units / lengths
+    left, _, right = np.linalg.svd(B)
+    W, N = left[:, rank:], right[rank:].T
+    released = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
+    tangent, rng = null_space(B[released]), np.random.default_rng(11)
+    most, beside = 0, B
+    for _ in range(SAMPLES if tangent.size and N.size else 0):
+        v = np.any(B != 0, axis=0) * (tangent @ rng.normal(size=tangent.shape[1]))  # what no row sees says nothing
+        if not np.any(v):
             break
+        step = ASIDE * v / np.max(np.abs(v)) * units
+        there, back = (mechanics.constraint_jacobian(t, mechanics.integrate_positions(q, s * step)[None])[0] * units / lengths
+                       for s in (1.0, -1.0))  # fmt: skip
+        change = W.T @ (there - back) @ N / (2 * ASIDE)
+        found = int(np.sum(np.linalg.svd(change, compute_uv=False) > CHANGING))
+        if found > most:
+            most, beside = found, there / np.maximum(np.linalg.norm(there, axis=1, keepdims=True), 1e-300)
+    return most, beside
+
+
+def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: Container[str] = ()) -> list[Array]:
+    """Positions reached by moving along the freedoms (drives and the rows named released) and closing the loops again."""
+    rows = [row for row in mechanics.rows if not row.name.endswith(".drive") and row.name not in without]
+    released = Mechanics(mechanics.model, rows)
+    closer = Starter(released, float(starter.t[0]), holding=False)
+    freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
+    found: list[Array] = []
+    for _ in range(SAMPLES if freedoms.size else 0):
+        direction = freedoms @ rng.normal(size=freedoms.shape[1])
+        found += _moved(closer, q, direction / np.max(np.abs(direction)) * closer.units(q))
     return found
 
 
 def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
-    """The position a step in a direction leads to once the loops are closed again; none where they close at no step, or only by
-    going back: a position near one that cannot be left violates the loops by less than closing sees."""
+    """The position a step in a direction leads to once the loops are closed again; none where they close at no step."""
     for step in STEPS:
         try:
-            found = closer.close(closer.moved(q, step * direction))
+            return [closer.close(closer.moved(q, step * direction))]
         except StartError:
             continue
-        if np.max(np.abs(found - q) / position_scale(closer.mechanics)) > LEAST * step:
-            return [found]
     return []
 
 
