@@ -215,6 +215,8 @@ def entries(value: Any) -> NDArray[Any]:
 def text(value: Any) -> str:
     """Text that is not empty."""
     if isinstance(value, str) and value.strip():
+        if not value.isprintable():
+            raise BadValueError(f"{shown(value)} holds characters that cannot be printed")
         return str(value)
     raise BadValueError(f"{shown(value)} is not text" if not isinstance(value, str) else f"{shown(value)} is empty")
 
@@ -254,7 +256,10 @@ def _is_number(value: Any) -> bool:
     """Real numbers of Python and NumPy, and expressions without symbols."""
     if isinstance(value, numbers.Real | Decimal | np.integer | np.floating):
         return True
-    return hasattr(value, "free_symbols") and not value.free_symbols and hasattr(value, "__float__")
+    try:
+        return hasattr(value, "free_symbols") and not value.free_symbols and hasattr(value, "__float__")
+    except Exception:  # an object of the user's own may raise anything
+        return False
 
 
 def _range(least: float, above: float, most: float) -> str:

@@ -179,11 +179,12 @@ class Job:
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
             judgement = judgement_of(made, run, self.form.label == "Index1")
+            known = judgement.within(known)
             if judgement.reliable and not judgement.singular:  # else it is told already
                 missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
-                info = replace(info, cpu_s=info.cpu_s + missed.cpu_s, accuracy=missed.within(known))
+                info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
                 judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
-            made.info = replace(info, warnings=judgement.notes, reliable=judgement.reliable)
+            made.info = replace(info, accuracy=known, warnings=judgement.notes, reliable=judgement.reliable)
         for note in judgement.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return made
@@ -194,7 +195,10 @@ class Job:
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
-            solution = getattr(error, "solution", None)
+            solution, singular = getattr(error, "solution", None), self.prepared.rank.singular_here
+            if isinstance(error, SolverError) and singular and error.time <= self.prepared.start.t:
+                error.args = (f"{error}; the scene starts in a singular position, where {singular[0].name} depends on the other "
+                              f"rows: start it a little beside that",)  # fmt: skip
             if isinstance(solution, Solution):
                 why = "the run failed before its end" if isinstance(error, SolverError) else "the run was interrupted"
                 known, stats = nothing_known(self.prepared, why), solution.stats

@@ -20,6 +20,7 @@ from mbdae.system.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
+LOOKED_AT = 2000  #: steps at which constraint rows are looked at
 JUDGED = 1000  #: outputs, or steps where an input depends on time, at which energies are judged
 
 
@@ -29,16 +30,17 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
     times = run.solution.t if timed else found.t  # a short input lies between outputs
     judgement = judged(found if times is found.t and len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
     singular = passages(found, known.asked)
-    notes = [*_warnings(found.prepared, run, known, drifts), *doubts_of_steps(run), *judgement.notes, *singular,
+    off, broken = _broken_rows(found.prepared, run, known.asked)
+    notes = [*_warnings(found.prepared, run, known, drifts, broken), *doubts_of_steps(run), *judgement.notes, *singular,
              *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
-    return Judgement(tuple(notes), judgement.reliable, bool(singular))
+    return Judgement(tuple(notes), judgement.reliable, bool(singular), off)
 
 
-def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool) -> list[str]:
+def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool, broken: list[str]) -> list[str]:
     notes = _missed(known, run.solver)
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
-    notes += (drifted(prepared, run, known.asked) if drifts else []) or _broken_rows(prepared, run, known.asked)
+    notes += (drifted(prepared, run, known.asked) if drifts else []) or broken
     return notes + doubts(prepared)
 
 
@@ -58,16 +60,18 @@ def _missed(known: Accuracy, solver: Solver) -> list[str]:
     return notes
 
 
-def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """Constraint rows, the redundant ones included, that the run does not keep."""
+def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
+    """How far constraint rows, the redundant ones included, are from kept (over the scene's length, or rad), where that is more
+    than the accuracy allows; and what is to be said of it."""
     m, t = prepared.everything, run.solution.t
     if not m.m:
-        return []
-    t = t[:: len(t) // 200 + 1]
+        return 0.0, []
+    t = t[:: len(t) // LOOKED_AT + 1]
     off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
     off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # told by `doubts`
     worst = largest(off)
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
-        return []
-    return [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: "
-            f"prescribed motions may contradict each other later on"]  # fmt: skip
+        return 0.0, []
+    driven = any(c.prescribed is not None for c in prepared.model.scene.joints)
+    why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
+    return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: {why}"]

@@ -6,10 +6,12 @@ what it dissipated.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
@@ -33,6 +35,14 @@ class Judgement(NamedTuple):
     notes: tuple[str, ...] = ()
     reliable: bool = True
     singular: bool = False  #: it passes a singular position, where two motions meet
+    off: float = 0.0  #: what a constraint row is violated by, over the scene's length, where that is told
+
+    def within(self, known: Accuracy) -> Accuracy:
+        """What is known of the errors with what was found here."""
+        if not self.off or known.motion is None:
+            return known
+        unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
+        return replace(known, estimated=max(known.motion, self.off), verified=None, unknown=unknown, found_reactions=None)
 
 
 def judged(result: Result, run: Controlled) -> Judgement:

@@ -99,6 +99,7 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
         setattr(law, name, frames[2].q[0])
     return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
+FORCES = ("energy", "dissipation", "wrench")  #: what a force law states, one of them at least
 _TIME = se.Symbol("t")
 
 
@@ -142,6 +143,15 @@ class _Derivation:
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
         return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
+
+    def _refuse_speeds(self, what: str, e: Any) -> None:
+        """Raise LawError where what may depend on positions alone reads a velocity."""
+        speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
+        places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
+        found = se.sympify(e).free_symbols & (speeds - places)
+        if found:
+            raise LawError(f"{what} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
+                           f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
     def _refuse(self, what: str, e: Any) -> None:
         """Raise LawError where an expression reads what its nodes cannot give, or the time itself."""
@@ -194,6 +204,7 @@ class _Derivation:
             stated += [(f"the branch '{name}'", e) for name, e in law.branches(*sides).items()]
         for what, e in stated:
             self._refuse(what, e)
+            self._refuse_speeds(what, e)
 
     def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
         """Rows that remain for these frames, names of the others (and of those undefined), and the rows' gradients."""
@@ -209,6 +220,7 @@ class _Derivation:
                 undefined.append(name)
                 continue
             self._refuse(f"row '{name}'", statement)
+            self._refuse_speeds(f"row '{name}'", statement)
             c = self.variation.name(tamed(one_sided(statement)))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
@@ -242,6 +254,8 @@ class _Derivation:
         """Potential energy, Rayleigh function, force and torque as stated; None where the law states no force."""
         law, (k, l) = self.law, self.frames[:2]
         if isinstance(law, Force):
+            if all(getattr(type(law), name) is getattr(Force, name) for name in FORCES):
+                raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
             force, torque = law.wrench(k, l) or (ZERO, ZERO)
             parts = law.energy(k, l), law.dissipation(k, l), *force, *torque
             energy, rayleigh, *applied = (tamed(one_sided(part)) for part in parts)
@@ -259,6 +273,7 @@ class _Derivation:
             return {}, (_ZERO, _ZERO, _ZERO)
         for what, part in zip(("the energy", "the dissipation", "the force", "the torque"), stated, strict=True):
             self._refuse(what, part)
+        self._refuse_speeds("the energy", stated[0])
         energy, rayleigh = v.name(stated[0]), v.name(stated[1])
         wrench = (Vec(*map(v.name, stated[2])), Vec(*map(v.name, stated[3])))
         force: dict[str, Pair] = {}
@@ -302,6 +317,10 @@ class _Derivation:
 def _names_of_frames() -> tuple[str, ...]:
     """Names of the symbols of frames on every kind of node."""
     return tuple({str(s) for side in "bklc" for kind in NodeKind for s in make_frame(side, kind).symbols})
+
+
+def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
+    return set().union(*(se.sympify(v[i]).free_symbols for v in vectors for i in range(3)))
 
 
 def _letters(e: Any) -> set[Expr]:

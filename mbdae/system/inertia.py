@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import eigh
 
 from mbdae.errors import SceneError
 from mbdae.system.base import Array
 from mbdae.system.expansion import Expansion
 from mbdae.system.mechanics import Mechanics
 from mbdae.system.redundancy import RankReport, null_space
+
+NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
 
 
 def massless_coordinates(expansion: Expansion, mass: Array, t: Array, q: Array) -> list[str]:
@@ -46,14 +49,25 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     unit, N = kept.velocity_units[at], null_space(G[:, at] * kept.velocity_units[at])
     mass = kept.mass[at][:, at]
     M = unit[:, None] * (mass.toarray() if kept.model.lines else mass) * unit
-    reduced = N.T @ M @ N
-    if not reduced.size:
+    if not N.size:
         return []
-    values, vectors = np.linalg.eigh(reduced)
-    largest = max(float(np.max(np.diag(M), initial=0.0)), 1e-300)
+    values, vectors = _compared(N.T @ M @ N, N.T @ (_own_inertia(np.diag(M))[:, None] * N))
     motions = np.zeros((len(values), kept.nu))
     motions[:, at] = (N @ vectors).T
-    return [_name_motion(kept, motions[i]) for i in np.flatnonzero(values <= 1e-14 * largest)]
+    return [_name_motion(kept, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
+
+
+def _own_inertia(diagonal: Array) -> Array:
+    """The inertia of every unit displacement by itself; the largest of all where it has none."""
+    return np.where(diagonal > 0, diagonal, max(float(np.max(diagonal, initial=0.0)), 1e-300))
+
+
+def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
+    """Inertia of motions over what their parts have by themselves, and the motions (columns): bodies may differ in size as much
+    as they like, a motion has no inertia where none of its parts has."""
+    scale = 1 / np.sqrt(np.diag(own))
+    found: tuple[Array, Array] = eigh(scale[:, None] * reduced * scale, scale[:, None] * own * scale)
+    return found[0], scale[:, None] * found[1]
 
 
 def _name_motion(mechanics: Mechanics, motion: Array) -> str:
