@@ -39,6 +39,17 @@ class Friction(Part):
         """Velocity (m/s) over which the coefficient changes: what the tolerance has to resolve; None where there is none."""
         return None
 
+    def feeds_at(self) -> float | None:
+        """A speed (m/s) at which the law, which has no internal states, drives bodies instead of braking them, or has no finite
+        value; None where there is none among those tried. Raises LawError where it is not well stated."""
+        v = se.Symbol("v")
+        coefficient = se.sympify(self.coefficient(v))
+        for speed in (sign * 10.0**power for power in range(-6, 4) for sign in (1, -1)):
+            value = coefficient.subs({v: se.RealDouble(speed)})
+            if not value.free_symbols and not float(value) * speed >= 0:
+                return float(speed)
+        return None
+
     def doubts(self) -> list[str]:
         """What a user should know of these parameter values before trusting a result."""
         return []

@@ -47,6 +47,7 @@ def expression(value: Any) -> Expr:
                             f"functions of SymPy, such as 2*sympy.sin(3*mb.t)")  # fmt: skip
     if not _has_symbols(value):
         return _plain_number(value)
+    _refuse_other_time(value)
     try:
         e = _canonical(value)
     except BadValueError:
@@ -65,6 +66,15 @@ def expression(value: Any) -> Expr:
         return canonical(plain)
     except ValueError as error:
         raise BadValueError(f"{shown(value)} is no input of time: {error}") from error
+
+
+def _refuse_other_time(value: Any) -> None:
+    """A symbol t of SymPy that is assumed to be more than real: SymPy may have simplified with that already."""
+    for symbol in value.free_symbols:
+        assumed = getattr(symbol, "_assumptions_orig", {}) if str(symbol) == str(TIME) else {}
+        if set(assumed) - {"real", "commutative"}:
+            raise BadValueError(f"{shown(value)} contains a symbol t of its own ({', '.join(map(str, assumed))}), which is not "
+                                f"mb.t: use mb.t")  # fmt: skip
 
 
 def _has_symbols(value: Any) -> bool:

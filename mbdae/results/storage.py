@@ -290,6 +290,8 @@ def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):
         raise BadValueError("the times of its steps do not rise")
+    if not len(t):
+        raise BadValueError("it has no times of outputs")
     slack = 1e-12 * float(np.max(np.abs(steps[[0, -1]])))
     outside = (t < steps[0] - slack) | (t > steps[-1] + slack)
     if np.any(outside) or abs(header["start"]["t"] - steps[0]) > slack:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mbdae.contact import Normal
+from mbdae.errors import LawError
 from mbdae.friction import Coulomb, Friction
 from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
 from mbdae.scene.components import Classical, Clearance, Constrained, Kinematic, Recursive
@@ -14,8 +15,24 @@ from mbdae.symbolic.law import Joint
 from mbdae.values import shown
 
 BY_ITSELF: dict[type[Joint], type[Joint]] = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}
-friction_law = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
+a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
+
+
+def friction_law(told: Told, value: Any) -> Any:
+    """A friction law; one without internal states may feed no energy at any speed."""
+    found = a_friction(told, value)
+    if found is not value or found.states:
+        return found
+    try:
+        feeds = found.feeds_at()
+    except LawError as error:
+        told.scene.problems.append(f"{told.item}: {told.option}: {error}")
+        return Coulomb(0.0, 1.0)
+    if feeds is not None:
+        told.wrong(f"{shown(value)} drives the bodies at v = {feeds:g} m/s", "its coefficient must have the sign of v, or be 0")
+        return Coulomb(0.0, 1.0)
+    return found
 
 
 def joint_model(told: Told, value: Any) -> Any:

@@ -113,9 +113,11 @@ def _lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int
     W, N = left[:, rank:], right[rank:].T
     released = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
     tangent, rng = null_space(B[released]), np.random.default_rng(11)
-    most, beside = 0, B
+    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # the coordinates of nodes that have a row
+    for own in (slice(node.u, node.u + node.kind.sizes[1]) for node in mechanics.model.nodes):
+        seen[own] = np.any(B[:, own])
     for _ in range(SAMPLES if tangent.size and N.size else 0):
-        v = np.any(B != 0, axis=0) * (tangent @ rng.normal(size=tangent.shape[1]))  # what no row sees says nothing
+        v = seen * (tangent @ rng.normal(size=tangent.shape[1]))
         if not np.any(v):
             break
         step = ASIDE * v / np.max(np.abs(v)) * units

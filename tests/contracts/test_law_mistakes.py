@@ -177,3 +177,33 @@ def test_laws_that_cannot_be_added(law: Any, words: str) -> None:
         s.check()
     (problem,) = caught.value.problems
     assert words in problem
+
+
+@pytest.mark.parametrize(("method", "words"), [
+    ("constraints", "row 'a' of Moving contains a velocity"), ("energy", "the energy of Moving contains a velocity")])  # fmt: skip
+def test_what_depends_on_positions_alone_reads_no_velocity(method: str, words: str) -> None:
+    base = mb.Joint if method == "constraints" else mb.Force
+    stated = {"a": lambda k, l: (l.v - k.v) @ k.y}
+    body = {"constraints": lambda self, k, l: {n: f(k, l) for n, f in stated.items()}, "energy": lambda self, k, l: l.w @ l.w}
+    law = type("Moving", (base,), {method: body[method]})
+    s = mb.Scene("s")
+    s.add(law("law", s.ground, s.rigid_body("b", 1.0, (1, 1, 1)), at=(0, 0, 0)))
+    with pytest.raises(mb.SceneError, match=words):
+        s.check()
+
+
+def test_a_force_that_states_nothing_is_refused() -> None:
+    spring = type("Spring", (mb.Force,), {"enrgy": lambda self, k, l: l.r @ l.r})
+    s = mb.Scene("s")
+    s.add(spring("law", s.ground, s.rigid_body("b", 1.0, (1, 1, 1)), at=(0, 0, 0)))
+    with pytest.raises(mb.SceneError, match="states none of energy, dissipation, wrench"):
+        s.check()
+
+
+@pytest.mark.parametrize("coefficient", [lambda v: 0.3, lambda v: v**2, lambda v: -0.1 * v, lambda v: float("nan") * v])
+def test_friction_that_drives_is_refused(coefficient: Any) -> None:
+    friction = type("Odd", (mb.Friction,), {"coefficient": lambda self, v: coefficient(v)})()
+    s = mb.Scene("s")
+    s.prismatic("p", s.ground, s.rigid_body("b", 1.0, 1.0), at=(0, 0), axis=(1, 0), friction=friction, normal_force=10.0)
+    with pytest.raises(mb.SceneError, match=r"prismatic 'p': friction = .* (drives the bodies at v|returns nan)"):
+        s.check()

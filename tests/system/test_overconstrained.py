@@ -140,3 +140,46 @@ def test_choices_of_rows_span_what_all_rows_span():
 def test_a_shaft_that_stays_the_same_keeps_its_names():
     """Of parallel hinges in order the last ones are redundant."""
     assert all(row.startswith(("hinge 1.", "hinge 2.")) for row in MECHANISMS["door on three hinges"].scene(0).check().redundant)
+
+
+def tightrope():
+    s = mb.Scene("two bars in line between fixed pins", gravity=(0, -9.81, 0))
+    a, b = s.link("a", (0, 0), (1, 0), mass=1.0), s.link("b", (1, 0), (2, 0), mass=1.0)
+    s.revolute("A", s.ground, a, at=(0, 0))
+    s.revolute("B", a, b, at=(1, 0))
+    s.revolute("C", b, s.ground, at=(2, 0))
+    return s
+
+
+def three_cranks(third):
+    s = mb.Scene("three cranks", gravity=(0, -9.81, 0))
+    bar = s.link("bar", (0, 0.3), (1, 0.3), (2, 0.3), mass=1.0)
+    for i, length in enumerate((0.3, 0.3, third)):
+        crank = s.link(f"crank {i}", (i, 0.3 - length), (i, 0.3), mass=1.0)
+        s.revolute(f"foot {i}", s.ground, crank, at=(i, 0.3 - length))
+        s.revolute(f"pin {i}", crank, bar, at=(i, 0.3))
+    return s
+
+
+def plate_on_rods():
+    s = mb.Scene("a plate on six equal upright rods", gravity=(0, 0, -9.81))
+    plate = s.rigid_body("plate", 5.0, (1, 1, 2))
+    for i, (x, y) in enumerate(((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1))):
+        s.distance(f"rod {i}", s.ground, plate, at_k=(x, y, 1), at_l=(x, y, 0))
+    return s
+
+
+@pytest.mark.parametrize(("make", "freedoms", "redundant"), [
+    (tightrope, 0, 0), (lambda: three_cranks(0.3), 1, 1), (lambda: three_cranks(0.31), 0, 0), (lambda: three_cranks(0.301), 0, 0),
+    (plate_on_rods, 2, 2),
+])  # fmt: skip
+@pytest.mark.parametrize("beside", [False, True])
+def test_what_moves_to_first_order_only_is_no_freedom(make, freedoms, redundant, beside):
+    """Locked structures stay locked, also where a body beside them moves: a position from which loops cannot move is singular."""
+    s = make()
+    if beside:
+        s.point_mass("beside", 1.0, at=(7, 0, 0))
+    found = s.check()
+    assert found.degrees_of_freedom == freedoms + (3 if "plate" in s.name else 2) * beside
+    assert len(found.redundant) == redundant
+    assert ("singular position" in str(found)) == (make is tightrope or freedoms == 0 or redundant == 2)
