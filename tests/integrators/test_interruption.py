@@ -36,6 +36,7 @@ def alarm() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
+@pytest.mark.slow  # Python itself loses an interrupt that falls into a destructor or a callback of a weak reference
 @pytest.mark.usefixtures("alarm")
 @pytest.mark.parametrize("name", RUNS)
 def test_at_any_instant(name: str) -> None:
