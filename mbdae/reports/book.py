@@ -13,10 +13,11 @@ from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.document import Block, Equation, Paragraph, Section, Table
 from mbdae.reports.letters import Letter, letters, multiplier, unit_text
 from mbdae.reports.render import Numbers, Writer, name_scalars, name_vectors
-from mbdae.reports.statement import Statement, fingerprint
+from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force
 
 _BASES = {

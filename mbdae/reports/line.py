@@ -269,7 +269,7 @@ class LineReport:
         """Hash of the derived equations."""
         import hashlib
 
-        from mbdae.reports.statement import canonical
+        from mbdae.symbolic.fingerprint import canonical
 
         parts = [f"{field.symbol}: {canonical(e)}" for field, e in self.d.duals] + [canonical(e) for e in self.d.rows]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -6,7 +6,8 @@ from mbdae.contact import Hertz, JournalContact
 from mbdae.forces import SlideFriction
 from mbdae.friction import Friction
 from mbdae.reports.document import Block, Paragraph, Section
-from mbdae.reports.statement import derived, fingerprint, structure_of
+from mbdae.reports.statement import derived, structure_of
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.part import Part, PartStructure
 

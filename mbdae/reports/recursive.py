@@ -71,7 +71,8 @@ def recursive_report() -> Document:
 
 
 def _origin(laws: tuple[type[Joint], ...]) -> Section:
-    from mbdae.reports.statement import derived, fingerprint, structure_of
+    from mbdae.reports.statement import derived, structure_of
+    from mbdae.symbolic.fingerprint import fingerprint
 
     rows = [
         [f"`{law.__name__}`", f"({law.twist[0]}, {law.twist[1]})", f"`{fingerprint(derived(law, structure_of(law, {})))[:32]}…`"]

@@ -12,12 +12,12 @@ from mbdae.analysis import linearize
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
 from mbdae.reports.document import Block, Document, Paragraph, Picture, Section, Table
-from mbdae.reports.statement import fingerprint
 from mbdae.reports.svg import pattern
 from mbdae.results.drawing import draw
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.prepare import prepare
 
 KINDS = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -18,7 +17,6 @@ from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import AUGMENTED, Force, Joint, Law, Structure
-from mbdae.symbolic.outputs import dynamics, position, state_rows
 from mbdae.symbolic.part import Part, PartStructure
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown
@@ -79,41 +77,6 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
     if instance.own_coordinates:
         sides = (*sides, (NodeKind.COORDINATE, Axes.GENERAL))
     return derive(law, structure, sides)  # type: ignore[arg-type]
-
-
-def fingerprint(d: Derived) -> str:
-    """sha256 of the equations a law adds to: rows, their forces, states; the same for the same equations, on any machine."""
-    memo: dict[Expr, str] = {}
-    parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
-    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
-    outputs = [*position(d), *dynamics(d), *state_rows(d)]
-    parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
-    """A text of an expression that does not depend on the order of its terms and factors."""
-    memo = {} if memo is None else memo
-    e = se.sympify(e)
-    if e not in memo:
-        args = [canonical(a, memo) for a in e.args]
-        if isinstance(e, se.Add | se.Mul):
-            args.sort()
-        name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
-        memo[e] = hashlib.sha256(f"{name}({','.join(args)})".encode()).hexdigest()[:24] if args else str(e)
-    return memo[e]
-
-
-def _reached(d: Derived) -> set[Expr]:
-    """Names the outputs depend on."""
-    outputs = [*position(d), *dynamics(d), *state_rows(d)]
-    open_, found = set().union(*(se.sympify(e).free_symbols for _, e in outputs)) if outputs else set(), set()
-    while open_:
-        name = open_.pop()
-        if name in d.variation.values and name not in found:
-            found.add(name)
-            open_ |= d.variation.values[name].free_symbols
-    return found
 
 
 class Statement:

@@ -181,4 +181,4 @@ HEADER = _record({
     "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _each(_real())}), "time": _real(0.0),
     "info": _record(_INFO, {"choice": _text, "reliable": _flag}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
-})  # fmt: skip
+}, {"laws": _each(_text)})  # fmt: skip

@@ -29,9 +29,11 @@ from mbdae.results.result import Result, RunInfo
 from mbdae.scene.record import encode, named
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.base import Array
 from mbdae.system.contacts import expected_contacts
 from mbdae.system.expansion import Expansion
+from mbdae.system.model import Model
 from mbdae.system.numbering import constraint_rows
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.redundancy import RankReport
@@ -53,7 +55,7 @@ def save(result: Result, path: Any) -> None:
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
         "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": prepared.start.coordinates},
-        "time": prepared.time, "info": _info(result.info),
+        "laws": _own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
     arrays = {f"start_{name}": getattr(prepared.start, name) for name in _START}
@@ -135,6 +137,20 @@ def _rank(rank: RankReport) -> dict[str, Any]:
     return names | {"doubtful": doubtful, "degrees_of_freedom": rank.degrees_of_freedom, "smallest": rank.smallest}
 
 
+def _own_laws(model: Model) -> dict[str, str]:
+    """Fingerprints of the equations of the user's own laws, by their class and the nodes they act on."""
+    own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
+    return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
+
+
+def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
+    """Laws handed over have to state what was integrated."""
+    for name in stored:
+        if found.get(name) != stored[name]:
+            raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
+                                f"class as it was: pass laws=[...]")  # fmt: skip
+
+
 def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
     unknowns = header["run"]["names"]
     _check_elements(header["scene"]["statements"], len(unknowns))
@@ -142,6 +158,7 @@ def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
     if scene.problems or not scene.bodies:
         raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
     model, carried = modelled(scene)
+    _check_laws(header.get("laws", {}), _own_laws(model))
     if list(Expansion(model, carried).numbering.names()) != unknowns[: Expansion(model, carried).numbering.n]:
         model, carried = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]

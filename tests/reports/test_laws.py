@@ -17,7 +17,8 @@ from mbdae.joints import ClearanceRevolute
 from mbdae.reports.document import Equation, Paragraph, Section, Table
 from mbdae.reports.formulas import split_text
 from mbdae.reports.report import exported, names
-from mbdae.reports.statement import derived, fingerprint, structure_of
+from mbdae.reports.statement import derived, structure_of
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Law
 
 VECTORS = re.compile(r"\\(?:mathbf|boldsymbol)\{(?:[^{}]|\{[^{}]*\})*\}(?:_[a-z])?")

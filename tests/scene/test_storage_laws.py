@@ -251,3 +251,26 @@ def test_solvers_come_back(solver: Any) -> None:
 def test_all_public_solvers_are_known() -> None:
     public = {f"{home}:{name}" for name, home in mb._HOME.items() if home.startswith(f"{integrators.__name__}.")}
     assert public == set(SOLVERS)
+
+
+def test_a_law_of_the_same_name_with_other_equations_is_refused(tmp_path):
+    """What is loaded would show forces of another law beside the motion of the one that was integrated."""
+
+    def spring(factor):
+        class Spring(mb.Force):
+            params = mb.params(stiffness="N/m")
+
+            def energy(self, k, l):
+                return factor * self.stiffness * ((l.r - k.r) @ (l.r - k.r)) / 2
+
+        return Spring
+
+    as_it_was, edited = spring(1), spring(5)
+    s = mb.Scene("spring")
+    body = s.point_mass("body", 1.0, at=(1, 0, 0), velocity=(0, 1, 0))
+    s.add(as_it_was("spring", s.ground, body, at=(0, 0, 0), at_l=(1, 0, 0), stiffness=3.0))
+    r = s.simulate(0.2)
+    r.save(tmp_path / "r.npz")
+    assert mb.load(tmp_path / "r.npz", laws=[as_it_was])["spring"].force[-1] == pytest.approx(r["spring"].force[-1])
+    with pytest.raises(mb.OptionError, match="the law .*Spring states other equations than when the file was written"):
+        mb.load(tmp_path / "r.npz", laws=[edited])

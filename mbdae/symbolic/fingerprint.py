@@ -1,0 +1,46 @@
+"""The fingerprint of a law: a hash of its derived equations, the same for the same equations on any machine."""
+
+from __future__ import annotations
+
+import hashlib
+
+import symengine as se
+
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import dynamics, position, state_rows
+from mbdae.symbolic.vectors import Expr
+
+
+def fingerprint(d: Derived) -> str:
+    """sha256 of the equations a law adds to: rows, their forces, states; the same for the same equations, on any machine."""
+    memo: dict[Expr, str] = {}
+    parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
+    parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
+    outputs = [*position(d), *dynamics(d), *state_rows(d)]
+    parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
+    """A text of an expression that does not depend on the order of its terms and factors."""
+    memo = {} if memo is None else memo
+    e = se.sympify(e)
+    if e not in memo:
+        args = [canonical(a, memo) for a in e.args]
+        if isinstance(e, se.Add | se.Mul):
+            args.sort()
+        name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
+        memo[e] = hashlib.sha256(f"{name}({','.join(args)})".encode()).hexdigest()[:24] if args else str(e)
+    return memo[e]
+
+
+def _reached(d: Derived) -> set[Expr]:
+    """Names the outputs depend on."""
+    outputs = [*position(d), *dynamics(d), *state_rows(d)]
+    open_, found = set().union(*(se.sympify(e).free_symbols for _, e in outputs)) if outputs else set(), set()
+    while open_:
+        name = open_.pop()
+        if name in d.variation.values and name not in found:
+            found.add(name)
+            open_ |= d.variation.values[name].free_symbols
+    return found
