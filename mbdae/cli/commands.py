@@ -15,7 +15,7 @@ from typing import Any
 
 from mbdae.cli.usage import REPORTS, UsageError
 from mbdae.cli.userfile import scene_of, user_file
-from mbdae.errors import SolverError
+from mbdae.errors import OptionError, SolverError
 
 # -- commands
 
@@ -43,7 +43,12 @@ def run(a: argparse.Namespace) -> int:
     options = {"accuracy": a.accuracy, "solver": a.solver, "form": a.form}
     with closing(bar()) as shown, _partial_kept(a, out, t_end):
         r = scene.simulate(t_end, **options, progress=shown)
-    final = _write_result(a, r, measure, out)
+    try:
+        final = _write_result(a, r, measure, out)
+    except OptionError:  # nothing could be written: what was found is shown all the same
+        if not a.json:
+            print(repr(r))
+        raise
     if a.json:
         _json(a, _summary(r, measure, final, a.written))
     else:

@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mbdae.compare.extremes_cell import Cell
+from mbdae.compare.extremes_cell import VERDICTS, Cell
 from mbdae.compare.job import Job
 from mbdae.compare.kept import made, read_kept, reading, resume_path
 from mbdae.compare.run import Run
 from mbdae.compare.statement import statement
 from mbdae.files import write_file
-from mbdae.values import BadValueError, number, shown
+from mbdae.values import BadValueError, number, shown, word
 
 FORMAT = "mbdae extremes in progress 1"
 
@@ -60,6 +60,7 @@ def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run
 
 
 def _cell(stored: Any) -> Cell:
+    word(stored["verdict"], VERDICTS)
     return made(Cell, stored, warnings=tuple(_text(w) for w in stored["warnings"]))
 
 

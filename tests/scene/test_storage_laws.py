@@ -272,5 +272,5 @@ def test_a_law_of_the_same_name_with_other_equations_is_refused(tmp_path):
     r = s.simulate(0.2)
     r.save(tmp_path / "r.npz")
     assert mb.load(tmp_path / "r.npz", laws=[as_it_was])["spring"].force[-1] == pytest.approx(r["spring"].force[-1])
-    with pytest.raises(mb.OptionError, match="the law .*Spring states other equations than when the file was written"):
+    with pytest.raises(mb.OptionError, match=r"the law .*Spring states other equations than when the file was written"):
         mb.load(tmp_path / "r.npz", laws=[edited])
