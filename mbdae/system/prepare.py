@@ -107,7 +107,12 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     loose = start is None and any(c.loose for c in scene.joints)
     ideal = ideal_start(scene, model.kept, t0) if loose else None
     starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
-    q = start.q if start is not None else ideal.q if ideal else starter.close_or_bend(starter.placed())
+    q = start.q if start is not None else ideal.q if ideal else starter.placed()
+    problems = _not_finite(everything, starter.t, q)
+    if problems:
+        raise SceneError(problems)
+    if start is None and not ideal:
+        q = starter.close_or_bend(q)
     always = {row for row in everything.rows if not carried.keeps(row)}
     rank = analyse(everything, starter, q, always)
     problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)
@@ -128,6 +133,14 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise StartError(problems)
     begin.changes += [change for contact in touching for change in contact.changes()]
     return Prepared(model, mechanics, rank, begin, T, expansion, touching)
+
+
+def _not_finite(everything: Mechanics, t: Array, q: Array) -> list[str]:
+    """Constraint rows that have no finite value or derivative where the scene is drawn, one sentence each."""
+    g, G = everything.position_residual(t, q[None])[0], everything.constraint_jacobian(t, q[None])[0]
+    wrong = ~(np.isfinite(g) & np.isfinite(G).all(axis=1))
+    return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
+            f"joint, and what its law divides by" for row, value, off in zip(everything.rows, g, wrong, strict=True) if off]  # fmt: skip
 
 
 def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:

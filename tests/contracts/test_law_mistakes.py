@@ -207,3 +207,11 @@ def test_friction_that_drives_is_refused(coefficient: Any) -> None:
     s.prismatic("p", s.ground, s.rigid_body("b", 1.0, 1.0), at=(0, 0), axis=(1, 0), friction=friction, normal_force=10.0)
     with pytest.raises(mb.SceneError, match=r"prismatic 'p': friction = .* (drives the bodies at v|returns nan)"):
         s.check()
+
+
+def test_a_row_without_a_finite_value_is_named() -> None:
+    law = type("Divided", (mb.Joint,), {"params": mb.params(radius="m"), "constraints": lambda self, k, l: {"a": (l.r - k.r) @ k.z / self.radius}})  # noqa: E501
+    s = mb.Scene("s", gravity=(0, 0, -9.81))
+    s.add(law("law", s.ground, s.point_mass("b", 1.0, at=(0, 0, 0)), at=(0, 0, 0), radius=0))
+    with pytest.raises(mb.SceneError, match=r"row law\.a has no finite value or derivative where the scene is drawn \(nan\)"):
+        s.check()
