@@ -140,7 +140,8 @@ def _not_finite(everything: Mechanics, t: Array, q: Array) -> list[str]:
     g, G = everything.position_residual(t, q[None])[0], everything.constraint_jacobian(t, q[None])[0]
     wrong = ~(np.isfinite(g) & np.isfinite(G).all(axis=1))
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
-            f"joint, and what its law divides by" for row, value, off in zip(everything.rows, g, wrong, strict=True) if off]  # fmt: skip
+            f"joint, and what its law divides by"
+            for row, value, off in zip(everything.rows, g, wrong, strict=True) if off]  # fmt: skip
 
 
 def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:

@@ -210,7 +210,10 @@ def test_friction_that_drives_is_refused(coefficient: Any) -> None:
 
 
 def test_a_row_without_a_finite_value_is_named() -> None:
-    law = type("Divided", (mb.Joint,), {"params": mb.params(radius="m"), "constraints": lambda self, k, l: {"a": (l.r - k.r) @ k.z / self.radius}})  # noqa: E501
+    def constraints(self: Any, k: Any, l: Any) -> Any:
+        return {"a": (l.r - k.r) @ k.z / self.radius}
+
+    law = type("Divided", (mb.Joint,), {"params": mb.params(radius="m"), "constraints": constraints})
     s = mb.Scene("s", gravity=(0, 0, -9.81))
     s.add(law("law", s.ground, s.point_mass("b", 1.0, at=(0, 0, 0)), at=(0, 0, 0), radius=0))
     with pytest.raises(mb.SceneError, match=r"row law\.a has no finite value or derivative where the scene is drawn \(nan\)"):
