@@ -1,4 +1,4 @@
-"""Which constraint rows say nothing new, by the rank of all in several consistent positions."""
+"""Which constraint rows say nothing new, by the rank of all in several consistent positions and beside the start."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RankReport:
 
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
-    """Rank of all constraint rows: the largest at the start and in other consistent positions.
+    """Rank of all constraint rows: the largest at the start, beside it (`_lost_here`) and in other consistent positions.
 
     always: rows that recursive joints and shared displacements satisfy; they are kept."""
     if not mechanics.m:
