@@ -31,10 +31,10 @@ from typing import Any
 import numpy as np
 
 import mbdae as mb
-from mbdae import elements, forces, joints
 from mbdae.contracts.variants import variants
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels import linearised_plan, plan
+from mbdae.laws import elements, forces, joints
 from mbdae.symbolic.derive import derive
 
 ROOT = Path(__file__).resolve().parent.parent

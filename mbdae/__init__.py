@@ -20,21 +20,23 @@ from mbdae.errors import (
 
 if TYPE_CHECKING:
     from mbdae.api import Scene
-    from mbdae.compare import Run, compare, extremes, sweep
-    from mbdae.contact import Hertz, Normal
+    from mbdae.audit import Audit, audit
+    from mbdae.compare import Run, compare
     from mbdae.contracts.selftest import selftest
+    from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
-    from mbdae.friction import Coulomb, Friction, LuGre
-    from mbdae.integrators.cvode import CVODE
-    from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
-    from mbdae.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
-    from mbdae.reports.audit import Audit, audit
+    from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.cvode import CVODE
+    from mbdae.integrators.sundials.ida import IDA
+    from mbdae.laws.contact import Hertz, Normal
+    from mbdae.laws.friction import Coulomb, Friction, LuGre
+    from mbdae.laws.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.reports.report import report
     from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
+    from mbdae.sweep import sweep
     from mbdae.symbolic.law import Force, Joint, params
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
@@ -43,18 +45,19 @@ __version__ = "0.1.0"
 
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
-    "Audit": "mbdae.reports.audit", "CVODE": "mbdae.integrators.cvode", "Classical": "mbdae.scene.components",
-    "ClassicalRevolute": "mbdae.joints", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.friction",
-    "DAE": "mbdae.system.dae", "Distance": "mbdae.joints", "FixedOrientation": "mbdae.joints", "Force": "mbdae.symbolic.law",
-    "Friction": "mbdae.friction", "GGL": "mbdae.formulations", "GeneralizedAlpha": "mbdae.integrators.generalized_alpha",
-    "HHT": "mbdae.integrators.generalized_alpha", "Hertz": "mbdae.contact", "IDA": "mbdae.integrators.ida",
-    "Index1": "mbdae.formulations", "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law",
-    "Kinematic": "mbdae.scene.components", "LuGre": "mbdae.friction", "Normal": "mbdae.contact", "ODE": "mbdae.formulations",
-    "Prismatic": "mbdae.joints", "RadauIIA": "mbdae.integrators.radau", "Recursive": "mbdae.scene.components",
-    "Revolute": "mbdae.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.joints", "audit": "mbdae.reports.audit",
-    "compare": "mbdae.compare", "extremes": "mbdae.compare", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
-    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.compare",
+    "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
+    "ClassicalRevolute": "mbdae.laws.joints", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
+    "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints", "FixedOrientation": "mbdae.laws.joints",
+    "Force": "mbdae.symbolic.law", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
+    "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
+    "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
+    "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components",
+    "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
+    "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
+    "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
+    "Spherical": "mbdae.laws.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
+    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
 }  # fmt: skip
 
 __all__ = [

@@ -17,10 +17,10 @@ from mbdae.run.control import plausible
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.start import Start
+from mbdae.system.start.start import Start
 from mbdae.values import flag, number, of_class, option, optional
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ class Scene(SceneData):
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
         path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
-        from mbdae.results.drawing import draw
-        from mbdae.results.plots import checked
+        from mbdae.show.drawing import draw
+        from mbdae.show.plots import checked
 
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 

@@ -9,15 +9,15 @@ import mbdae
 
 ROOT = Path(mbdae.__file__).parent
 LAYERS = [
-    {"__init__", "__main__", "cli"}, {"api"}, {"contracts"}, {"reports", "compare", "validation"}, {"analysis"}, {"run"},
-    {"results"}, {"integrators"}, {"formulations"}, {"system"}, {"kernels"}, {"scene"},
-    {"joints", "elements", "forces", "contact", "friction"}, {"inputs"}, {"symbolic"}, {"values", "files"},
-    {"notation", "errors", "threads", "ties"},
+    {"__init__", "__main__", "cli"}, {"api"}, {"contracts", "extremes"}, {"audit"}, {"reports", "compare", "validation"},
+    {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"results"}, {"integrators"}, {"formulations"}, {"system"},
+    {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"notation", "errors", "threads", "ties"},
 ]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: upward on purpose: the System interface is all an integrator sees; kernels are called by the system only
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts"}
-ALONE = {"sksundae": {"integrators/ida.py", "integrators/cvode.py"}, "matplotlib": {"results", "compare", "reports"}}
+ALONE = {"sksundae": {"integrators/sundials/ida.py", "integrators/sundials/cvode.py"},
+         "matplotlib": {"show", "compare", "reports"}}  # fmt: skip
 
 
 def imports(path: Path) -> set[str]:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
-from mbdae import forces, joints
 from mbdae.cli import main
+from mbdae.laws import forces, joints
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.analysis.shapes import scaled
-from mbdae.elements.line_mesh import polyline
+from mbdae.laws.elements.line_mesh import polyline
 from mbdae.scene.beams import nearest_place
 from mbdae.ties import largest, nearest
 

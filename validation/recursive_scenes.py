@@ -8,8 +8,8 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.system.base import Array
+from mbdae.system.model.rotations import rotation_matrices, turned
 from mbdae.system.prepare import Prepared
-from mbdae.system.rotations import rotation_matrices, turned
 
 R = mb.Recursive()
 SPRING = 60.0  #: N m/rad in every joint of the spring chain

@@ -10,10 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.right_hand_side import state_rates
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.explicit import state_rates
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics
 
 UNRESOLVED = 1e-10  #: strains below (over the tolerance) are rounding of positions
 

@@ -22,9 +22,9 @@ from mbdae.results.result import Result, RunInfo
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.constrained import least_norm
+from mbdae.system.motion.constrained import least_norm
 from mbdae.system.prepare import prepare
-from mbdae.system.start import Start
+from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.values import array, function, option, optional, shown
 

@@ -16,10 +16,10 @@ from mbdae.scene.components import Beam, Body
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.model import Model
-from mbdae.system.nodes import Node
-from mbdae.system.rotations import quaternion_product, rotation_of, turned
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import quaternion_product, rotation_of, turned
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.ties import largest
 from mbdae.values import shown
 

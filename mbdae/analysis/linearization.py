@@ -20,12 +20,12 @@ from mbdae.errors import OptionError, SteadyError, Told
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.right_hand_side import state_rates
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.explicit import state_rates
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.system.start import Start
+from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
 from mbdae.values import optional, shown, whole

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator, eigs, eigsh, splu
 
 from mbdae.analysis.pencil import Pencil, acting_states
 from mbdae.system.base import Array
-from mbdae.system.model import Model
+from mbdae.system.model.model import Model
 
 Complex = NDArray[np.complex128]
 

@@ -11,15 +11,15 @@ from mbdae.analysis.frame import attitude, position
 from mbdae.analysis.pencil import derivatives
 from mbdae.errors import SteadyError
 from mbdae.integrators.dense import Collocation
-from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau_tables import RadauTable
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.nodes import Node
+from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
-from mbdae.system.scaling import state_scale
+from mbdae.system.rank.scaling import state_scale
 from mbdae.ties import largest
 
 Numbers = NDArray[np.intp]

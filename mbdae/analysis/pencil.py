@@ -18,13 +18,13 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import RotatingFrame, skew
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembly import FormSpec, SceneSystem
+from mbdae.system.assembled.scene_system import FormSpec, SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.carried import Carried
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
-from mbdae.system.rotations import rotation_matrices
-from mbdae.system.sharing import Sharing
+from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.shared_nodes import Sharing
+from mbdae.system.motion.mechanics import Mechanics
 
 DEPENDENT = 1e-9  #: relative size below which a direction of the constraints counts as none
 

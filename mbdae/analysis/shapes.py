@@ -8,13 +8,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbdae.analysis.frame import attitude
-from mbdae.elements.line_shape import table
 from mbdae.errors import OptionError, Told
+from mbdae.laws.elements.line_shape import table
 from mbdae.results.beams import foot
 from mbdae.scene.components import Body, Place
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
+from mbdae.system.model.nodes import Node
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest, nearest
 from mbdae.values import shown

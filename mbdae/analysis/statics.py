@@ -21,15 +21,15 @@ from mbdae.analysis.pencil import Pencil, complete_system, derivatives, free_bas
 from mbdae.analysis.steady import Rest, acceleration_scale
 from mbdae.analysis.stiffness import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.errors import EquilibriumError
-from mbdae.forces import Gravity, JointForce, JointTorque
 from mbdae.formulations.index3 import Index3
+from mbdae.laws.forces import Gravity, JointForce, JointTorque
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, loads
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.start import Starter
+from mbdae.system.start.start import Starter
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
 BANDED = 120  #: the same with beams, whose equations are nearly banded

@@ -23,13 +23,13 @@ from mbdae.analysis.frame import (
 from mbdae.errors import OptionError, StartError
 from mbdae.scene.components import Body
 from mbdae.symbolic.outputs import loads
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.right_hand_side import state_rates
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.explicit import state_rates
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
+from mbdae.system.model.nodes import Node
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.start import Starter
+from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 
 STEADY = 1e-4  #: relative: departures below change eigenvalues by as little

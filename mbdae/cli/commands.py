@@ -70,7 +70,7 @@ def run(a: argparse.Namespace) -> int:
 
 def compare(a: argparse.Namespace) -> int:
     """Solvers side by side; 1 where a run failed, an accuracy was reached by none, or the reference is not confirmed."""
-    from mbdae.compare.command import compare_file
+    from mbdae.cli.comparison import compare_file
 
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
@@ -82,7 +82,7 @@ def compare(a: argparse.Namespace) -> int:
 
 def extremes(a: argparse.Namespace) -> int:
     """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
-    from mbdae.compare.command import map_of_file
+    from mbdae.cli.comparison import map_of_file
 
     out, module = _folder(a.out), _load(a)
     t_end = _t_end(a, module)
@@ -211,7 +211,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 def _report_audit(a: argparse.Namespace) -> int:
     """Verdicts on published formulas; 0 whatever they are."""
-    from mbdae.reports.audit.command import report_audit
+    from mbdae.audit.command import report_audit
 
     if a.what != "paper" and not _is_file(a.what):
         raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mbdae.compare.kept import made, packed, read_kept, reading, resume_path, unpacked
 from mbdae.compare.pairwise import Final
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
 from mbdae.files import write_file
+from mbdae.sweep.resume import made, packed, read_kept, reading, resume_path, unpacked
 from mbdae.system.base import Array
 from mbdae.values import number
 

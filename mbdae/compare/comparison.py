@@ -11,7 +11,6 @@ from typing import Any
 from mbdae.compare.checkpoint import checkpoint
 from mbdae.compare.environment import environment
 from mbdae.compare.job import new_job
-from mbdae.compare.kept import place_of, progress_of_runs, resume_path, written
 from mbdae.compare.pairwise import Pairwise, pairwise
 from mbdae.compare.reference import Reference, given_reference, refuse_no_reference
 from mbdae.compare.rows import Row, asked_for, cheapest, with_front
@@ -20,6 +19,7 @@ from mbdae.compare.statement import statement
 from mbdae.compare.work import Work
 from mbdae.errors import OptionError, Told
 from mbdae.integrators.base import Solver
+from mbdae.sweep.resume import place_of, progress_of_runs, resume_path, written
 from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -109,7 +109,7 @@ class Comparison(Told):
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
         from mbdae.compare.picture import work_precision
-        from mbdae.results.plots import checked
+        from mbdae.show.plots import checked
 
         return work_precision(self, checked(path, what="compare") if path is not None else None)
 

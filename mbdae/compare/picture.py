@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from mbdae.compare.rows import Row
-from mbdae.results.plots import style, written
+from mbdae.show.plots import style, written
 
 if TYPE_CHECKING:
     from mbdae.compare.comparison import Comparison

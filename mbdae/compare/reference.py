@@ -99,15 +99,15 @@ def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
 
 
 def _radau(job: Job, accuracy: float) -> Solver:
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
 
     return as_tight(RadauIIA(3), accuracy, job.system(None).label)
 
 
 def _seconds(job: Job, smallest: float) -> list[Solver]:
     """Methods that may confirm, each tried at a tolerance and, where its own error hides the answer, at a tighter one."""
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.ida import IDA
 
     label = job.system(None).label
     tries: list[tuple[Solver, float]] = [(IDA(), CONFIRM), (IDA(), 30 * CONFIRM), (RadauIIA(2), CONFIRM)]

@@ -96,9 +96,9 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
 
     others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
     with beams, the form that resolves their vibrations; BDF and Adams would follow those for ever and are left out."""
-    from mbdae.integrators.cvode import CVODE
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.cvode import CVODE
+    from mbdae.integrators.sundials.ida import IDA
 
     runs = [Run(IDA()), Run(RadauIIA(2)), Run(RadauIIA(3))]
     if system is not None and int(np.max(system.index)) > 1:

@@ -20,7 +20,7 @@ from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, input_symbols, jacobian_G, kinematics, position, velocity
 from mbdae.symbolic.vectors import ZERO, Expr
 from mbdae.system.base import Array
-from mbdae.system.rotations import turned
+from mbdae.system.model.rotations import turned
 
 POINTS = 4  #: random states of every variant
 STEP = 1e-30  #: of the complex step

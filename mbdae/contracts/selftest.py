@@ -19,12 +19,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mbdae.contact import JournalContact, Normal
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import BOUNDS, CONTRACTS
 from mbdae.contracts.variants import variants
 from mbdae.errors import LawError, OptionError
-from mbdae.friction import Friction
+from mbdae.laws.contact import JournalContact, Normal
+from mbdae.laws.friction import Friction
 from mbdae.reports.statement import OPTIONS, check_kind
 from mbdae.symbolic.derive import Side
 from mbdae.symbolic.law import Law, Structure

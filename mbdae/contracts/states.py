@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.system.base import Array
-from mbdae.system.rotations import quaternion, quaternion_product, rotation_matrices, turned
+from mbdae.system.model.rotations import quaternion, quaternion_product, rotation_matrices, turned
 
 Values = dict[str, NDArray[Any]]  #: symbol name -> (points,) real or complex
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
-from mbdae.contact import Hertz
 from mbdae.errors import LawError
-from mbdae.friction import Coulomb, LuGre
-from mbdae.joints import Prismatic, Revolute
+from mbdae.laws.contact import Hertz
+from mbdae.laws.friction import Coulomb, LuGre
+from mbdae.laws.joints import Prismatic, Revolute
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Force, Law, Structure

@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from mbdae.system.assembly import FormSpec
-from mbdae.system.model import Model
-from mbdae.system.numbering import Row
+from mbdae.system.assembled.scene_system import FormSpec
+from mbdae.system.model.model import Model
+from mbdae.system.model.numbering import Row
 
 #: what the option `waves` takes
 WAVES = "give True to have Radau IIA resolve elastic vibrations, False to let it step over them"

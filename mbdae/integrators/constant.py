@@ -9,10 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.integrators.arguments import Inside
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.radau_step import StepFailedError
-from mbdae.integrators.watch import watch_of
+from mbdae.integrators.runge_kutta.radau_step import StepFailedError
+from mbdae.integrators.watched.arguments import Inside
+from mbdae.integrators.watched.watch import watch_of
 from mbdae.system.base import Array, System
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow

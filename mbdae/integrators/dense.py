@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.radau_tables import RadauTable, radau_table
+from mbdae.integrators.runge_kutta.radau_tables import RadauTable, radau_table
 from mbdae.system.base import Array
 
 

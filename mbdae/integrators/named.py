@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
+from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
 from mbdae.integrators.base import Solver
-from mbdae.integrators.cvode import CVODE
-from mbdae.integrators.generalized_alpha import HHT, GeneralizedAlpha
-from mbdae.integrators.ida import IDA
-from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.cvode import CVODE
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.values import instance, option, plain
 
 SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, RadauIIA, GeneralizedAlpha, HHT)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.elements.beam import Beam
-from mbdae.elements.line_mesh import LineMesh
-from mbdae.elements.line_shape import Table, mass_points, strain_points
 from mbdae.errors import OptionError
-from mbdae.forces.line_load import LineLoad
 from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line import LineKernel
+from mbdae.laws.elements.beam import Beam
+from mbdae.laws.elements.line_mesh import LineMesh
+from mbdae.laws.elements.line_shape import Table, mass_points, strain_points
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, derive_line

@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 import symengine as se
 
-from mbdae.elements.line_shape import Table
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line_nodes import Nodes
+from mbdae.laws.elements.line_shape import Table
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr

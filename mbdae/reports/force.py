@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import symengine as se
 
+from mbdae.documents.document import Block, Document, Equation, Paragraph, Section
 from mbdae.kernels.plan import plan
 from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
 from mbdae.reports.calculus import Dual, Pair
-from mbdae.reports.document import Block, Document, Equation, Paragraph, Section
 from mbdae.reports.joint import CONVENTION
 from mbdae.reports.joint_checks import planar_of, resistance_pairs
 from mbdae.reports.letters import Letter

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
 from mbdae.reports.book import checks_table, described, joined, provenance, row_name, title_of
 from mbdae.reports.branches import solution_set
 from mbdae.reports.calculus import Motion
-from mbdae.reports.document import Block, Document, Equation, Paragraph, Section, Table
 from mbdae.reports.joint_checks import JointChecks, planar_of
 from mbdae.reports.letters import multiplier
 from mbdae.reports.recursive import recursive_sections

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from mbdae.contact import Hertz, JournalContact
-from mbdae.forces import SlideFriction
-from mbdae.friction import Friction
-from mbdae.reports.document import Block, Paragraph, Section
+from mbdae.documents.document import Block, Paragraph, Section
+from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.laws.forces import SlideFriction
+from mbdae.laws.friction import Friction
 from mbdae.reports.statement import derived, structure_of
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force

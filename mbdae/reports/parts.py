@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.contact import Normal
-from mbdae.friction import Friction
+from mbdae.documents.document import Block, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.svg import curve
+from mbdae.laws.contact import Normal
+from mbdae.laws.friction import Friction
 from mbdae.reports.book import Book, Check, described
-from mbdae.reports.document import Block, Document, Equation, Paragraph, Picture, Section, Table
 from mbdae.reports.letters import Letter, of_name, unit_text
 from mbdae.reports.render import Writer, value
 from mbdae.reports.statement import Statement
-from mbdae.reports.svg import curve
 from mbdae.reports.vectors import Record
 from mbdae.symbolic.part import Part, PartStructure
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.joints import ClassicalPrismatic, ClassicalRevolute
+from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
 from mbdae.reports.book import Check, checks_table
-from mbdae.reports.document import Block, Document, Equation, Paragraph, Section, Table
 from mbdae.symbolic.law import Joint
 
 if TYPE_CHECKING:
@@ -291,8 +291,8 @@ def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
     """B against the map the compiled program of a tree uses: two bodies, the first free."""
     from mbdae.scene.components import Recursive
     from mbdae.scene.scene import SceneData
+    from mbdae.system.model.rotations import rotation_matrices
     from mbdae.system.prepare import prepare
-    from mbdae.system.rotations import rotation_matrices
 
     at, axis, centre = np.array([0.3, -0.2, 0.5]), np.array([0.36, 0.48, 0.8]), np.array([0.7, 0.4, 1.1])
     scene = SceneData("pair", space="spatial")

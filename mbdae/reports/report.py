@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import mbdae.contact
-import mbdae.elements
-import mbdae.forces
-import mbdae.friction
-import mbdae.joints
-from mbdae.contact import Hertz, JournalContact
-from mbdae.elements.beam import Beam
+import mbdae.laws.contact
+import mbdae.laws.elements
+import mbdae.laws.forces
+import mbdae.laws.friction
+import mbdae.laws.joints
+from mbdae.documents.document import Document, Paragraph, Section
 from mbdae.errors import LawError, OptionError
-from mbdae.forces.line_load import LineLoad
-from mbdae.friction import Coulomb, LuGre
-from mbdae.joints import ClassicalRevolute, ClearanceRevolute, Revolute
-from mbdae.reports.document import Document, Paragraph, Section
+from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.laws.elements.beam import Beam
+from mbdae.laws.forces.line_load import LineLoad
+from mbdae.laws.friction import Coulomb, LuGre
+from mbdae.laws.joints import ClassicalRevolute, ClearanceRevolute, Revolute
 from mbdae.reports.element import element_report
 from mbdae.reports.force import force_report
 from mbdae.reports.joint import joint_report
@@ -41,13 +41,13 @@ _TYPICAL: dict[type[Part], Part] = {
 
 def exported() -> dict[str, type]:
     """Every law of the package by its name in small letters."""
-    homes = (mbdae.joints, mbdae.forces, mbdae.elements, mbdae.contact, mbdae.friction)
+    homes = (mbdae.laws.joints, mbdae.laws.forces, mbdae.laws.elements, mbdae.laws.contact, mbdae.laws.friction)
     found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
     found |= {"beam": Beam, "lineload": LineLoad}
     return {
         name: law
         for name, law in found.items()
-        if issubclass(law, Law | Part) and law not in (mbdae.contact.Normal, mbdae.friction.Friction)
+        if issubclass(law, Law | Part) and law not in (mbdae.laws.contact.Normal, mbdae.laws.friction.Friction)
     }
 
 

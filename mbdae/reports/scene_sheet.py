@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
+from mbdae.documents.document import Block, Document, Paragraph, Picture, Section, Table
+from mbdae.documents.svg import pattern
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
-from mbdae.reports.document import Block, Document, Paragraph, Picture, Section, Table
-from mbdae.reports.svg import pattern
-from mbdae.results.drawing import draw
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
+from mbdae.show.drawing import draw
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.prepare import prepare
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import symengine as se
 
-from mbdae.contact import Hertz
 from mbdae.errors import LawError, OptionError
-from mbdae.friction import LuGre
-from mbdae.joints import Revolute
+from mbdae.laws.contact import Hertz
+from mbdae.laws.friction import LuGre
+from mbdae.laws.joints import Revolute
 from mbdae.reports.calculus import Motion, actual, virtual
 from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive

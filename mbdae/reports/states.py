@@ -13,7 +13,7 @@ from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.vectors import Expr, Vec
-from mbdae.system.rotations import quaternion, rotation_matrices, turned
+from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
 POINTS = 20  #: states of every check
 

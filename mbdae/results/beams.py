@@ -9,17 +9,17 @@ import numpy as np
 import symengine as se
 from numpy.polynomial.legendre import legvander
 
-from mbdae.elements.line_mesh import LineMesh
-from mbdae.elements.line_shape import Table, table
 from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
+from mbdae.laws.elements.line_mesh import LineMesh
+from mbdae.laws.elements.line_shape import Table, table
 from mbdae.results.sensors import BodySensor
 from mbdae.scene.components import Beam
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.lines import Line, nodal_inputs
-from mbdae.system.rotations import rotation_matrices
+from mbdae.system.model.beams import Line, nodal_inputs
+from mbdae.system.model.rotations import rotation_matrices
 
 if TYPE_CHECKING:
     from mbdae.results.result import Result

@@ -13,7 +13,7 @@ from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 TRANSFERS = ("dissipated", "work", "impact", "friction")  #: energies that are integrals over time

@@ -23,8 +23,8 @@ from mbdae.scene.scene import SceneData
 from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
-from mbdae.system.rows import smallest, unit_rows
-from mbdae.system.start import Start
+from mbdae.system.rank.rows import smallest, unit_rows
+from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
 
@@ -269,13 +269,13 @@ class Result(Told):
         """Draw sensors ("C.angle", "D.force") over time, one panel per quantity; returns the matplotlib figure.
 
         against: a Result or a list of them drawn along; labels: one per result, this one first; path: .png, .svg, .pdf."""
-        from mbdae.results.plots import compared, plot_results
+        from mbdae.show.plots import compared, plot_results
 
         return plot_results(compared(self, against, labels), sensors, path)
 
     def phase(self, x: str, y: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
         """Draw one sensor over another ("C.angle", "C.rate"), start and end marked; options as for `plot`."""
-        from mbdae.results.plots import compared, plot_phase
+        from mbdae.show.plots import compared, plot_phase
 
         return plot_phase(compared(self, against, labels), x, y, path)
 
@@ -284,7 +284,7 @@ class Result(Told):
         """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
 
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
-        from mbdae.results.plots import compared, plot_orbit
+        from mbdae.show.plots import compared, plot_orbit
 
         return plot_orbit(compared(self, against, labels), place, axes, path)
 
@@ -295,7 +295,7 @@ class Result(Told):
         sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list."""
-        from mbdae.results.animation import animate
+        from mbdae.show.animation import animate
 
         animate(self, path, sensors, fps, speed, trail)
 

@@ -16,7 +16,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.rotations import rotation_matrices
+from mbdae.system.model.rotations import rotation_matrices
 
 if TYPE_CHECKING:
     from mbdae.results.result import Result

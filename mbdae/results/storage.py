@@ -20,7 +20,7 @@ from mbdae.files import path_of
 from mbdae.formulations import GGL, ODE, Form, Index1, Index3
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
-from mbdae.integrators.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.radau_tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
@@ -31,20 +31,21 @@ from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.base import Array
-from mbdae.system.contacts import expected_contacts
-from mbdae.system.expansion import Expansion
-from mbdae.system.model import Model
-from mbdae.system.numbering import constraint_rows
+from mbdae.system.model.model import Model
+from mbdae.system.model.numbering import constraint_rows
+from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.contacts import expected_contacts
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
-from mbdae.system.redundancy import RankReport
-from mbdae.system.start import Start
+from mbdae.system.rank.redundancy import RankReport
+from mbdae.system.start.start import Start
 from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
 #: mbdae's solvers; of these, the module of the one that a file names is imported
-SOLVERS = ("mbdae.integrators.cvode:CVODE", "mbdae.integrators.generalized_alpha:GeneralizedAlpha",
-           "mbdae.integrators.generalized_alpha:HHT", "mbdae.integrators.ida:IDA", "mbdae.integrators.radau:RadauIIA")
+SOLVERS = ("mbdae.integrators.sundials.cvode:CVODE", "mbdae.integrators.alpha.generalized_alpha:GeneralizedAlpha",
+           "mbdae.integrators.alpha.generalized_alpha:HHT", "mbdae.integrators.sundials.ida:IDA",
+           "mbdae.integrators.runge_kutta.radau:RadauIIA")  # fmt: skip
 LONGEST = 700  #: characters of a reason
 _AGAIN = "give a file written by r.save(path)"
 

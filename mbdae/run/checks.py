@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mbdae.errors import Told
-from mbdae.forces import SlideFriction
 from mbdae.kernels.tree_plan import tree_plan
+from mbdae.laws.forces import SlideFriction
 from mbdae.run.choice import Choice, choose, prepared_by_default
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
-from mbdae.system.inputs import expressions_of, timeline
+from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 

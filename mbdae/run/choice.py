@@ -18,7 +18,7 @@ from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
-from mbdae.system.assembly import SPARSE_FROM
+from mbdae.system.assembled.scene_system import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
@@ -87,8 +87,8 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
     """What was chosen, then what may run where that stops; given: the form the user asked for."""
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.ida import IDA
 
     yield choice.solver, choice.form
     prepared = choice.prepared
@@ -100,8 +100,8 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
 
 
 def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
-    from mbdae.integrators.cvode import CVODE
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.cvode import CVODE
 
     form = given if given is not None else default_form(prepared)
     hard = _hard(prepared) or ("only Radau takes index 3" if form.label == "Index3" else "")

@@ -24,11 +24,11 @@ from mbdae.results.reactions import OtherRun, states_of
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array, System
-from mbdae.system.contacts import gaps_of
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.nodes import Node
+from mbdae.system.model.nodes import Node
+from mbdae.system.motion.contacts import gaps_of
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option
 
@@ -231,7 +231,7 @@ def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None
                       measure: Measure) -> Controlled:  # fmt: skip
     """The run with what constant steps leave out in its estimate: vibrations that are shorter than a step look alike with steps
     of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
 
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
     return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)

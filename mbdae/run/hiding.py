@@ -12,8 +12,8 @@ from mbdae.inputs.timed import TIME
 from mbdae.kernels import plan
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.outputs import loads, position
-from mbdae.system.assembly import SceneSystem
-from mbdae.system.explicit import state_rate_outputs
+from mbdae.system.assembled.right_hand_side import state_rate_outputs
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared
 
 STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows of joints, rates of internal states

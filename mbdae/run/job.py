@@ -33,8 +33,8 @@ from mbdae.run.recheck import unseen
 from mbdae.run.resolution import refuse_unresolved
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.run.waves import with_lost_waves
-from mbdae.system.assembly import SceneSystem
-from mbdae.system.eliminated import Eliminated
+from mbdae.system.assembled.scene_system import SceneSystem
+from mbdae.system.assembled.without_multipliers import Eliminated
 from mbdae.system.prepare import Prepared
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
@@ -128,7 +128,7 @@ class Job:
         """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
 
         form: what the user asked for; with None the others take the default form."""
-        from mbdae.integrators.radau import RadauIIA
+        from mbdae.integrators.runge_kutta.radau import RadauIIA
 
         best: tuple[Controlled, Form, str] | None = None
         failure: MbdaeError | None = None

@@ -16,7 +16,7 @@ from mbdae.run.drift import drifted
 from mbdae.run.norms import unequal_norms
 from mbdae.run.passages import passages
 from mbdae.run.reliability import Judgement, doubts_of_steps, judged
-from mbdae.system.inputs import expressions_of
+from mbdae.system.model.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 

@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.elements.line_shape import ORDERS, table
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
+from mbdae.laws.elements.line_shape import ORDERS, table
 from mbdae.results.beams import Fields, in_space
 from mbdae.results.reactions import OtherRun, states_of
 from mbdae.run.control import position_distance
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.lines import Line
+from mbdae.system.model.beams import Line
 from mbdae.system.prepare import Prepared, prepare
 
 TIMES = 201  #: at which both meshes are compared

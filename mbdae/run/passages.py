@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.rows import smallest, unit_rows
+from mbdae.system.rank.rows import smallest, unit_rows
 
 SAMPLES, CHOSEN, REFINED = 200, 5, 40  #: positions looked at, minima among them that are followed, and in how many positions
 NEAR = 0.3  #: smallest singular value, over its median, below which a minimum is followed

@@ -12,15 +12,15 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Solver
-from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
 from mbdae.run.control import Controlled
 from mbdae.run.defect import Defect, Suspect, apart
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
-from mbdae.system.start import Start
+from mbdae.system.start.start import Start
 
 FINER = 10.0  #: accuracy over that of the closer run
 BUDGET = 3000  #: residual evaluations between two points of the step

@@ -17,13 +17,13 @@ from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED, replaced
-from mbdae.system.assembly import SceneSystem
-from mbdae.system.carried import Carried
-from mbdae.system.eliminated import Eliminated
-from mbdae.system.model import Model, build
-from mbdae.system.numbering import Row, constraint_rows
+from mbdae.system.assembled.scene_system import SceneSystem
+from mbdae.system.assembled.without_multipliers import Eliminated
+from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.model.model import Model, build
+from mbdae.system.model.numbering import Row, constraint_rows
+from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared
-from mbdae.system.trees import find_trees
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.friction import Friction
 from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
+from mbdae.laws.friction import Friction
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
-from mbdae.system.contacts import gaps_of
+from mbdae.system.motion.contacts import gaps_of
 from mbdae.system.prepare import Prepared
 
 RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above

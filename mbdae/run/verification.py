@@ -51,8 +51,8 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, t
 
 def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_end: float, options: dict[str, Any]) -> Verified:
     """Differences to a run of another method at a tenth of the accuracy."""
-    from mbdae.integrators.ida import IDA
-    from mbdae.integrators.radau import RadauIIA
+    from mbdae.integrators.runge_kutta.radau import RadauIIA
+    from mbdae.integrators.sundials.ida import IDA
 
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)

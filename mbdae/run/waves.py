@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mbdae.run.control import Controlled, Probe, distance, with_left_out
-from mbdae.system.assembly import SceneSystem
+from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared
 
 WINDOW = 5.0  #: mean steps: slower vibrations are resolved by the run itself

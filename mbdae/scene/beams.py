@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.elements.line_mesh import LineMesh, arc, curved, polyline
-from mbdae.elements.line_shape import ORDERS, node_positions
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.forces.line_load import LineLoad
+from mbdae.laws.elements.line_mesh import LineMesh, arc, curved, polyline
+from mbdae.laws.elements.line_shape import ORDERS, node_positions
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, Connection
 from mbdae.scene.reading import Told, reads

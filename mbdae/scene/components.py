@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.contact import Normal
 from mbdae.errors import OptionError
-from mbdae.friction import Friction
-from mbdae.joints import Revolute, Spherical, Weld
+from mbdae.laws.contact import Normal
+from mbdae.laws.friction import Friction
+from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.symbolic.law import Law
 from mbdae.values import BadValueError, array, number, shown
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.contact import JournalContact
-from mbdae.forces import JointDamper, JointForce, JointSpring, JointTorque
-from mbdae.joints import ClearanceRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.laws.contact import JournalContact
+from mbdae.laws.forces import JointDamper, JointForce, JointSpring, JointTorque
+from mbdae.laws.joints import ClearanceRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import reading
 from mbdae.scene.components import Connection, Kinematic
 from mbdae.scene.models import friction_law, joint_model, law_of

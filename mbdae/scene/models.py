@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from mbdae.contact import Normal
 from mbdae.errors import LawError
-from mbdae.friction import Coulomb, Friction
-from mbdae.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
+from mbdae.laws.contact import Normal
+from mbdae.laws.friction import Coulomb, Friction
+from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
 from mbdae.scene.components import Classical, Clearance, Constrained, Kinematic, Recursive
 from mbdae.scene.reading import Told, instance, quantity
 from mbdae.scene.variants import MODELS

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.friction import Friction
 from mbdae.inputs import text
+from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, named
 from mbdae.scene.section import Section
@@ -40,7 +40,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _mbdaes() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    homes = [import_module(f"mbdae.{home}") for home in ("joints", "forces", "contact", "friction")]
+    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
     return {named(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
 

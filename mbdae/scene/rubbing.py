@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdae.forces import SlideFriction
-from mbdae.joints import (
+from mbdae.laws.forces import SlideFriction
+from mbdae.laws.joints import (
     ClassicalPrismatic,
     ClassicalRevolute,
     Prismatic,

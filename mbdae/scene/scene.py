@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import SceneError
-from mbdae.forces import (
+from mbdae.laws.forces import (
     AppliedForce,
     AppliedTorque,
     Bushing,

@@ -6,20 +6,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mbdae.system.assembly import FormSpec, SceneSystem
+from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
+from mbdae.system.assembled.scene_system import FormSpec, SceneSystem
+from mbdae.system.assembled.switches import switches_of_model
+from mbdae.system.assembled.vibrations import fastest_vibration
+from mbdae.system.assembled.without_multipliers import Eliminated
 from mbdae.system.base import Array
-from mbdae.system.contacts import Contacts
-from mbdae.system.displacements import Displacements
-from mbdae.system.eliminated import Eliminated
-from mbdae.system.explicit import partition_of, rhs_of, state_rates
-from mbdae.system.inputs import timeline
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.model.inputs import timeline
+from mbdae.system.motion.contacts import Contacts
+from mbdae.system.motion.displacements import Displacements
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.rows import Rows, RowsInForce
-from mbdae.system.scaling import multiplier_scales, position_scale, state_scale, stress_scale
-from mbdae.system.start import Start
-from mbdae.system.switches import switches_of_model
-from mbdae.system.vibrations import fastest_vibration
+from mbdae.system.rank.rows import Rows, RowsInForce
+from mbdae.system.rank.scaling import multiplier_scales, position_scale, state_scale, stress_scale
+from mbdae.system.start.start import Start
 from mbdae.threads import single_threaded
 
 #: False: runs look neither at inputs of time nor at laws that switch; to measure what is found between their points alone

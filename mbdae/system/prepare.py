@@ -14,20 +14,20 @@ from mbdae.inputs.timed import after
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.carried import Carried, too_large
-from mbdae.system.contacts import Expected, expected_contacts
-from mbdae.system.expansion import Expansion, TreeMechanics
-from mbdae.system.ideal import ideal_start
-from mbdae.system.inertia import massless_coordinates, massless_motions
-from mbdae.system.mechanics import Mechanics
-from mbdae.system.model import Model, build
-from mbdae.system.numbering import Row, constraint_rows
-from mbdae.system.pressed import undecided
-from mbdae.system.redundancy import RankReport, analyse
-from mbdae.system.rows import smallest, unit_rows
-from mbdae.system.scaling import characteristic_time
-from mbdae.system.start import Start, Starter
-from mbdae.system.trees import find_trees
+from mbdae.system.model.carried_bodies import Carried, too_large
+from mbdae.system.model.model import Model, build
+from mbdae.system.model.numbering import Row, constraint_rows
+from mbdae.system.model.trees import find_trees
+from mbdae.system.motion.all_bodies import Expansion, TreeMechanics
+from mbdae.system.motion.contacts import Expected, expected_contacts
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.reaction_forces import undecided
+from mbdae.system.motion.without_inertia import massless_coordinates, massless_motions
+from mbdae.system.rank.redundancy import RankReport, analyse
+from mbdae.system.rank.rows import smallest, unit_rows
+from mbdae.system.rank.scaling import characteristic_time
+from mbdae.system.start.ideal_joints import ideal_start
+from mbdae.system.start.start import Start, Starter
 from mbdae.threads import single_threaded
 
 SOUND = 1e-3  #: smallest singular value of rows from which they determine a position

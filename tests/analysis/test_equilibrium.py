@@ -299,7 +299,7 @@ def test_a_mode_evolves_as_its_eigenvalue_says() -> None:
     from mbdae.formulations import GGL, Index3
     from mbdae.formulations.build import system_for
     from mbdae.system.prepare import prepare
-    from mbdae.system.start import Start, Starter
+    from mbdae.system.start.start import Start, Starter
 
     s = turntable()
     modes = s.linearize(at=s.equilibrium(frame="table"), frame="table")

@@ -336,8 +336,8 @@ def test_matrices_are_the_differences_of_the_accelerations() -> None:
     from mbdae.analysis.frame import RotatingFrame
     from mbdae.analysis.pencil import basis
     from mbdae.formulations import Index3
-    from mbdae.system.assembly import SceneSystem
-    from mbdae.system.start import Starter
+    from mbdae.system.assembled.scene_system import SceneSystem
+    from mbdae.system.start.start import Starter
 
     s = tangled()
     modes = s.linearize(at=s.equilibrium())

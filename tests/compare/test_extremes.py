@@ -11,10 +11,10 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.compare.extremes_cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, verdict
-from mbdae.compare.extremes_map import Extremes
-from mbdae.compare.extremes_ways import ways
 from mbdae.compare.job import new_job
+from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, verdict
+from mbdae.extremes.map import Extremes
+from mbdae.extremes.ways import ways
 
 RUNS = [mb.Run(mb.IDA(), mb.GGL()), mb.Run(mb.RadauIIA(3), mb.GGL(), model=mb.Classical()), mb.Run(mb.IDA(), mb.Index3())]
 
@@ -149,7 +149,7 @@ def test_command_line(tmp_path, monkeypatch, capsys):
 
 def test_a_method_does_not_confirm_itself(monkeypatch):
     """At the tolerance of round-off two runs of one method are the same run."""
-    module = sys.modules["mbdae.compare.extremes_truth"]
+    module = sys.modules["mbdae.extremes.reference"]
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.RadauIIA(3), 10.0)))
     assert module.truth(new_job(pendulum(), 0.1, None, None), 1e-4).known is None
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.IDA(), 10.0)))

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import mbdae as mb
-from mbdae.compare.extremes_cell import VERDICTS
-from mbdae.compare.extremes_map import Block, Extremes, notes
-from mbdae.compare.extremes_page import COLOURS
+from mbdae.extremes.cell import VERDICTS
+from mbdae.extremes.map import Block, Extremes, notes
+from mbdae.extremes.page import COLOURS
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import pytest
 import sympy
 
 import mbdae as mb
-from mbdae.compare.extremes_truth import truth
-from mbdae.compare.extremes_vary import changed, default_vary, ladder, varied
 from mbdae.compare.job import new_job
-from mbdae.forces import PointSpring
+from mbdae.extremes.reference import truth
+from mbdae.extremes.vary import changed, default_vary, ladder, varied
 from mbdae.inputs.timed import expression, values
+from mbdae.laws.forces import PointSpring
 
 
 def machine(length=1.0):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.contact import JournalContact
 from mbdae.contracts.case import columns
 from mbdae.contracts.states import States
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels import linearised_plan, plan
+from mbdae.laws.contact import JournalContact
 from mbdae.results.energy import power_outputs
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind

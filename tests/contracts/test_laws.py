@@ -11,9 +11,9 @@ import pytest
 import symengine as se
 
 import mbdae as mb
-from mbdae import contact, elements, forces, joints
 from mbdae.contracts import checks
 from mbdae.kernels import compile as kernels_compile
+from mbdae.laws import contact, elements, forces, joints
 from mbdae.symbolic import derive as symbolic_derive
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.variation import Variation

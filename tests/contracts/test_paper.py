@@ -16,9 +16,9 @@ from numpy.linalg import norm
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import covector
 from mbdae.contracts.states import rotation, velocities
-from mbdae.forces import JointDamper, JointSpring
-from mbdae.joints import Revolute
 from mbdae.kernels import Kernel
+from mbdae.laws.forces import JointDamper, JointSpring
+from mbdae.laws.joints import Revolute
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.outputs import acceleration, position, velocity, weighted

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, eigh
 
-from mbdae.elements.line_mesh import curved, polyline
-from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.laws.elements.line_mesh import curved, polyline
 from mbdae.scene.section import Section
 from mbdae.system.dae import DAE
 

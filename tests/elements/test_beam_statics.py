@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbdae.elements.line_mesh import curved, polyline
+from mbdae.laws.elements.line_mesh import curved, polyline
 from mbdae.scene.section import Section
 
 E = 1e7  #: of the 45 degree bend (Bathe and Bolourchi 1979): unit square, nu = 0, radius 100

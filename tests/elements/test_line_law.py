@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import symengine as se
 
-from mbdae.elements.beam import Beam
-from mbdae.elements.line_mesh import polyline
-from mbdae.elements.line_shape import strain_points
 from mbdae.errors import LawError, OptionError
-from mbdae.forces.line_load import LineLoad
 from mbdae.kernels import Kernel
 from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
 from mbdae.kernels.line import LineKernel, merged
+from mbdae.laws.elements.beam import Beam
+from mbdae.laws.elements.line_mesh import polyline
+from mbdae.laws.elements.line_shape import strain_points
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import derive_line, make_point

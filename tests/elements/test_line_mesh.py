@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mbdae.elements.line_mesh import arc, curved, polyline
-from mbdae.elements.line_shape import gauss, mass_points, node_positions, strain_points, table
 from mbdae.errors import OptionError
 from mbdae.kernels.beam import GyroscopicKernel, mass_blocks
 from mbdae.kernels.line_nodes import Nodes
+from mbdae.laws.elements.line_mesh import arc, curved, polyline
+from mbdae.laws.elements.line_shape import gauss, mass_points, node_positions, strain_points, table
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.rotations import rotation_matrices
+from mbdae.system.model.rotations import rotation_matrices
 
 NUMBERS = {"mass_per_length": 2.0, "J1": 0.5, "J2": 0.2, "J3": 0.3}
 SPACE = [(0, 0, 0), (2, 0, 0), (2, 1, 0.5)]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae import contact, forces, joints
 from mbdae.contracts.case import columns, starts
 from mbdae.contracts.states import States, positions, rotation, velocities
 from mbdae.kernels import plan
+from mbdae.laws import contact, forces, joints
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.outputs import Target, loads

@@ -17,14 +17,14 @@ from mbdae.analysis import Equilibrium, Floquet, Linearization
 from mbdae.analysis.shapes import Mode
 from mbdae.compare import Run
 from mbdae.compare.comparison import Comparison
-from mbdae.compare.extremes_map import Block, Extremes
-from mbdae.compare.sweep import Sweep
+from mbdae.documents.document import Document
+from mbdae.extremes.map import Block, Extremes
 from mbdae.integrators.solution import Solution
-from mbdae.reports.document import Document
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel
 from mbdae.scene.scene import SceneData
 from mbdae.scene.section import Section
+from mbdae.sweep.sweep import Sweep
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
 
@@ -198,7 +198,7 @@ CALLS: dict[str, Call] = {
     "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
     "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "_Alpha.solve": Call(lambda: mb.HHT().solve, lambda: {k: SOLVE[k] for k in ("system", "t_end", "outputs")},
-                         "mbdae.integrators.generalized_alpha.halved"),
+                         "mbdae.integrators.alpha.generalized_alpha.halved"),
     "_Alpha.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "DAE": Call(lambda: mb.DAE, lambda: {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
@@ -207,7 +207,7 @@ CALLS: dict[str, Call] = {
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),
-    "Scene.draw": Call(lambda: scene().draw, lambda: FILE, "mbdae.results.drawing.draw"),
+    "Scene.draw": Call(lambda: scene().draw, lambda: FILE, "mbdae.show.drawing.draw"),
     "Scene.equilibrium": Call(lambda: scene().equilibrium, lambda: {"frame": None, "progress": tell},
                               "mbdae.analysis.equilibrium.Statics"),
     "Scene.linearize": Call(lambda: scene().linearize, lambda: {"at": hanging(), "frame": None, "count": None},
@@ -224,12 +224,12 @@ CALLS: dict[str, Call] = {
         "reference": None, **RUNS}, "mbdae.compare.comparison.statement"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
-        "measure": "hinge.angle", **RUNS}, "mbdae.compare.extremes._Work"),
+        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Work"),
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
         "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None},
-        "mbdae.compare.sweep.with_processes"),
+        "mbdae.sweep.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
@@ -238,11 +238,11 @@ CALLS: dict[str, Call] = {
     "Result.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
     "Result.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
     "Result.state_for": Call(lambda: result().state_for, lambda: {"scene": scene(), "t": 0.1}),
-    "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.results.plots.new_figure"),
+    "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.show.plots.new_figure"),
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
-        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.results.animation.filmed"),
+        "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.show.animation.filmed"),
     "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.storage.save"),
     "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
     "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
@@ -251,22 +251,22 @@ CALLS: dict[str, Call] = {
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
     "Comparison.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
-    "Comparison.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.compare.kept.write_file"),
+    "Comparison.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.sweep.resume.write_file"),
     "Comparison.to_html": Call(lambda: comparison().to_html, lambda: FILE, "mbdae.compare.page.page"),
     "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.picture.work_precision"),
     "Extremes.to_json": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_json, lambda: FILE,
-                             "mbdae.compare.kept.write_file"),
+                             "mbdae.sweep.resume.write_file"),
     "Extremes.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
-                             "mbdae.compare.kept.write_file"),
+                             "mbdae.sweep.resume.write_file"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
-    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.compare.kept.write_file"),
+    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.sweep.resume.write_file"),
     "Audit.__getitem__": Call(lambda: mb.Audit("none", ()).__getitem__, lambda: {"number": "1"}),
-    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.reports.audit.page.write_file"),
+    "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.audit.page.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
-                       "mbdae.reports.document.write_file"),
+                       "mbdae.documents.document.write_file"),
     "Document.save": Call(lambda: Document("none").save, lambda: {"path": folder() / "a.md"},
-                          "mbdae.reports.document.write_file"),
+                          "mbdae.documents.document.write_file"),
 }  # fmt: skip
 
 FLAGS = {"a truth value", "numpy's"}

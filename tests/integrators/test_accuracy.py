@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from dae_problems import decay, pendulum, pendulum_exact
 
-from mbdae.integrators.cvode import CVODE
-from mbdae.integrators.ida import IDA
-from mbdae.integrators.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.cvode import CVODE
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.system.dae import DAE
 
 T = 3.0

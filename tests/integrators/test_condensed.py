@@ -11,10 +11,10 @@ from beam_scenes import slider_crank, steel_pendulum, steel_rod
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators import condensed as module
-from mbdae.integrators.condensed import CondensedMatrix, plan_of
-from mbdae.integrators.linear import DenseMatrix, iteration_matrix
-from mbdae.integrators.radau_tables import radau_table
+from mbdae.integrators.matrices import condensed as module
+from mbdae.integrators.matrices.condensed import CondensedMatrix, plan_of
+from mbdae.integrators.matrices.factors import DenseMatrix, iteration_matrix
+from mbdae.integrators.runge_kutta.radau_tables import radau_table
 from mbdae.system.prepare import prepare
 
 TABLE = radau_table(3)

@@ -8,9 +8,9 @@ from scenes import data, dzhanibekov
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.cvode import rate_jacobian
+from mbdae.integrators.sundials.cvode import rate_jacobian
+from mbdae.system.assembled.without_multipliers import Rates
 from mbdae.system.base import System
-from mbdae.system.eliminated import Rates
 from mbdae.system.prepare import prepare
 
 METHODS = ("Adams", "BDF")
@@ -165,7 +165,7 @@ def test_beams_have_a_right_hand_side():
 
 
 def test_large_trees_have_sparse_factors(monkeypatch):
-    from mbdae.system import explicit
+    from mbdae.system.assembled import right_hand_side as explicit
 
     dense = system_for(prepare(spring_chain()))
     monkeypatch.setattr(explicit, "DENSE_TREES", 0)

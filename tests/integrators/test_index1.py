@@ -10,7 +10,7 @@ from scenes import a01, andrews, ground_resonance, heavy_top, n_rods, stick_slip
 import mbdae as mb
 from mbdae.errors import AccuracyWarning, OptionError, SolverError
 from mbdae.formulations import system_for
-from mbdae.system.elimination import Banded, Dense, Whole
+from mbdae.system.assembled.acceleration_kernel import Banded, Dense, Whole
 from mbdae.system.prepare import prepare
 
 

@@ -5,9 +5,9 @@ import pytest
 from dae_problems import pendulum, pendulum_exact
 
 from mbdae.errors import AccuracyWarning
-from mbdae.integrators.linear import iteration_matrix
-from mbdae.integrators.radau import RadauIIA
-from mbdae.integrators.radau_tables import radau_table
+from mbdae.integrators.matrices.factors import iteration_matrix
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.runge_kutta.radau_tables import radau_table
 
 
 @pytest.mark.parametrize("form", ["index3", "ggl", "ggl_rates"])

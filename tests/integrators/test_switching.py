@@ -8,10 +8,10 @@ import symengine as se
 from scipy.integrate import solve_ivp, trapezoid
 
 import mbdae as mb
-from mbdae.integrators import switching
-from mbdae.integrators.arguments import StepArguments
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.switching import SwitchingSteps
+from mbdae.integrators.watched import switching
+from mbdae.integrators.watched.arguments import StepArguments
+from mbdae.integrators.watched.switching import SwitchingSteps
 
 X, V = se.symbols("X V")
 W = 1e-3  #: m, or m/s: width of the laws

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdae import joints
 from mbdae.contracts.case import columns
 from mbdae.contracts.states import States, positions, rotation
 from mbdae.kernels import plan
+from mbdae.laws import joints
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.outputs import Target, position

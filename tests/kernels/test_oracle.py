@@ -11,13 +11,13 @@ import symengine as se
 from recursive_scenes import planar_tree, prescribed
 
 import mbdae as mb
-from mbdae import elements, forces, joints
 from mbdae.contracts.case import Case, columns
 from mbdae.contracts.variants import variants
-from mbdae.elements.beam import Beam
-from mbdae.forces.line_load import LineLoad
 from mbdae.kernels import Kernel
 from mbdae.kernels.tree_plan import tree_plan
+from mbdae.laws import elements, forces, joints
+from mbdae.laws.elements.beam import Beam
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import derive_line

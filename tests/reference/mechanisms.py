@@ -10,8 +10,8 @@ from bodies import GROUND, Body, Input, Joint, Load, Mechanism, Spring, State, p
 from scipy.spatial.transform import Rotation
 
 import mbdae as mb
-from mbdae.joints.coincidence import same_point
-from mbdae.system.model import joint_axes
+from mbdae.laws.joints.coincidence import same_point
+from mbdae.system.model.model import joint_axes
 
 LETTERS = {"R": "revolute", "P": "prismatic", "S": "spherical", "U": "universal", "D": "distance", "W": "weld",
            "O": "fixed_orientation"}  # fmt: skip

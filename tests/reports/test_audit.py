@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 import mbdae as mb
+from mbdae.audit import Audit, audit_paper, wordings
+from mbdae.audit.compare import SAME, States, difference
+from mbdae.audit.edits import Candidates, edits
+from mbdae.audit.evaluate import SizeError, evaluate
+from mbdae.audit.notation import Reader, Statement, is_zero
+from mbdae.audit.reading import Printed, read
+from mbdae.audit.verdicts import audit_equation
 from mbdae.errors import MbdaeError
-from mbdae.joints.coincidence import same_point
-from mbdae.reports.audit import Audit, audit_paper, wordings
-from mbdae.reports.audit.compare import SAME, States, difference
-from mbdae.reports.audit.edits import Candidates, edits
-from mbdae.reports.audit.evaluate import SizeError, evaluate
-from mbdae.reports.audit.notation import Reader, Statement, is_zero
-from mbdae.reports.audit.reading import Printed, read
-from mbdae.reports.audit.verdicts import audit_equation
+from mbdae.laws.joints.coincidence import same_point
 
 #: from an audit of the paper done by hand, equation by equation
 MISPRINTS = {"3", "13", "24", "25", "27", "28", "34", "35", "36", "41", "51", "52", "55"}
@@ -39,7 +39,7 @@ CORRECTED = {
     "52": "g = 1/sigma0*(muk + (mus - muk)*exp(-abs(v/vs)^gamma))",
     "55": "zi = (vi + zpdot + 2/hi*zp)/(2/hi + abs(vi)/g)",
 }
-PAPER = files("mbdae.reports.audit").joinpath("paper.audit").read_text(encoding="utf-8")
+PAPER = files("mbdae.audit").joinpath("paper.audit").read_text(encoding="utf-8")
 MEANINGS = """
 b3k [1]: axis 3 of k
 b1l [1]: axis 1 of l
@@ -339,8 +339,8 @@ def test_command_line(tmp_path, capsys, monkeypatch) -> None:
 
 
 def test_paper_on_the_command_line(paper: Audit, capsys, monkeypatch) -> None:
+    from mbdae.audit import command
     from mbdae.cli import main
-    from mbdae.reports.audit import command
 
     monkeypatch.setattr(command, "audit_paper", lambda: paper)  # once is enough
     assert main(["report", "paper", "--json"]) == 0

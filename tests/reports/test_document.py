@@ -9,9 +9,9 @@ import subprocess
 import pytest
 
 import mbdae as mb
-from mbdae.reports.document import Code, Document, Equation, Paragraph, Picture, Section, Table
-from mbdae.reports.formulas import folded, pieces
-from mbdae.reports.mathml import FormulaError, inline
+from mbdae.documents.document import Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.formulas import folded, pieces
+from mbdae.documents.mathml import FormulaError, inline
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SAMPLE = Document("A & B", [

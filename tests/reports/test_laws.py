@@ -11,11 +11,11 @@ import time
 import pytest
 
 import mbdae as mb
-from mbdae.contact import JournalContact
-from mbdae.forces import JointSpring
-from mbdae.joints import ClearanceRevolute
-from mbdae.reports.document import Equation, Paragraph, Section, Table
-from mbdae.reports.formulas import split_text
+from mbdae.documents.document import Equation, Paragraph, Section, Table
+from mbdae.documents.formulas import split_text
+from mbdae.laws.contact import JournalContact
+from mbdae.laws.forces import JointSpring
+from mbdae.laws.joints import ClearanceRevolute
 from mbdae.reports.report import exported, names
 from mbdae.reports.statement import derived, structure_of
 from mbdae.symbolic.fingerprint import fingerprint

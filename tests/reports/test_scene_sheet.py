@@ -13,8 +13,8 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
+from mbdae.documents.document import Section, Table
 from mbdae.kernels.plan import linearised_plan
-from mbdae.reports.document import Section, Table
 from mbdae.reports.scene_sheet import KINDS, Sheet
 from mbdae.run.reductions import size_of
 

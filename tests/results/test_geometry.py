@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.results.drawing import LOOKS
-from mbdae.results.geometry import started
-from mbdae.results.shapes import geometry
+from mbdae.show.drawing import LOOKS
+from mbdae.show.geometry import started
+from mbdae.show.shapes import geometry
 from mbdae.system.prepare import prepare
 
 TIGHT = 1e-9  # m, round-off of positions of about 1 m

@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.ida import IDA
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.run.norms import unequal_norms
 from mbdae.system.prepare import prepare
 

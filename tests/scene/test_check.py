@@ -56,7 +56,7 @@ def test_the_same_loop_in_the_plane_is_not() -> None:
     ],
 )  # fmt: skip
 def test_why_a_scene_is_not_planar(change: Any, reason: str) -> None:
-    from mbdae.system.model import build
+    from mbdae.system.model.model import build
 
     s = four_bar()
     change(s)
@@ -69,7 +69,7 @@ def test_why_a_scene_is_not_planar(change: Any, reason: str) -> None:
 
 
 def test_axis_in_the_plane_makes_a_scene_spatial() -> None:
-    from mbdae.system.model import build
+    from mbdae.system.model.model import build
 
     model = build(four_bar(axis=(1, 0, 0)))
     assert not model.planar

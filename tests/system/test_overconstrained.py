@@ -8,7 +8,7 @@ from overconstrained_scenes import MECHANISMS, SPEED
 
 import mbdae as mb
 from mbdae.system.prepare import prepare
-from mbdae.system.rows import best, chosen_rows, in_order, smallest, unit_rows
+from mbdae.system.rank.rows import best, chosen_rows, in_order, smallest, unit_rows
 
 PERIOD = 2 * np.pi / SPEED
 

@@ -11,7 +11,7 @@ from recursive_scenes import SCENES, random_state, random_states
 import mbdae as mb
 from mbdae.formulations import GGL, Index3, system_for
 from mbdae.system.base import Array
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import prepare
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.scene.components import Connection
-from mbdae.system.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import prepare
 
 

@@ -1,0 +1,134 @@
+"""Printed formulas against the derivation in random states: one number per equation, and where it differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from mbdae.audit import notation
+from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.meaning import Env
+from mbdae.audit.motion import Motion
+from mbdae.audit.notation import Node, Statement
+from mbdae.audit.reading import Printed
+
+SAME = 1e-9  #: relative difference below which two sides are the same
+STATES = 4  #: random states of every kind
+INFINITE = float("inf")
+
+
+@dataclass
+class States:
+    """The states an equation is compared in: those of bodies that are free, then those its text speaks of."""
+
+    equation: Printed
+    inner: str = "l"
+    side: int = 1
+    absent: str | None = None
+    shared: dict[tuple[str, int], Motion] = field(default_factory=dict)
+
+    def of(self, kind: str) -> list[Env]:
+        """Environments in states of one kind."""
+        return [self._env(kind, seed) for seed in range(STATES)]
+
+    def _env(self, kind: str, seed: int) -> Env:
+        if (kind, seed) not in self.shared:
+            self.shared[kind, seed] = Motion(seed, kind)
+        motion = self.shared[kind, seed]
+        return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side)
+
+    @cached_property
+    def free(self) -> list[Env]:
+        """Where nothing ties the bodies; the joint's own where the text knows no others."""
+        return self.of(self.equation.states if self.equation.only else "free")
+
+    @cached_property
+    def joint(self) -> list[Env]:
+        """Where the text's constraints hold."""
+        return self.of(self.equation.states)
+
+
+def difference(a: Value, b: Value) -> float:
+    """Largest difference relative to the larger value; infinite where sizes differ or a value is not finite."""
+    if np.shape(a) != np.shape(b):
+        return INFINITE
+    with np.errstate(all="ignore"):
+        gap = float(np.max(np.abs(a - b)))
+        size = max(float(np.max(np.abs(a))), float(np.max(np.abs(b))))
+    if not (np.isfinite(gap) and np.isfinite(size)):
+        return INFINITE
+    return gap / size if size > 1e-12 else gap
+
+
+def _value(node: Node, env: Env) -> Value | None:
+    try:
+        with np.errstate(all="ignore"):
+            return evaluate(node, env)
+    except SizeError:
+        return None
+
+
+def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> float:
+    """Largest difference of the sides of a statement (and of what it is said to be) in some states."""
+    sides = [side for side in statement.sides if not notation.is_zero(side)]
+    worst, largest, reached, count = 0.0, 0.0, 0, 0
+    for env in envs:
+        count += 1
+        values = [_value(side, env) for side in sides]
+        if equation.said is not None and statement is equation.statements[0]:
+            values.append(equation.said.value(env))
+        if any(v is None for v in values):
+            return INFINITE
+        largest_here: Value = values[0]
+        if statement.relation == "<=":
+            worst, reached = max(worst, _excess(values)), reached + (_excess(values, reached=True) < SAME)
+        else:
+            worst = max(worst, max((difference(values[0], v) for v in values[1:]), default=0.0))
+            largest = max(largest, float(np.max(np.abs(largest_here))))
+        if worst == INFINITE:
+            return worst
+    if statement.relation == "<=":
+        return worst if 2 * reached >= count else INFINITE  # half of the states are at the bound
+    return worst if largest > 1e-9 else INFINITE  # 0 = 0 says nothing
+
+
+def _excess(values: list[Value], reached: bool = False) -> float:
+    """How far a is above b; reached: how far it is from it."""
+    a, b = (float(np.real(v)) for v in values)
+    return (abs(a - b) if reached else max(0.0, a - b)) / max(abs(a), abs(b), 1e-12)
+
+
+def vanishes(statement: Statement, envs: Iterable[Env]) -> float:
+    """Where a statement ends with `= 0`: how far it is from that in the states of the joint."""
+    if not any(notation.is_zero(side) for side in statement.sides):
+        return 0.0
+    values = [_value(statement.sides[0], env) for env in envs]
+    return max(INFINITE if v is None else float(np.max(np.abs(v))) for v in values)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How far the sides of a statement are apart, and where they were compared."""
+
+    gap: float
+    everywhere: bool = True  #: in free states; False: in those of the joint alone
+
+    @property
+    def same(self) -> bool:
+        """Whether the sides agree."""
+        return self.gap < SAME
+
+
+def compared(statement: Statement, states: States) -> Compared:
+    """A statement in free states, then in those of the joint where it holds there only."""
+    equation = states.equation
+    if vanishes(statement, states.joint) > 1e-9:
+        return Compared(INFINITE)
+    free = gap_in(statement, equation, states.free)
+    if free < SAME or equation.only or equation.states == "free":
+        return Compared(free)
+    joint = gap_in(statement, equation, states.joint)
+    return Compared(joint, everywhere=False) if joint < SAME else Compared(min(free, joint))

@@ -1,0 +1,248 @@
+"""Small changes of a formula: what a slip of the pen or of the press does, one at a time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbdae.audit.evaluate import SizeError
+from mbdae.audit.meaning import Env, Scope
+from mbdae.audit.notation import Node, negated, number, symbol
+from mbdae.errors import MbdaeError
+
+Edited = tuple["Edit", Node]
+Place = tuple[Counter[Node], tuple[Node, ...]]  #: how often pieces stand in the formula, and the pieces around this one
+_EXCHANGED = {"sin": "cos", "cos": "sin"}
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A change in words (put together when they are read), and the pieces it replaces wherever they stand."""
+
+    form: str
+    pieces: tuple[object, ...] = ()
+    table: tuple[tuple[Node, Node], ...] = ()
+    resizes: bool = False  #: whether sizes may change
+    where: Node | None = None  #: the piece it happens in
+
+    @property
+    def words(self) -> str:
+        """What is changed."""
+        return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
+
+
+class Candidates:
+    """Symbols that may stand for another: of the same unit and size; with dots more or fewer."""
+
+    def __init__(self, scope: Scope, env: Env) -> None:
+        self.scope, self.env = scope, env
+        self.sizes: dict[str, tuple[int, ...]] = {}
+
+    def _size(self, name: str) -> tuple[int, ...]:
+        if name not in self.sizes:
+            try:
+                self.sizes[name] = np.shape(self.env.value(name))
+            except (SizeError, MbdaeError):
+                self.sizes[name] = (0,)
+        return self.sizes[name]
+
+    def of(self, name: str) -> Iterator[str]:
+        """Names that may stand where `name` stands."""
+        if name not in self.scope.symbols:
+            return
+        stem, dots = _dots(name)
+        units = self.scope.symbols[name].units
+        for other in self.scope.symbols:
+            if other != name:
+                near = _dots(other)
+                family = near[0] == stem and near[1] != dots
+                if (family or self.scope.symbols[other].units == units) and self._size(other) == self._size(name):
+                    yield other
+
+
+    def known(self) -> list[str]:
+        """Symbols that have a value in this state."""
+        return [name for name in self.scope.symbols if self._size(name) != (0,)]
+
+    def numbers(self) -> list[str]:
+        """Symbols that are numbers."""
+        return [name for name in self.scope.symbols if self._size(name) == ()]
+
+
+def _dots(name: str) -> tuple[str, int]:
+    for ending, dots in (("ddot", 2), ("dot", 1)):
+        if name.endswith(ending):
+            return name.removesuffix(ending), dots
+    return name, 0
+
+
+def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """The formula after every single change: first those of single places, then those of all places alike."""
+    yield from _inside(node, candidates, lambda new: new, (Counter(node.walk()), ()))
+    yield from everywhere(node, candidates)
+    yield from _exchanges(node, candidates)
+
+
+def _inside(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], place: Place) -> Iterator[Edited]:
+    for edit, new in _here(node, candidates):
+        yield _placed(edit, node, place), rebuilt(new)
+    for i, part in enumerate(node.parts):
+
+        def outer(new: Node, i: int = i) -> Node:
+            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+        yield from _inside(part, candidates, outer, (place[0], (node, *place[1])))
+
+
+def _placed(edit: Edit, node: Node, place: Place) -> Edit:
+    """The edit with the piece it happens in, where the node itself stands more than once."""
+    counts, around = place
+    if counts[node] == 1:
+        return edit
+    where = next((a for a in around if a.kind != "row" and counts[a] == 1), None)
+    return edit if where is None else replace(edit, where=where)
+
+
+def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """Changes of one node."""
+    kind, parts = node.kind, node.parts
+    if kind == "symbol":
+        for other in candidates.of(node.value):
+            yield Edit("{} -> {}", (node, other)), symbol(other)
+    if kind in ("cross", "transposed", "power"):
+        yield Edit("{} -> {}", (node, parts[0]), resizes=True), parts[0]
+    if kind == "neg":
+        yield Edit("sign of {}", (parts[0],)), parts[0]
+    if kind == "sum":
+        yield from _in_sum(node)
+    if kind == "product":
+        yield from _in_product(node)
+    if kind == "call":
+        yield from _in_call(node)
+    if kind == "number" and node.value not in (0.0, 1.0):
+        yield Edit("{} -> 1", (node,)), number(1.0)
+    if kind == "number" and node.value == 1.0:
+        yield Edit("1 -> 2"), number(2.0)
+
+
+def _in_sum(node: Node) -> Iterator[Edited]:
+    parts = node.parts
+    for i, term in enumerate(parts):
+        yield Edit("sign of {}", (_bare(term),)), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+    for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
+        if term.kind == "product" and len(parts) > 1:
+            for cut in range(1, len(term.parts)):
+                inner = Node("sum", None, (term.with_parts(term.parts[cut:]), *parts[:i], *parts[i + 1 :]))
+                edit = Edit("bracket after {}", (term.with_parts(term.parts[:cut]),), resizes=True)
+                yield edit, Node("product", None, (*term.parts[:cut], inner))
+
+
+def _in_product(node: Node) -> Iterator[Edited]:
+    parts = node.parts
+    yield Edit("sign of {}", (node,)), negated(node)
+    for i, factor in enumerate(parts):
+        yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
+            head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
+            yield Edit("no bracket around {}", (factor,), resizes=True), Node("sum", None, (head, *factor.parts[1:]))
+        if i + 1 < len(parts):
+            swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
+            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True)
+            yield edit, node.with_parts(swapped)
+
+
+def _in_call(node: Node) -> Iterator[Edited]:
+    if node.value in ("abs",):
+        yield Edit("{} -> {}", (node, node.parts[0])), node.parts[0]
+    if node.value in _EXCHANGED:
+        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value])), Node("call", _EXCHANGED[node.value], node.parts)
+    if node.value == "atan2":
+        yield Edit("arguments of atan2 exchanged"), Node("call", "atan2", node.parts[::-1])
+
+
+def _bare(node: Node) -> Node:
+    return node.parts[0] if node.kind == "neg" else node
+
+
+def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """A change of all places where a piece stands more than once."""
+    counts = Counter(node.walk())
+    for piece, count in counts.items():
+        if count < 2:
+            continue
+        news = [piece.parts[0]] if piece.kind in ("cross", "transposed") else []
+        if piece.kind == "symbol":
+            news = [symbol(other) for other in candidates.of(piece.value)]
+        for new in news:
+            edit = Edit("{} -> {} everywhere", (piece, new), ((piece, new),), piece.kind != "symbol")
+            yield edit, node.replaced({piece: new})
+
+
+def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """Two symbols exchanged."""
+    names = sorted(node.symbols())
+    for i, a in enumerate(names):
+        for b in names[i + 1 :]:
+            if b in set(candidates.of(a)):
+                table = {symbol(a): symbol(b), symbol(b): symbol(a)}
+                yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
+
+
+def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """A factor, a tilde or a transposition more."""
+    yield from _added(node, candidates, lambda new: new)
+
+
+def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) -> Iterator[Edited]:
+    if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
+        factors = node.parts if node.kind == "product" else (node,)
+        for name in candidates.numbers():
+            inverse = () if candidates.scope.symbols[name].found.vanishes else (Node("inverse", None, (symbol(name),)),)
+            for extra in (symbol(name), *inverse):
+                yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
+    if node.kind in ("symbol", "cross"):
+        for kind in ("cross", "transposed"):
+            new = Node(kind, None, (node,))
+            yield Edit("{} -> {}", (node, new)), rebuilt(new)
+    for i, part in enumerate(node.parts):
+
+        def outer(new: Node, i: int = i) -> Node:
+            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+        yield from _added(part, candidates, outer)
+
+
+def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
+    """A term, or a factor that is a vector or a matrix, more: what was left out altogether."""
+    yield from _supplied(node, candidates, lambda new: new, True)
+
+
+def _supplied(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], top: bool = False) -> Iterator[Edited]:
+    numbers = set(candidates.numbers())
+    if node.kind in ("product", "symbol", "cross", "transposed"):
+        factors = node.parts if node.kind == "product" else (node,)
+        for name in candidates.known():
+            if name not in numbers:
+                for extra in (symbol(name), Node("transposed", None, (symbol(name),)), Node("cross", None, (symbol(name),))):
+                    for around in ((extra, *factors), (*factors, extra)):
+                        yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, around))
+    if top or node.kind == "sum":
+        terms = node.parts if node.kind == "sum" else (node,)
+        for name in candidates.known():
+            for term in (symbol(name), negated(symbol(name))):
+                yield Edit("the term {} more", (term,)), rebuilt(Node("sum", None, (*terms, term)))
+    for i, part in enumerate(node.parts):
+
+        def outer(new: Node, i: int = i) -> Node:
+            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+        yield from _supplied(part, candidates, outer)
+
+
+def applied(edit: Edit, node: Node) -> Node:
+    """An edit of all places on another formula."""
+    return node.replaced(dict(edit.table))

@@ -1,0 +1,146 @@
+"""Laws of mbdae evaluated in a state of motion: rows, their forces by virtual work, potentials, contact geometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.audit.evaluate import Value
+from mbdae.audit.motion import Motion
+from mbdae.laws import forces, joints
+from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.symbolic.derive import Derived, derive
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.law import Law
+
+_SIDE = (NodeKind.SPATIAL, Axes.GENERAL)
+_COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)
+Own = tuple[tuple[str, type[Law]], ...]  #: laws of the user by name
+
+
+def law_class(name: str, own: Own = ()) -> type[Law] | None:
+    """The class of a law by its name."""
+    from mbdae.laws.forces import joint_spring
+    from mbdae.laws.joints.clearance import ClearanceRevolute
+
+    known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
+    known |= {"ClearanceRevolute": ClearanceRevolute, "JointSpring": joint_spring.JointSpring,
+              "JointDamper": joint_spring.JointDamper, "JournalContact": JournalContact} | dict(own)  # fmt: skip
+    found = known.get(name)
+    return found if isinstance(found, type) and issubclass(found, Law) else None
+
+
+@lru_cache(maxsize=64)
+def derived(name: str, own: Own = ()) -> Derived:
+    """A law derived between two bodies in space, all of its parameters present."""
+    cls: Any = law_class(name, own)
+    options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
+    values = dict.fromkeys(cls.params, 1.0)
+    if cls is JournalContact:
+        options, values = {"normal": Hertz(1.0)}, {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
+    law = cls("audited", None, None, **values, **options)
+    sides = (_SIDE, _SIDE) + (_COORDINATE,) * bool(law.own_coordinates)
+    return derive(cls, law.structure(), sides)
+
+
+class LawState:
+    """A derived law in a state of motion: values of all of its symbols."""
+
+    def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl") -> None:
+        """given: values of parameters by name; sides: the bodies that are the law's k and l."""
+        self.d, self.motion = derived(name, own), motion
+        self.values: dict[Any, Any] = {}
+        for f, side in zip(self.d.sides, sides, strict=True):
+            self._frame(f, side)
+        if len(self.d.frames) > 2:
+            self._put(self.d.frames[2].q + self.d.frames[2].u, [motion.phi, motion.phidot])
+        for p in self.d.law.params:
+            self._put([se.Symbol(p)], [given[p] if p in given else motion.positive(f"parameter {p}")])
+        for row in self.d.rows:
+            self._put([se.Symbol(f"lambda_{row}")], [motion.number(f"multiplier {row}")])
+        for state in self.d.states:
+            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # all states follow an angle
+
+    def _frame(self, f: Frame, side: str) -> None:
+        m = self.motion
+        Q, w = m.rotation(side), m.angular_velocity(side)
+        for v, value in ((f.center, m.place["x"][side]), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.place["v"][side]),
+                         (f.w, w), (f.spin, Q.T @ w)):  # fmt: skip
+            self._put(list(v), value[:, 0])
+        for axes in ((f.x, f.y, f.z), f.body):
+            for i, v in enumerate(axes):
+                self._put(list(v), Q[:, i])
+
+    def _put(self, symbols: Any, numbers: Any) -> None:
+        for s, n in zip(symbols, numbers, strict=True):
+            if isinstance(n, se.Basic):
+                self.values[s] = n
+                continue
+            n = complex(n)
+            self.values[s] = se.RealDouble(n.real) if n.imag == 0 else se.sympify(n)
+
+    def number(self, e: Any, raw: bool = False) -> Any:
+        """The value of an expression in the law's symbols."""
+        e = se.sympify(e)
+        names = self.d.variation.values
+        for name in e.free_symbols - self.values.keys():
+            self.values[name] = se.sympify(self.number(names[name], raw=True))
+        e = e.subs({x: self.values[x] for x in e.free_symbols})
+        if self.motion.letters:
+            return e
+        if isinstance(e, se.atan2 | se.floor):  # always names of their own
+            numbers = [float(a.n(real=True)) for a in e.args]
+            e = se.RealDouble(float((math.atan2 if isinstance(e, se.atan2) else math.floor)(*numbers)))
+        found = e.n()
+        return found if raw else complex(found)
+
+    def vector(self, v: Any) -> Value:
+        """The value of a vector in the law's symbols."""
+        return np.array([[self.number(c)] for c in v])
+
+    def row(self, row: str) -> Value:
+        """The value of a row."""
+        return self.number(self.d.g[self.d.rows.index(row)])
+
+    def row_gradient(self, row: str, part: str, side: str) -> Value:
+        """Change of a row by a displacement ("move") or rotation ("turn") of a side."""
+        return self.vector(self.d.G[self.d.rows.index(row)][side][part == "turn"])
+
+    def row_force(self, row: str) -> Value:
+        """s lambda + 2 p c, from the potential s lambda c + p c^2 of a row."""
+        s, p = (self.motion.positive(f"parameter {n}") for n in ("scaling", "penalty"))
+        return s * self.motion.number(f"multiplier {row}") + 2 * p * np.real(self.row(row))
+
+    def force(self, part: str, side: str) -> Value:
+        """Force or torque of a law on a side, as it stands on the left-hand side."""
+        pair = self.d.force.get(side)
+        return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
+
+
+def journal(motion: Motion, radii: tuple[float, float], sides: str) -> LawState:
+    """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin."""
+    key = ("journal", radii, sides)
+    if key not in motion.memory:
+        motion.memory[key] = LawState("JournalContact", motion, dict(zip(("outer", "inner"), radii, strict=True)), sides=sides)
+    found: LawState = motion.memory[key]
+    return found
+
+
+def gap(contact: LawState) -> Value:
+    """Distance between race and pin, negative in contact."""
+    v = contact.d.variation
+    (e,) = contact.d.law.observed(*contact.d.sides)["gap"]
+    return contact.number(v.resolve(v.name(e)))
+
+
+def outward(contact: LawState) -> Value:
+    """From the centre of the race to that of the pin, a unit vector: how the penetration grows as the pin moves."""
+    v, d = contact.d.variation, contact.d
+    (e,) = d.law.observed(*d.sides)["gap"]
+    move, _ = v.gradient(d.frames[1], v.resolve(v.name(e)))
+    return -contact.vector(map(v.resolve, move))

@@ -1,0 +1,66 @@
+"""Formulas in symbols: a state whose quantities are letters, so that two sides can be shown to be identical polynomials."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.audit import notation
+from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.meaning import Env
+from mbdae.audit.motion import VECTORS, Motion
+from mbdae.audit.reading import Printed
+from mbdae.errors import MbdaeError
+
+
+class Letters(Motion):
+    """Two free bodies in letters. What needs a complex step, an angle or a number has no value here."""
+
+    def __init__(self) -> None:
+        self.seed, self.kind, self.absent, self.used = 0, "free", frozenset(), set()
+        self.stepped, self.origin, self.memory, self.letters = False, None, {}, True
+        self.Q = {s: self.matrix(f"attitude {s}") for s in "kl"}
+        self.R0 = self.matrix("reference attitude")
+        self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
+        self.place = {n: {s: self.vector(f"{n} {s}") for s in "kl"} for n in VECTORS}
+        self.phi, self.phidot, self.phiddot = map(self.number, ("phi", "phidot", "phiddot"))
+
+    def number(self, name: str) -> Any:
+        return se.Symbol(name)
+
+    def positive(self, name: str) -> Any:
+        return se.Symbol(name)
+
+    def vector(self, name: str) -> Value:
+        return np.array([[se.Symbol(f"{name} {i}")] for i in range(3)], dtype=object)
+
+    def matrix(self, name: str, symmetric: bool = False) -> Value:
+        return np.array([[se.Symbol(f"{name} {i} {j}") for j in range(3)] for i in range(3)], dtype=object)
+
+    def relative_angle(self) -> Value:
+        raise SizeError("the relative angle of free bodies in letters")
+
+    def stepped_by(self, increments: dict[str, Value], key: Any = None) -> Motion:
+        raise SizeError("a complex step in letters")
+
+
+def identical(equation: Printed, inner: str, side: int = 1) -> bool:
+    """Whether all sides are the same polynomials in the components of free vectors; False where that cannot be said."""
+    env = Env(Letters(), equation.scope, inner, side)
+    try:
+        return all(_identical(equation, i, env) for i in range(len(equation.statements)))
+    except (SizeError, MbdaeError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):
+        return False
+
+
+def _identical(equation: Printed, i: int, env: Env) -> bool:
+    statement = equation.statements[i]
+    values = [evaluate(s, env) for s in statement.sides if not notation.is_zero(s)]
+    if i == 0 and equation.said is not None:
+        values.append(equation.said.value(env))
+    if statement.relation != "=" or len(values) < 2:
+        return False
+    first, *others = values
+    return all(np.shape(v) == np.shape(first) and all(se.expand(d) == 0 for d in np.ravel(np.asarray(first - v))) for v in others)

@@ -1,0 +1,181 @@
+"""The result of an audit: rows, a table, JSON and a document."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from mbdae.audit import latex
+from mbdae.audit.claims import Count, count
+from mbdae.audit.notation import AuditError
+from mbdae.audit.reading import Printed, read
+from mbdae.audit.verdicts import Row, audit_text
+from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.errors import OptionError
+from mbdae.files import write_file
+from mbdae.values import file_to_write, of_class, option, optional, shown
+from mbdae.values import path as path_of
+
+VERDICTS = {
+    "RIGHT": "both sides agree in random states of motion, and are defined wherever the text speaks of",
+    "MISPRINT": "the sides differ; the repair is the smallest change after which they agree",
+    "INCOMPLETE": "right as far as it goes: a term with a quantity the text names nowhere, or a case, is missing",
+    "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
+    "NOT EVALUABLE": "there is nothing to compare with",
+}
+HOW = (
+    "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
+    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in free states, then in "
+    "those of the joint the text speaks of; formulas that are polynomials in free vectors also in symbols. The file of the "
+    "formulas holds no verdicts and no repairs."
+)
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Verdicts on the formulas and the claimed numbers of a text."""
+
+    title: str
+    equations: tuple[Row, ...]
+    claims: tuple[Count, ...] = ()
+
+    def __getitem__(self, number: str | int) -> Row:
+        """The row of an equation by its number."""
+        for row in self.equations:
+            if row.equation == str(number):
+                return row
+        raise AuditError(f"there is no equation {shown(number)}; there is {', '.join(row.equation for row in self.equations)}")
+
+    def table(self) -> str:
+        """One line per equation: number, verdict, residual, repair or remark."""
+        lines = [f"{'equation':>8}  {'verdict':<13}  {'residual':>8}  repair or remark"]
+        for row in self.equations:
+            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_told(row)}".rstrip())
+        lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
+                  for c in self.claims]  # fmt: skip
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Rows as plain data."""
+        return {
+            "title": self.title,
+            "equations": [
+                {"equation": r.equation, "printed": r.printed.text, "derived": r.derived, "verdict": r.verdict,
+                 "repair": r.repair or None, "residual": _finite(r.residual), "remark": r.remark or None,
+                 "section": r.printed.section, "repaired": r.repaired.text if r.repaired else None,
+                 "residual_repaired": _finite(r.repaired_residual), "symbolic": r.symbolic} for r in self.equations],
+            "claims": [
+                {"claim": c.claimed.words, "printed": c.claimed.count, "derived": c.counted, "verdict": c.verdict,
+                 "remark": c.remark or None} for c in self.claims],
+        }  # fmt: skip
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """The same as JSON text, written to a file where one is named."""
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
+        if place is not None:
+            write_file(place, text + "\n")
+        return text
+
+    def document(self) -> Document:
+        """A document with every formula as printed, its verdict and its repair."""
+        counts = {v: sum(r.verdict == v for r in self.equations) for v in VERDICTS}
+        rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
+        blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
+        blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
+            [r.equation, r.verdict, _shown(r.residual), _plain(_told(r))] for r in self.equations])]))  # fmt: skip
+        for section in dict.fromkeys(r.printed.section for r in self.equations):
+            rows_in = [r for r in self.equations if r.printed.section == section]
+            inside = [b for r in rows_in for b in _blocks(r)]
+            blocks.append(Section(section or "Equations", [*inside, _symbols(rows_in)]))
+        if self.claims:
+            table = [[c.claimed.words, str(c.claimed.count), _counted(c), c.verdict] for c in self.claims]
+            blocks.append(Section("Claimed numbers", [Table(["what", "claimed", "counted", "verdict"], table)]))
+        return Document(f"Audit: {self.title}" if self.title else "Audit of published formulas", blocks)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the document (.html, .md or .tex)."""
+        return self.document().save(path)
+
+
+def _told(row: Row) -> str:
+    return "; ".join(text for text in (row.repair, row.remark) if text)
+
+
+def _counted(c: Count) -> str:
+    return f"{'-' if c.counted is None else c.counted}" + (f" ({c.remark})" if c.remark else "")
+
+
+def _finite(x: float | None) -> float | None:
+    return x if x is not None and math.isfinite(x) else None
+
+
+def _shown(x: float | None) -> str:
+    return "-" if x is None or not math.isfinite(x) else "0" if x == 0 else f"{x:.1e}"
+
+
+def _plain(text: str) -> str:
+    """Formulas in the notation, readable inside a text."""
+    return text.replace("$", r"\$")
+
+
+def _blocks(row: Row) -> list[Block]:
+    how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
+    out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
+    if row.repair or row.remark:
+        out.append(Paragraph(_plain(_told(row)) + "."))
+    after = ", the sides are identical in symbols" if row.symbolic else ""
+    if row.repaired is not None and row.repaired.statements != row.printed.statements:
+        out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
+    return out
+
+
+def _symbols(rows: list[Row]) -> Table:
+    """The symbols of some equations with their units and the meanings they were compared by."""
+    found: dict[tuple[str, str, str], None] = {}
+    for row in rows:
+        equation = row.repaired or row.printed
+        names = set().union(*(s.symbols() for s in (*equation.statements, *row.printed.statements))) - {"I"}
+        for name in sorted(names):
+            meaning = equation.scope.symbols[name]
+            found[f"${latex.name(name)}$ ({name})", ", ".join(map(str, meaning.units)), meaning.text] = None
+    return Table(["symbol", "unit", "meaning"], [list(key) for key in found])
+
+
+def _latex(equation: Printed) -> str:
+    return r" \\ ".join(latex.statement(s) for s in equation.statements)
+
+
+def audit(source: str | Path, laws: Mapping[str, type] | None = None) -> Audit:
+    """Compare published formulas with their derivation: a file, or its text; `laws` are classes of your own it names.
+
+    The notation and the wordings of meanings are described in docs/reports.md."""
+    remedy = "give a file of printed formulas, or its text"
+    text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
+    known = option("laws", laws if laws is not None else {}, of_class, "give {name: class of a law}", base=Mapping)
+    wrong = [name for name, law in known.items() if not (isinstance(name, str) and isinstance(law, type))]
+    if wrong:
+        raise OptionError(f"laws: {shown(wrong[0])} = {shown(known[wrong[0]])}: give {{name: class of a law}}")
+    if "\n" not in text:
+        if not Path(text).is_file():
+            raise AuditError(f"there is no file '{text}'; {remedy}")
+        text = _text_of(Path(text))
+    found = read(text, known)
+    return Audit(found.title, tuple(audit_text(found)), tuple(count(c) for c in found.claims))
+
+
+def _text_of(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise AuditError(f"'{file}' cannot be read: {error}; give a text file in UTF-8") from error
+
+
+def audit_paper() -> Audit:
+    """The formulas (1) to (55) and the claimed numbers of the paper whose joint models mbdae has."""
+    return audit(files("mbdae.audit").joinpath("paper.audit").read_text(encoding="utf-8"))

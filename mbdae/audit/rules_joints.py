@@ -1,0 +1,134 @@
+"""Rules of joints: rows of a law, their forces by the virtual work of s lambda c + p c^2, springs and dampers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from mbdae.audit.evaluate import STEP, Value
+from mbdae.audit.laws import LawState, law_class
+from mbdae.audit.meaning import Env, phrase
+from mbdae.audit.notation import AuditError
+from mbdae.errors import MbdaeError
+
+PARTS = ("move k", "turn k", "move l", "turn l")
+
+
+def law(env: Env, name: str) -> LawState:
+    """A law in the state of env; what it prescribes is what its coordinate is where the bodies are joined."""
+    if law_class(name, env.scope.own) is None:
+        raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{name}': {name}}})")
+    key = ("law", name)
+    if key not in env.motion.memory:
+        given = {"rest": 0.0} | ({"drive": float(np.real(env.motion.phi))} if env.motion.joined else {})
+        env.motion.memory[key] = LawState(name, env.motion, given, env.scope.own)
+    found: LawState = env.motion.memory[key]
+    return found
+
+
+def names(words: str) -> list[str]:
+    """Words that are separated by commas."""
+    return [word.strip() for word in words.split(",")]
+
+
+def _stack(values: list[Value]) -> Value:
+    return values[0] if len(values) == 1 else np.vstack([np.reshape(v, (-1, 1)) for v in values])
+
+
+def _rows(env: Env, of: str, rows: str) -> tuple[LawState, list[str]]:
+    """The law of rows; AuditError for a row it has not."""
+    state, wanted = law(env, of), names(rows)
+    for row in wanted:
+        if row not in state.d.rows:
+            raise AuditError(f"{of} has no row '{row}'; it has {', '.join(state.d.rows)}")
+    return state, wanted
+
+
+@phrase("rows {rows} of {name}", vanishes=True)
+@phrase("row {rows} of {name}", vanishes=True)
+def _row(env: Env, rows: str, of: str) -> Value:
+    state, wanted = _rows(env, of, rows)
+    return _stack([state.row(row) for row in wanted])
+
+
+@phrase("opposite of row {rows} of {name}", vanishes=True)
+def _opposite_row(env: Env, rows: str, of: str) -> Value:
+    """The same constraint where a text writes its terms with the other sign, and so its multiplier."""
+    return -_row(env, rows, of)
+
+
+@phrase("multipliers of rows {rows} of {name}", vanishes=True)
+@phrase("multiplier of row {rows} of {name}", vanishes=True)
+def _multiplier(env: Env, rows: str, of: str) -> Value:
+    wanted = _rows(env, of, rows)[1]
+    return _stack([env.motion.number(f"multiplier {row}") + 0j for row in wanted])
+
+
+@phrase("parameter {name} of {name2}", vanishes=True)
+def _parameter(env: Env, parameter: str, of: str) -> Value:
+    if parameter == "drive" and env.motion.joined:
+        return np.real(env.motion.phi) + 0j
+    return env.positive(f"parameter {parameter}") + 0j
+
+
+@phrase("coordinate of {name}", vanishes=True)
+def _coordinate(env: Env, of: str) -> Value:
+    return env.motion.phi
+
+
+@phrase("force of rows {rows} of {name} on {parts}", vanishes=True)
+@phrase("force of row {rows} of {name} on {parts}", vanishes=True)
+def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
+    """G' (s lambda + 2 p c); what the text does not list must vanish."""
+    state, wanted = _rows(env, of, rows)
+
+    def on(part: str) -> Value:
+        what, side = part.split()
+        return sum(state.row_gradient(row, what, side) * state.row_force(row) for row in wanted)
+
+    return _listed(parts, on)
+
+
+@phrase("force of {name} on {parts}", vanishes=True)
+def _law_force(env: Env, of: str, parts: str) -> Value:
+    """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
+    state = law(env, of)
+    return _listed(parts, lambda part: state.force(*part.split()))
+
+
+@phrase("applied force of {name} on {parts}", vanishes=True)
+def _applied_force(env: Env, of: str, parts: str) -> Value:
+    return -_law_force(env, of, parts)
+
+
+class UnlistedError(MbdaeError):
+    """A force acts where the text lists none."""
+
+
+def _listed(parts: str, on: Callable[[str], Value]) -> Value:
+    wanted = names(parts)
+    unknown = sorted(set(wanted) - set(PARTS))
+    if unknown:
+        raise AuditError(f"a force acts on {', '.join(PARTS)}, not on '{unknown[0]}'")
+    for part in PARTS:
+        if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
+            raise UnlistedError(f"there is a force on {part} too")
+    return _stack([on(part) for part in wanted])
+
+
+@phrase("virtual work of rows {rows} of {name}", vanishes=True)
+def _row_work(env: Env, rows: str, of: str) -> Value:
+    """Sum of the forces of the rows times what the rows change by."""
+    state, wanted = _rows(env, of, rows)
+    moved = env.motion.moved("virtual")
+    total = 0j
+    for row in wanted:
+        change = 0j
+        for side in "kl":
+            move = np.imag(moved.place["x"][side]) / STEP
+            turn = env.motion.turn_between(moved, side)
+            for what, displacement in (("move", move), ("turn", turn)):
+                change += (state.row_gradient(row, what, side).T @ displacement)[0, 0]
+        total += state.row_force(row) * change
+    return total

@@ -1,0 +1,230 @@
+"""The smallest repair of a printed formula: one change, else two, after which its sides agree; or the term it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbdae.audit.compare import SAME, States, compared, difference
+from mbdae.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
+from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.meaning import Env, Scope
+from mbdae.audit.notation import Node, Statement, symbol
+from mbdae.audit.reading import Printed
+from mbdae.errors import MbdaeError
+
+LARGEST = 20_000  #: formulas tried for one place with two changes
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What to change, in words, and the equation afterwards."""
+
+    words: tuple[str, ...]
+    equation: Printed
+
+    def __str__(self) -> str:
+        return "; ".join(self.words)
+
+
+def repair(equation: Printed, states: States) -> Repair | None:
+    """The smallest change that makes an equation right: of the printed roles, else of its formulas."""
+    other = _other_roles(equation, states)
+    if other is not None:
+        return other
+    used = set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+    scope = equation.scope.widened(used)
+    wide = replace(equation, scope=scope)
+    states = States(wide, states.inner, states.side, shared=states.shared)
+    words: list[str] = []
+    statements, known = [], list[Edit]()
+    for statement in equation.statements:
+        found = (statement, []) if compared(statement, states).same else _statement(statement, states, known)
+        if found is None:
+            return None
+        statements.append(found[0])
+        known += found[1]
+        words += [e.words for e in found[1] if e.words not in words]
+    return Repair(tuple(words), replace(wide, statements=tuple(statements)))
+
+
+def _other_roles(equation: Printed, states: States) -> Repair | None:
+    """The same formulas with the other body in the role of the inner race."""
+    if equation.inner is None:
+        return None
+    inner = "l" if equation.inner == "k" else "k"
+    other = replace(equation, inner=inner)
+    turned = States(other, inner, states.side, shared=states.shared)
+    if not all(compared(s, turned).same for s in equation.statements):
+        return None
+    return Repair((f"the roles of the races exchanged: {equation.inner} is the outer, {inner} the inner one",), other)
+
+
+Found = tuple[Statement, list[Edit]]
+Changed = tuple[Node, list[Edit]]
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """Values a formula must take in some states, and formulas it must not become (the other sides)."""
+
+    envs: Sequence[Env]
+    values: Sequence[Value]
+    banned: frozenset[Node] = frozenset()
+
+    def met(self, node: Node) -> bool:
+        """Whether a formula takes the values."""
+        try:
+            with np.errstate(all="ignore"):
+                pairs = zip(self.envs, self.values, strict=True)
+                return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
+        except (SizeError, MbdaeError):
+            return False
+
+    def sized(self, node: Node) -> bool:
+        """Whether its size is right."""
+        try:
+            with np.errstate(all="ignore"):
+                return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
+        except SizeError:
+            return False
+
+    def rows(self, count: int) -> list[_Goal]:
+        """The goals of the rows of a column of blocks; none where it is no such column."""
+        shape = np.shape(self.values[0])
+        height = shape[0] // count if len(shape) == 2 and shape[1] == 1 else 0
+        if not height or shape[0] != height * count:
+            return []
+        parts = [[v[i * height : (i + 1) * height] for v in self.values] for i in range(count)]
+        return [_Goal(self.envs, [v[0, 0] for v in p] if height == 1 else p) for p in parts]
+
+
+def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
+    """The repair with the fewest changes of one statement."""
+    best: Found | None = None
+    envs: Sequence[Env] = ()
+    for i, goal in _places(statement, states):
+        if best is not None and (statement.sides[i].kind == "symbol" or goal.envs is not envs):
+            break  # neither another symbol on the left nor the joint's own states are needed
+        envs = goal.envs
+        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
+        if found is not None and (best is None or len(found[1]) < len(best[1])):
+            tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
+            if compared(tried, states).same:
+                best = tried, found[1]
+    return best
+
+
+def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
+    """Sides that may be changed, and what they must become: what the first side is, or is said to be."""
+    said = states.equation.said if statement is states.equation.statements[0] else None
+    sides = statement.sides
+    order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
+    for envs in [states.free] if states.equation.only else [states.free, states.joint]:
+        for i in order:
+            if sides[i].kind == "number":
+                continue
+            try:
+                values = [said.value(e) if said else evaluate(sides[0 if i else 1], e) for e in envs]
+            except SizeError:
+                continue
+            goal = _Goal(envs, values, frozenset(sides[:i] + sides[i + 1 :]))
+            if max(float(np.max(np.abs(t))) for t in values) > 1e-9 and not (goal.met(sides[i]) and not said):
+                yield i, goal
+
+
+def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+    """A side changed so that it takes its values; a column of blocks row by row."""
+    rows = side.parts
+    goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
+    if not goals:
+        return _node(side, goal, candidates, known)
+    new, done = [], list[Edit]()
+    for row, its in zip(rows, goals, strict=True):
+        found = _node(row.parts[0], its, candidates, [*known, *done])
+        if found is None:
+            return None
+        new.append(row.with_parts((found[0],)))
+        done += [e for e in found[1] if e not in done]
+    return side.with_parts(tuple(new)), done
+
+
+def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+    """A formula changed so that it takes its values: not, as elsewhere in the equation, once, twice."""
+    if goal.met(node):
+        return node, []
+    again = node
+    for edit in known:
+        again = applied(edit, again)
+    if again != node and goal.met(again):
+        return again, list(known)
+    once = dict[Node, Edit]()
+    for edit, new in edits(node, candidates):
+        if new not in once and new != node:
+            once[new] = edit
+            if goal.met(new):
+                return new, [edit]
+    return (_first(additions(node, candidates), goal) or _twice(node, once, goal, candidates)
+            or _first(supplements(node, candidates), goal))  # fmt: skip
+
+
+def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    return next(((new, [edit]) for edit, new in tried if goal.met(new)), None)
+
+
+def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:
+    """Two changes; both of all places alike, then those whose first one is such or leaves sizes that fit."""
+    order = sorted(once, key=lambda n: (not once[n].table, not goal.sized(n)))
+    if not goal.sized(node):  # one of the two changes is one of sizes: take it first
+        order = [n for n in order if once[n].resizes]
+    tried: set[Node] = set(once)
+    for alike in (True, False):
+        for first in order:
+            if alike and not once[first].table:
+                break
+            for edit, new in (everywhere if alike else edits)(first, candidates):
+                if new in tried:
+                    continue
+                tried.add(new)
+                if len(tried) > LARGEST:
+                    return None
+                if goal.met(new):
+                    return new, [once[first], edit]
+    return None
+
+
+# -- a term that is missing
+
+
+def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> Repair | None:
+    """The block, linear in a symbol the text lacks, that the last side of an equation has to be completed by."""
+    (statement,) = equation.statements
+    wide = replace(equation, scope=scope)
+    envs = States(wide, states.inner, states.side, shared=states.shared).joint
+    gaps = [evaluate(statement.sides[0], e) - evaluate(statement.sides[-1], e) for e in envs]
+    if np.ndim(gaps[0]) == 0:
+        return None
+    where = np.argwhere(np.max([np.abs(g) for g in gaps], axis=0) > 1e-9)
+    (top, left), (bottom, right) = where.min(axis=0), where.max(axis=0) + 1
+    blocks = [g[top:bottom, left:right] for g in gaps]
+    for term in _terms(name, scope, envs[0]):
+        if _Goal(envs, blocks).met(term):
+            place = f"{_range('row', top, bottom)} and {_range('column', left, right)}"
+            return Repair((f"the term {term} in {place} is missing",), equation)
+    return None
+
+
+def _range(what: str, first: int, last: int) -> str:
+    return f"{what} {last}" if last == first + 1 else f"{what}s {first + 1} to {last}"
+
+
+def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:
+    """Terms linear in a vector: itself, its product with a vector, both transposed, both signs."""
+    r = symbol(name)
+    crossed = [Node("product", None, (Node("cross", None, (symbol(other),)), r)) for other in scope.symbols
+               if np.shape(env.value(other)) == (3, 1)]  # fmt: skip
+    for term in [r, *crossed]:
+        for shown in (term, Node("transposed", None, (term,))):
+            yield from (shown, Node("neg", None, (shown,)))

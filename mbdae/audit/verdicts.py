@@ -1,0 +1,208 @@
+"""Verdicts on printed formulas, by rules that know no formula:
+
+RIGHT          the sides agree in random states (free bodies; else bodies joined as the text says), and stay finite where a
+               quantity they contain vanishes
+MISPRINT       they differ; the repair is the smallest change (of the printed roles, of one place, of two) after which they agree
+INCOMPLETE     they agree as far as the text goes: where a quantity of the derivation that the text names nowhere is zero;
+               or they agree but are not defined where a quantity of the formula vanishes; or a force acts where none is listed
+AMBIGUOUS      they agree on one side of the equations of motion, and another formula of the section on the other side
+NOT EVALUABLE  there is nothing to compare: a piece has no value
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.audit.compare import SAME, States, compared
+from mbdae.audit.dimensions import faults
+from mbdae.audit.evaluate import SizeError, evaluate
+from mbdae.audit.letters import identical
+from mbdae.audit.motion import Motion
+from mbdae.audit.notation import is_zero
+from mbdae.audit.reading import Printed, Text
+from mbdae.audit.rules_joints import UnlistedError
+from mbdae.audit.search import Repair, missing_term, repair
+from mbdae.errors import MbdaeError
+
+RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, NOT_EVALUABLE = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "NOT EVALUABLE"
+SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """The verdict on one equation."""
+
+    printed: Printed
+    verdict: str
+    residual: float  #: largest relative difference as printed
+    repair: str = ""
+    remark: str = ""
+    repaired: Printed | None = None
+    repaired_residual: float | None = None
+    symbolic: bool = False  #: whether the sides (after the repair, if any) are identical in symbols too
+    side: int | None = None  #: of forces the text leaves open: where they agree
+
+    @property
+    def equation(self) -> str:
+        """The number of the equation."""
+        return self.printed.number
+
+    @property
+    def derived(self) -> str:
+        """The formula as the derivation has it: printed where that is right, else repaired, else what it is in words."""
+        if self.repaired is not None and self.repaired.statements != self.printed.statements:
+            return self.repaired.text
+        if self.residual < SAME or self.repaired is not None:
+            return self.printed.text
+        if self.verdict == INCOMPLETE and self.residual > SAME:
+            return f"{self.printed.text}; {self.repair}"
+        return meanings(self.printed)
+
+
+def meanings(equation: Printed) -> str:
+    """What the derivation compared the equation with, in words."""
+    if equation.said is not None:
+        return equation.said.text
+    names = [str(s.sides[0]) for s in equation.statements]
+    known = equation.scope.symbols
+    return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
+
+
+def audit_text(text: Text) -> list[Row]:
+    """A verdict on every equation."""
+    shared: dict[tuple[str, int], Motion] = {}
+    rows = [audit_equation(equation, shared) for equation in text.equations]
+    return [_of_group(row, rows) for row in rows]
+
+
+def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
+    """The verdict on one equation by itself; search: whether a misprint is repaired."""
+    states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
+    try:
+        return _verdict(equation, states, search)
+    except UnlistedError as error:
+        return Row(equation, INCOMPLETE, 0.0, remark=str(error))
+    except MbdaeError as error:
+        return Row(equation, NOT_EVALUABLE, float("nan"), remark=str(error))
+
+
+def _verdict(equation: Printed, states: States, search: bool) -> Row:
+    gaps = [compared(s, states) for s in equation.statements]
+    residual = max(c.gap for c in gaps)
+    if _signed(equation):
+        on_left = States(equation, states.inner, -1, shared=states.shared)
+        other = max(compared(s, on_left).gap for s in equation.statements)
+        if min(residual, other) < SAME:
+            side = 1 if residual < other else -1
+            return Row(equation, RIGHT, min(residual, other), remark=_unbalanced(equation, states),
+                       symbolic=identical(equation, states.inner, side), side=side)  # fmt: skip
+    if residual < SAME:
+        nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
+        hole = _hole(equation, states)
+        if hole:
+            return Row(equation, INCOMPLETE, residual, f"say what holds where {hole} = 0",
+                       f"not defined where {hole} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
+        units = _units(equation, states)
+        return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else,
+                   symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
+    return _wrong(equation, states, residual, search)
+
+
+def _signed(equation: Printed) -> bool:
+    return any(equation.scope.symbols[name].found.signed for name in _used(equation))
+
+
+def _unbalanced(equation: Printed, states: States) -> str:
+    """Of forces and moments printed for both bodies: what moment action and reaction leave."""
+    env, total = states.joint[0], np.zeros((3, 1))
+    sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
+             if n in equation.scope.symbols and equation.scope.symbols[n].found.signed}  # fmt: skip
+    if set(sides) != {"k", "l"}:
+        return ""
+    for side, name in sides.items():
+        value = np.real(env.value(name))
+        if value.shape != (6, 1):
+            return ""
+        total = total + value[3:] + np.cross(np.real(env.motion.place["x"][side]), value[:3], axis=0)
+    return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
+
+
+def _units(equation: Printed, states: States) -> str:
+    return "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
+
+
+def _wrong(equation: Printed, states: States, residual: float, search: bool) -> Row:
+    units = _units(equation, states)
+    lacking = _lacking(equation, states)
+    if lacking:
+        name, text = lacking
+        scope = equation.scope.widened(_used(equation))
+        found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
+        remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
+        return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
+    found = repair(equation, states) if search else None
+    if found is None:
+        return Row(equation, MISPRINT, residual, remark=units)
+    return _repaired(Row(equation, MISPRINT, residual, str(found), units), found, states)
+
+
+def _repaired(row: Row, found: Repair, states: States) -> Row:
+    again = States(found.equation, found.equation.inner or "l", states.side, shared=states.shared)
+    gap = max(compared(s, again).gap for s in found.equation.statements)
+    new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
+           if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
+    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new]))
+    same = identical(found.equation, again.inner, states.side)
+    return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
+
+
+def _used(equation: Printed) -> set[str]:
+    return set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+
+
+def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
+    """A quantity of the derivation, named nowhere in the text, without which the equation is right: symbol and wording."""
+    known = set(equation.scope.symbols)
+    scope = equation.scope.widened(_used(equation))
+    for name in set(scope.symbols) - known:
+        without = States(equation, states.inner, states.side, scope.symbols[name].text)
+        if all(compared(s, without).same for s in equation.statements):
+            return name, scope.symbols[name].text
+    return None
+
+
+def _hole(equation: Printed, states: States) -> str:
+    """The quantity that may vanish at whose zero a formula that agrees is not defined."""
+    for statement in equation.statements:
+        for name in sorted(statement.symbols() - {"I"}):
+            if not equation.scope.symbols[name].found.vanishes:
+                continue
+            for side in statement.sides:
+                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
+                    return name
+    return ""
+
+
+def _finite(side: Any, env: Any) -> bool:
+    try:
+        with np.errstate(all="ignore"):
+            return bool(np.all(np.isfinite(evaluate(side, env))))
+    except (SizeError, ZeroDivisionError):
+        return False
+
+
+def _of_group(row: Row, rows: list[Row]) -> Row:
+    """Forces the text leaves open must stand on one side throughout a section."""
+    if row.side is None:
+        return row
+    group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]
+    against = [r.equation for r in group if r.side != row.side]
+    if not against:
+        return replace(row, remark="; ".join(filter(None, [f"as {SIDES[row.side]}", row.remark])))
+    others = f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} right {SIDES[-row.side]}"
+    remark = "; ".join(filter(None, [f"right {SIDES[row.side]}", others, row.remark]))
+    return replace(row, verdict=AMBIGUOUS, remark=remark, repair=f"the other sign here, or in {', '.join(against)}")
+

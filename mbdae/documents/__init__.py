@@ -1,0 +1,1 @@
+"""Documents of text, formulas, tables and pictures, written as HTML, Markdown or LaTeX."""

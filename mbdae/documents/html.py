@@ -1,0 +1,147 @@
+"""A document as one HTML page: MathML, no network, for a desk, a hand and paper."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from html import escape
+
+from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.formulas import split_text
+from mbdae.documents.mathml import display, inline
+
+STYLE = """
+:root { color-scheme: only light; }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 54rem; padding: 1rem 1.25rem 3rem; color: #1a1a1a; background: #fff;
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: break-word; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin: .5rem 0 1rem; }
+h2 { font-size: 1.2rem; line-height: 1.3; margin: 2.2rem 0 .5rem; padding-top: .6rem; border-top: 1px solid #ddd; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
+h4 { font-size: .95rem; margin: 1rem 0 .3rem; color: #333; }
+p { margin: .6rem 0; }
+nav { font-size: .9rem; margin: 1rem 0; }
+nav a { margin-right: .9rem; white-space: nowrap; display: inline-block; padding: .15rem 0; }
+a { color: #0b5ea8; }
+math { font-family: "STIX Two Math", "Latin Modern Math", "Cambria Math", "DejaVu Math TeX Gyre", math, serif;
+  font-size: 1.06em; }
+math mi, math mn, math mtext { font-family: "STIX Two Text", "Latin Modern Roman", Cambria, "Times New Roman", "Liberation Serif",
+  "DejaVu Serif", serif; }
+math mi { text-transform: none; font-style: italic; }
+math mi.n { font-style: normal; }
+math mi.b, math mn.b { font-style: normal; font-weight: 700; }
+math mi.bi { font-style: italic; font-weight: 700; }
+mtable.cases mtd, mtable.aligned mtd { text-align: left; }
+.equation { display: flex; gap: .8rem; align-items: baseline; margin: .6rem 0; padding: .15rem 0 .15rem 1rem;
+  border-left: 3px solid #e3e8ee; }
+.equation .lines { flex: 1; min-width: 0; overflow-x: auto; overflow-y: hidden; }
+.equation .line { padding: .14rem 0 .14rem 1.4rem; text-indent: -1.4rem; line-height: 1.9; }
+.equation .line math { text-indent: 0; }
+.equation .number { color: #555; font-variant-numeric: tabular-nums; }
+.note { color: #444; font-size: .9rem; margin-left: 1.2rem; }
+.scroll { overflow-x: auto; max-width: 100%; margin: .8rem 0; }
+.scroll:focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
+table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .28rem .7rem .28rem 0; text-align: left; vertical-align: baseline; border-bottom: 1px solid #e2e2e2; }
+thead th { border-bottom: 1px solid #888; font-weight: 600; vertical-align: bottom; }
+tbody th { font-weight: 400; }
+pre { font: .82rem/1.45 ui-monospace, "DejaVu Sans Mono", "Liberation Mono", monospace; background: #f6f7f8; padding: .6rem .8rem;
+  overflow-x: auto; }
+code { font: .88em ui-monospace, "DejaVu Sans Mono", "Liberation Mono", monospace; }
+figure { margin: 1rem 0; }
+figure svg, figure img { display: block; max-width: 100%; height: auto; }
+figcaption { color: #444; font-size: .9rem; }
+@media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; } }
+@media print {
+  body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
+  .scroll, .equation .lines, pre { overflow: visible; } pre { white-space: pre-wrap; }
+  .equation, figure, tr { break-inside: avoid; } h2, h3, h4, thead { break-after: avoid; }
+}
+"""
+
+
+def html(document: Document) -> str:
+    """The whole page."""
+    writer = _Writer()
+    body = "".join(writer.block(block, 2) for block in document.blocks)
+    links = "".join(f'<a href="#{place}">{_text(title)}</a> ' for place, title in writer.places)
+    contents = f'<nav aria-label="contents">{links}</nav>\n' if len(writer.places) > 3 else ""
+    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
+            f"<title>{escape(_plain(document.title))}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+            f"<h1>{_text(document.title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")  # fmt: skip
+
+
+def _plain(text: str) -> str:
+    return "".join(part for _, part in split_text(text))
+
+
+def _text(text: str) -> str:
+    """Text with mathematics and `code` between backquotes."""
+    out = []
+    for formula, part in split_text(text):
+        out.append(inline(part) if formula else re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(part, quote=False)))
+    return "".join(out)
+
+
+class _Writer:
+    """Writes blocks and remembers the places of sections."""
+
+    def __init__(self) -> None:
+        self.places: list[tuple[str, str]] = []
+        self.tables = 0
+        self.ids: set[str] = set()
+
+    def block(self, block: Block, level: int) -> str:
+        """One block under a heading of the level above."""
+        if isinstance(block, Section):
+            return self.section(block, block.level or level)
+        if isinstance(block, Paragraph):
+            return f"<p>{_text(block.text)}</p>\n"
+        if isinstance(block, Equation):
+            return _equation(block)
+        if isinstance(block, Table):
+            return self.table(block)
+        if isinstance(block, Code):
+            return f"<pre>{escape(block.text, quote=False)}</pre>\n"
+        return _picture(block)
+
+    def section(self, section: Section, level: int) -> str:
+        """A heading and what stands under it."""
+        plain = re.sub(r"[^a-z0-9]+", "-", _plain(section.title).lower()).strip("-") or "section"
+        place, count = plain, 1
+        while place in self.ids:
+            count += 1
+            place = f"{plain}-{count}"
+        self.ids.add(place)
+        if level == 2:
+            self.places.append((place, section.title))
+        inside = "".join(self.block(block, level + 1) for block in section.blocks)
+        heading = f'<h{level} id="{place}">{_text(section.title)}</h{level}>'
+        return f'<section aria-labelledby="{place}">{heading}\n{inside}</section>\n'
+
+    def table(self, table: Table) -> str:
+        """A table that scrolls in its own box, by keyboard too."""
+        self.tables += 1
+        caption = f'<p class="note">{_text(table.caption)}</p>\n' if table.caption else ""
+        head = "".join(f'<th scope="col">{_text(cell)}</th>' for cell in table.head)
+        rows = "".join(f'<tr><th scope="row">{_text(row[0])}</th>{"".join(f"<td>{_text(c)}</td>" for c in row[1:])}</tr>\n'
+                       for row in table.rows)  # fmt: skip
+        label = escape(_plain(table.caption) or f"table {self.tables}")
+        return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
+                f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")  # fmt: skip
+
+
+def _equation(equation: Equation) -> str:
+    number = f'<div class="number">({escape(str(equation.number))})</div>' if equation.number is not None else ""
+    note = f'<div class="note">{_text(equation.note)}</div>\n' if equation.note else ""
+    return f'<div class="equation"><div class="lines">{display(equation.latex)}</div>{number}</div>\n{note}'
+
+
+def _picture(picture: Picture) -> str:
+    if isinstance(picture.content, bytes):
+        data = b64encode(picture.content).decode()
+        shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
+    else:
+        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", picture.content)
+    return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

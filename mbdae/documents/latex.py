@@ -1,0 +1,84 @@
+r"""A document as a LaTeX article."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.formulas import folded, split_text
+
+HEAD = r"""\documentclass[a4paper,10pt]{article}
+\usepackage[T1]{fontenc}
+\usepackage[utf8]{inputenc}
+\usepackage[margin=22mm]{geometry}
+\usepackage{amsmath,amssymb,bm,graphicx,longtable,array}
+\setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
+\raggedright\sloppy\allowdisplaybreaks
+"""
+_SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
+            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}  # fmt: skip
+_UNICODE = {"²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "·": r"\ensuremath{\cdot}", "×": r"\ensuremath{\times}",
+            "°": r"\ensuremath{^\circ}",
+            "–": "--", "…": r"\ldots{}", "≤": r"\ensuremath{\le}", "≥": r"\ensuremath{\ge}", "−": r"\ensuremath{-}"}  # fmt: skip
+_LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
+
+
+def latex(document: Document, files: Mapping[int, str] | None = None) -> str:
+    """The whole text; `files` names the file of a picture by its id."""
+    blocks = "\n\n".join(_block(block, 2, files or {}) for block in document.blocks)
+    title = _text(document.title)
+    return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {title}\\par}}\n\\medskip\n\n{blocks}\n\\end{{document}}\n"
+
+
+def _text(text: str) -> str:
+    out = []
+    for formula, part in split_text(text):
+        if formula:
+            out.append(f"${part}$")
+            continue
+        for i, piece in enumerate(part.split("`")):
+            plain = "".join(_SPECIAL.get(c) or _UNICODE.get(c) or c for c in piece)
+            out.append(f"\\texttt{{{plain}}}" if i % 2 else plain)
+    return "".join(out)
+
+
+
+def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
+    if isinstance(block, Section):
+        level = block.level or level
+        command = _LEVELS.get(level, "paragraph")
+        return "\n\n".join([f"\\{command}*{{{_text(block.title)}}}", *(_block(b, level + 1, files) for b in block.blocks)])
+    if isinstance(block, Paragraph):
+        return _text(block.text)
+    if isinstance(block, Equation):
+        return _equation(block)
+    if isinstance(block, Table):
+        return _table(block)
+    if isinstance(block, Code):
+        return f"{{\\small\n\\begin{{verbatim}}\n{block.text}\n\\end{{verbatim}}}}"
+    return _picture(block, files)
+
+
+def _equation(equation: Equation) -> str:
+    lines = folded(equation.latex, 84.0)
+    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
+    body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
+    note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
+    return f"\\begin{{equation*}}\n{body}{tag}\n\\end{{equation*}}{note}"
+
+
+def _table(table: Table) -> str:
+    count = len(table.head)
+    share = 0.94 / count
+    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for _ in range(count))
+    head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
+    rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
+    caption = f"{_text(table.caption)}\n\n" if table.caption else ""
+    body = f"{head} \\\\\n\\hline\n\\endhead\n{rows} \\\\\n"
+    return f"{caption}{{\\small\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
+
+
+def _picture(picture: Picture, files: Mapping[int, str]) -> str:
+    name = files.get(id(picture))
+    shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
+    return f"{shown}{_text(picture.caption)}"

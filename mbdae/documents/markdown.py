@@ -1,0 +1,53 @@
+"""A document as Markdown with mathematics between dollar signs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.formulas import folded
+
+
+def markdown(document: Document, files: Mapping[int, str] | None = None) -> str:
+    """The whole text; `files` names the file of a picture by its id."""
+    blocks = [f"# {document.title}", *(_block(block, 2, files or {}) for block in document.blocks)]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
+    if isinstance(block, Section):
+        level = block.level or level
+        return "\n\n".join([f"{'#' * level} {block.title}", *(_block(b, level + 1, files) for b in block.blocks)])
+    if isinstance(block, Paragraph):
+        return block.text
+    if isinstance(block, Equation):
+        return _equation(block)
+    if isinstance(block, Table):
+        return _table(block)
+    if isinstance(block, Code):
+        return f"```text\n{block.text}\n```"
+    return _picture(block, files)
+
+
+def _equation(equation: Equation) -> str:
+    lines = folded(equation.latex)
+    tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
+    body = lines[0] if len(lines) == 1 else "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}"
+    note = f"\n\n{equation.note}" if equation.note else ""
+    return f"$$\n{body}{tag}\n$$" + note
+
+
+def _table(table: Table) -> str:
+    head = "| " + " | ".join(map(_cell, table.head)) + " |\n|" + "---|" * len(table.head)
+    rows = "\n".join("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows)
+    caption = f"{table.caption}\n\n" if table.caption else ""
+    return f"{caption}{head}\n{rows}"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|").replace("\n", " ")
+
+
+def _picture(picture: Picture, files: Mapping[int, str]) -> str:
+    name = files.get(id(picture))
+    return f"![{picture.caption}]({name})" if name else f"*Picture: {picture.caption}*"

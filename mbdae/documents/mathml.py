@@ -1,0 +1,238 @@
+r"""LaTeX mathematics to MathML: the subset the reports write, without characters that need a special font.
+
+Known: letters, numbers, Greek, `\mathbf \boldsymbol \mathrm \mathsf \mathit \mathcal \text \operatorname`, `^ _`, `\frac \tfrac
+\sqrt`, accents, `\left \right` and the larger brackets, `\begin{aligned|cases|bmatrix|pmatrix|matrix}`, the signs of `SIGNS`.
+"""
+
+from __future__ import annotations
+
+from html import escape
+
+from mbdae.documents.formulas import BINARY, RELATIONS, pieces, tokens
+from mbdae.errors import MbdaeError
+
+GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ϵ", "varepsilon": "ε", "zeta": "ζ", "eta": "η",
+    "theta": "θ", "vartheta": "ϑ", "iota": "ι", "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "pi": "π",
+    "rho": "ρ", "sigma": "σ", "tau": "τ", "upsilon": "υ", "phi": "ϕ", "varphi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
+    "Gamma": "Γ", "Delta": "Δ", "Theta": "Θ", "Lambda": "Λ", "Xi": "Ξ", "Pi": "Π", "Sigma": "Σ", "Phi": "Φ", "Psi": "Ψ",
+    "Omega": "Ω",
+}  # fmt: skip
+SIGNS = {
+    "cdot": "·", "times": "×", "otimes": "⊗", "oplus": "⊕", "circ": "∘", "pm": "±", "le": "≤", "leq": "≤", "ge": "≥", "geq": "≥",
+    "ne": "≠", "neq": "≠", "approx": "≈", "equiv": "≡", "to": "→", "rightarrow": "→", "mapsto": "↦", "Rightarrow": "⇒",
+    "Leftrightarrow": "⇔", "in": "∈", "sum": "∑", "int": "∫",
+    "partial": "∂", "nabla": "∇", "infty": "∞", "top": "⊤", "perp": "⊥",
+    "parallel": "∥", "mid": "|", "ldots": "…", "cdots": "⋯", "dots": "…", "prime": "′", "ll": "≪", "gg": "≫",
+    "langle": "⟨", "rangle": "⟩", "sim": "∼", "propto": "∝", "forall": "∀", "exists": "∃", "vert": "|",
+    "lvert": "|", "rvert": "|",
+    "lVert": "‖", "rVert": "‖", "Vert": "‖", "|": "‖", "{": "{", "}": "}", "lfloor": "⌊", "rfloor": "⌋", "lbrace": "{",
+    "rbrace": "}", "lbrack": "[", "rbrack": "]", "ast": "∗", "star": "⋆", "wedge": "∧", "vee": "∨", "neg": "¬", "ell": "ℓ",
+    "colon": ":", "div": "÷", "mp": "∓", "subset": "⊂", "cup": "∪", "cap": "∩", "setminus": "∖", "longrightarrow": "⟶",
+    "%": "%", "$": "$", "#": "#", "&": "&", "_": "_",
+}  # fmt: skip
+FENCES = {"lvert", "rvert", "lVert", "rVert", "vert", "Vert", "|", "langle", "rangle", "{", "}", "lfloor", "rfloor",
+          "lbrace", "rbrace", "lbrack", "rbrack"}  # fmt: skip
+FUNCTIONS = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "ln", "max", "min", "arctan", "det", "ker", "lim",
+             "arcsin", "arccos", "dim")  # fmt: skip
+GAPS = {",": "0.167em", ":": "0.222em", ";": "0.278em", " ": "0.25em", "quad": "1em", "qquad": "2em", "!": "0em"}
+ACCENTS = {"dot": "˙", "ddot": "¨", "tilde": "~", "widetilde": "~", "hat": "^", "widehat": "^", "bar": "¯", "overline": "¯",
+           "vec": "→"}  # fmt: skip
+FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf": "n", "mathit": "", "mathcal": "",
+         "operatorname": "n"}  # fmt: skip
+_MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
+             "array": ("", ""), "gathered": ("", "")}  # fmt: skip
+
+_DISPLAY = '<math displaystyle="true">'
+_FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
+
+
+class FormulaError(MbdaeError):
+    """A formula uses a command that is not of the subset of `mathml`."""
+
+
+def inline(latex: str) -> str:
+    """Pieces of a formula as `<math>` elements, between which a line may be broken."""
+    return "<br>".join(_line(line, "<math>") for line in pieces(latex))
+
+
+def display(latex: str) -> str:
+    """The same in display style, each line of the formula in an element of its own."""
+    return "".join(f'<div class="line">{_line(line, _DISPLAY)}</div>' for line in pieces(latex))
+
+
+def _line(line: list[str], opening: str) -> str:
+    return " ".join(f"{opening}{_Reader(piece, i > 0).everything()}</math>" for i, piece in enumerate(line))
+
+
+def _sign(text: str, attributes: str = "") -> str:
+    return f"<mo{attributes}>{escape(text, quote=False)}</mo>"
+
+
+def _letter(text: str, font: str) -> str:
+    upper_greek = len(text) == 1 and text in "ΓΔΘΛΞΠΣΦΨΩ"
+    name = font or ("n" if upper_greek or len(text) > 1 else "")
+    return f'<mi class="{name}">{escape(text)}</mi>' if name else f"<mi>{escape(text)}</mi>"
+
+
+class _Reader:
+    """Reads tokens from the left."""
+
+    def __init__(self, latex: str, continued: bool = False) -> None:
+        self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
+
+    def everything(self) -> str:
+        """The whole formula."""
+        found = self.row("", set())
+        if self.i < len(self.tokens):
+            raise FormulaError(f"formula '{self.latex}': '{self.tokens[self.i]}' closes nothing")
+        return found
+
+    def peek(self) -> str:
+        while self.i < len(self.tokens) and self.tokens[self.i].isspace():
+            self.i += 1
+        return self.tokens[self.i] if self.i < len(self.tokens) else ""
+
+    def take(self) -> str:
+        token = self.peek()
+        self.i += 1
+        return token
+
+    def row(self, font: str, stop: set[str]) -> str:
+        """Everything up to a token of `stop`, which stays."""
+        out: list[str] = []
+        while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
+            base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)
+            out.append(self.scripts(base, font))
+        return out[0] if len(out) == 1 else f"<mrow>{''.join(out)}</mrow>"
+
+    def scripts(self, base: str, font: str) -> str:
+        """The base with what follows as subscript and superscript."""
+        found: dict[str, str] = {}
+        while self.peek() in ("_", "^", "'"):
+            sign = self.take()
+            if sign == "'":
+                found["^"] = found.get("^", "") + "<mo>′</mo>"
+            else:
+                found[sign] = found.get(sign, "") + self.atom(font, first=True)
+        marks = {sign: f"<mrow>{text}</mrow>" for sign, text in found.items()}
+        if len(marks) == 2:
+            return f"<msubsup>{base}{marks['_']}{marks['^']}</msubsup>"
+        if marks:
+            tag = "msub" if "_" in marks else "msup"
+            return f"<{tag}>{base}{''.join(marks.values())}</{tag}>"
+        return base
+
+    def atom(self, font: str, first: bool = False) -> str:
+        token = self.take()
+        if token == "{":
+            inner = self.row(font, {"}"})
+            self._close("}")
+            return inner
+        if token.startswith("\\"):
+            return self.command(token[1:].rstrip("*"), font, first)
+        if token.isdigit() or token == ".":
+            while self.i < len(self.tokens) and (self.tokens[self.i].isdigit() or self.tokens[self.i] == "."):
+                token += self.tokens[self.i]
+                self.i += 1
+            return f'<mn class="b">{token}</mn>' if font == "b" else f"<mn>{token}</mn>"
+        if token.isalpha():
+            return self._letters(token, font)
+        if token in "()[]|":
+            return _sign(token, _FIXED)
+        if token == "&":
+            return ""
+        if token == "~":
+            return '<mspace width="0.25em"></mspace>'
+        return self._operator("−" if token == "-" else "∗" if token == "*" else token, token, first)
+
+    def _operator(self, text: str, token: str, first: bool) -> str:
+        """A sign; at the start of a continued line it is still between two terms."""
+        continues = first and token in RELATIONS | BINARY and self.latex.strip() != token
+        prefix = first and token in BINARY and not (self.continued and self.latex.lstrip().startswith(token) and self.i <= 2)
+        return _sign(text, ' form="infix" lspace="0.05em" rspace="0.28em"' if continues and not prefix else "")
+
+    def _letters(self, token: str, font: str) -> str:
+        while font == "n" and self.i < len(self.tokens) and self.tokens[self.i].isalnum():
+            token += self.tokens[self.i]
+            self.i += 1
+        return _letter(token, font)
+
+    def command(self, name: str, font: str, first: bool) -> str:
+        if name in GREEK:
+            return _letter(GREEK[name], "" if font == "n" else font)
+        if name in FONTS:
+            return self.atom(FONTS[name], first)
+        if name in ("text", "textit", "mbox"):
+            return f"<mtext>{escape(self.raw())}</mtext>"
+        if name in GAPS:
+            return f'<mspace width="{GAPS[name]}"></mspace>'
+        if name in FUNCTIONS:
+            return _letter(name, "n") + ("" if self.peek() in ("(", "^", "_", r"\left") else '<mspace width="0.17em"></mspace>')
+        if name in ACCENTS:
+            return f'<mover accent="true">{self.atom(font)}{_sign(ACCENTS[name], _FIXED)}</mover>'
+        if name in ("frac", "tfrac", "dfrac"):
+            fraction = f"<mfrac><mrow>{self.atom(font)}</mrow><mrow>{self.atom(font)}</mrow></mfrac>"
+            return fraction if name != "tfrac" else f'<mstyle displaystyle="false">{fraction}</mstyle>'
+        if name == "sqrt":
+            return f"<msqrt>{self.atom(font)}</msqrt>"
+        if name == "left":
+            return self.fenced(font)
+        if name in ("bigl", "bigr", "Bigl", "Bigr", "big", "Big", "biggl", "biggr", "middle"):
+            return _sign(self.fence(), _FIXED)
+        if name == "begin":
+            return self.matrix(font)
+        if name in SIGNS:
+            form = f' form="{"prefix" if name[0] == "l" else "postfix"}"' if name[0] in "lr" else ""
+            return _sign(SIGNS[name], _FIXED + form) if name in FENCES else self._operator(SIGNS[name], "\\" + name, first)
+        raise FormulaError(f"formula '{self.latex}': unknown command '\\{name}'")
+
+    def raw(self) -> str:
+        """The text of a group as it stands."""
+        if self.take() != "{":
+            raise FormulaError(f"formula '{self.latex}': text without braces")
+        start, depth = self.i, 1
+        while self.i < len(self.tokens) and depth:
+            depth += (self.tokens[self.i] == "{") - (self.tokens[self.i] == "}")
+            self.i += 1
+        inside = "".join(self.tokens[start : self.i - 1]).replace("\\_", "_").replace("\\,", " ")
+        return inside.replace(" ", "\u00a0")
+
+    def fence(self) -> str:
+        """A bracket after `\\left` and the like."""
+        token = self.take()
+        return "" if token == "." else SIGNS[token[1:]] if token.startswith("\\") else token
+
+    def fenced(self, font: str) -> str:
+        opening = self.fence()
+        inner = self.row(font, set())
+        self._close(r"\right")
+        closing = self.fence()
+        return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{inner}{_sign(closing, _FENCE) if closing else ''}</mrow>"
+
+    def matrix(self, font: str) -> str:
+        kind = self.raw()
+        if kind not in _MATRICES:
+            raise FormulaError(f"formula '{self.latex}': unknown environment '{kind}'")
+        if kind == "array":
+            self.raw()
+        rows: list[list[str]] = [[]]
+        while True:
+            rows[-1].append(self.row(font, {"&", r"\\"}))
+            token = self.take()
+            if token == r"\end":
+                self.raw()
+                break
+            if token == r"\\":
+                rows.append([])
+            elif token != "&":
+                raise FormulaError(f"formula '{self.latex}': '{kind}' is not closed")
+        cells = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
+        opening, closing = _MATRICES[kind]
+        table = f'<mtable class="{kind}">{cells}</mtable>'
+        return f"<mrow>{_sign(opening, _FENCE) if opening else ''}{table}{_sign(closing, _FENCE) if closing else ''}</mrow>"
+
+    def _close(self, wanted: str) -> None:
+        if self.take() != wanted:
+            raise FormulaError(f"formula '{self.latex}': '{wanted}' is missing")
+

@@ -1,0 +1,97 @@
+"""The ways a scene is run at every extreme: joint model x form x solver, and the choice mbdae makes by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from mbdae.compare.job import Job
+from mbdae.compare.run import Run, checked_runs
+from mbdae.formulations import GGL, ODE, Index1, Index3
+from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.cvode import CVODE
+from mbdae.integrators.sundials.ida import IDA
+from mbdae.scene.components import Classical, JointModel, Recursive
+from mbdae.scene.variants import MODELLED
+
+#: a form or a solver that is added to the package is mapped by a line here
+CONSTRAINED = (
+    Run(IDA(), GGL()),
+    Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
+    Run(RadauIIA(2), Index3()), Run(RadauIIA(3), Index3()),
+    Run(IDA(), Index1()), Run(CVODE(), Index1()), Run(RadauIIA(3), Index1()),
+    Run(GeneralizedAlpha(), GGL()), Run(HHT(), GGL()),
+)  # fmt: skip
+FREE = (
+    Run(IDA(), ODE()), Run(CVODE(), ODE()),
+    Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
+    Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
+)  # fmt: skip
+#: with other joint models than those stated, methods of higher order alone
+LOW_ORDER = (GeneralizedAlpha, HHT)
+#: with a constant step (s)
+STEPPED: tuple[Callable[[float], Run], ...] = (
+    lambda h: Run(RadauIIA(2, step=h), GGL()), lambda h: Run(RadauIIA(3, step=h), GGL()),
+    lambda h: Run(RadauIIA(2, step=h), Index3()), lambda h: Run(RadauIIA(3, step=h), Index3()),
+    lambda h: Run(GeneralizedAlpha(step=h), GGL()), lambda h: Run(HHT(step=h), GGL()),
+    lambda h: Run(GeneralizedAlpha(step=h), Index3()), lambda h: Run(HHT(step=h), Index3()),
+)  # fmt: skip
+CHOICE = "chosen by mbdae"
+
+
+@dataclass(frozen=True)
+class Way:
+    """A run, or with `run` None the choice mbdae makes (of its joint models too where `model` is None)."""
+
+    label: str
+    run: Run | None
+    models: Run | None = None  #: a run that carries the joint models of a choice
+
+    def with_step(self, h: float) -> Run | None:
+        """The run at a constant step; None where its solver has none."""
+        if self.run is None or not hasattr(self.run.solver, "step"):
+            return None
+        return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
+
+
+def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
+    """The runs given, or all that apply to the scene; the choice of mbdae last."""
+    if runs is not None:
+        chosen = checked_runs(runs)
+        return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
+    found: list[Way] = []
+    for name, models, free in _models(job):
+        listed = [replace(run, model=models) for run in (FREE if free else CONSTRAINED)]
+        listed = [replace(run, label=" ".join([_label(replace(run, model=None)), name]).strip()) for run in listed]
+        found += [Way(_label(run), run) for run in listed if not (models and isinstance(run.solver, LOW_ORDER))]
+        found.append(Way(f"{CHOICE} {name}".strip(), None, listed[0] if models else None))
+    return found
+
+
+def _models(job: Job) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
+    """Name, joint models and whether they leave an ODE: as stated, and the others. Joints with clearance keep theirs."""
+    joints = [c for c in job.scene.joints if c.kind in MODELLED] if job.scene is not None else []
+    ideal = [c for c in joints if not c.loose]
+    if len(ideal) == len(joints):
+        others = job.other_models.items()
+        return [("", None, not job.constrained), *((type(m).__name__, m, free) for m, free in others)]
+    loose: tuple[JointModel, ...] = (Classical(), Recursive()) if ideal else ()
+    return [("", None, not job.constrained), *((type(m).__name__, {c.name: m for c in ideal}, False) for m in loose)]
+
+
+def stepped_ways(job: Job, h: float) -> list[Way]:
+    """Constant steps of h s, on the form the scene takes."""
+    found: list[Way] = []
+    for make in STEPPED:
+        run = make(h)
+        if not job.constrained:
+            run = replace(run, form=ODE())
+        way = Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
+        if way.label not in [w.label for w in found]:
+            found.append(way)
+    return found
+
+
+def _label(run: Run) -> str:
+    return run.name(run.form.label if run.form is not None else "")

@@ -1,0 +1,1 @@
+"""Generalised-alpha, with HHT and Newmark among them."""

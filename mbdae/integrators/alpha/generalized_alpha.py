@@ -1,0 +1,209 @@
+"""Generalised-alpha with constant steps for equations of motion, HHT and Newmark among them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, OptionError
+from mbdae.integrators.alpha.step import ORDER, Alphas, AlphaStep
+from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
+from mbdae.integrators.constant import constant_steps, first_width
+from mbdae.integrators.dense import Collocation, cubic
+from mbdae.integrators.halving import halved, scaled_difference
+from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.runge_kutta.radau_step import Demand, RadauStep, StepFailedError
+from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.integrators.watched.arguments import Inside, cubic_of_step
+from mbdae.system.base import Array, System
+from mbdae.values import number, option, set_option, text
+
+SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
+CUBIC = 3  #: nodes of Radau IIA that hold a cubic
+GAINS = 0.9  #: spectral radius from which coarse steps gain energy
+
+
+class _Alpha(Solver):
+    """What all members of the family share; `rho_infinity` is the spectral radius for high frequencies."""
+
+    step: float | None
+    accuracy: float | None
+    highest_index: ClassVar[int] = 3
+    orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        label: dict.fromkeys(("GGL", "Index3", "Index1"), SECOND) for label in ("GeneralizedAlpha", "HHT")
+    }
+    tightest: ClassVar[dict[str, float]] = {"": 1e-10}
+
+    @property
+    def fixed(self) -> bool:
+        """Whether a step is given."""
+        return self.step is not None
+
+    @property
+    def by_steps(self) -> bool:
+        """Steered by its step."""
+        return True
+
+    @property
+    def rho_infinity(self) -> float:
+        """Spectral radius for high frequencies."""
+        raise NotImplementedError
+
+    @property
+    def coefficients(self) -> Alphas:
+        """Those for accelerations."""
+        raise NotImplementedError
+
+    def _set_step(self) -> None:
+        set_option(self, "step", number, "give a positive number of seconds, or None", above=0)
+        set_option(self, "accuracy", number, f"{ACCURACY}, or None", above=0, most=1)
+        if self.step is not None and self.accuracy is not None:
+            raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
+
+    def at_accuracy(self, accuracy: float, form_label: str) -> Self:
+        """This method with steps halved until its error is below `accuracy`; itself where the step is given."""
+        if self.fixed:
+            return self
+        option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
+        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
+
+    def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,
+              **options: Any) -> Solution:  # fmt: skip
+        """Integrate with the given step, or with steps halved until the error of all unknowns but multipliers, over their scale,
+        is below `accuracy` (1e-6 where none is given)."""
+        if self.fixed:
+            return super().solve(system, t_end, outputs, **options)
+        end = Asked.of(system, t_end, outputs, **options).t_end
+        goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
+        return halved(self, system, end, goal, scaled_difference(system), outputs=outputs, **options).solution
+
+    def check(self, system: System) -> None:
+        """Refuse what is no equation of motion with multipliers as algebraic unknowns."""
+        kinds = [ORDER.index(k) if k in ORDER else -1 for k in system.kinds]
+        if "v" not in system.kinds or -1 in kinds or kinds != sorted(kinds):
+            raise OptionError(
+                f"{self.label} needs equations of motion M u' + G^T lambda = f, g = 0, but this system ({system.label}) has no "
+                "partition into them: use mb.RadauIIA(3) or mb.IDA(), or give mb.DAE(..., partition=(M, f, g, G))"
+            )
+        forces = np.array([kind == "lambda" for kind in system.kinds])
+        columns = forces if system.sparsity is None else forces[np.repeat(np.arange(system.n), np.diff(system.sparsity.indptr))]
+        if forces.any() and not np.any(system.jacobian_parts(system.t0, system.y0, system.yp0)[0][..., columns]):
+            raise OptionError(f"{self.label} takes multipliers as unknowns, not as derivatives of unknowns ({system.label}): "
+                              f"use the variant with algebraic multipliers, such as mb.GGL(algebraic=True)")  # fmt: skip
+
+    def doubts(self, system: System) -> list[str]:
+        """What these options are known to do wrong."""
+        if self.rho_infinity < GAINS:
+            return []
+        less = "rho = 0.6 to 0.8, or HHT with alpha = 0.1 to 0.25"
+        if self.coefficients == Alphas.of(0.0, 0.0) and "lambda" in system.kinds and "mu" not in system.kinds:
+            return [f"Newmark's method (alpha = 0): in index 3 multipliers do not converge with any step; use GGL, or {less}"]
+        return [f"{self.label} damps high frequencies so little (spectral radius {self.rho_infinity:.2g}) that coarse steps gain "
+                f"energy, and with index 3 may blow up; compare the energy balance, or use {less}"]
+
+    def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
+        """Constant steps."""
+        assert self.step is not None
+        for doubt in self.doubts(system):
+            warnings.warn(doubt, AccuracyWarning, stacklevel=4)
+        rho, h = self.rho_infinity, self.step
+        step = AlphaStep(system, self.coefficients, Alphas.of((3 * rho - 1) / (2 * (rho + 1)), rho / (rho + 1)), loop.stats)
+        _begin(step, first_width(system, loop, h), loop.stats)
+        algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
+
+        def advance(width: float, t1: float) -> tuple[Any, ...]:
+            start, rate = step.y, step.yp
+            t1, y, yp = step.advance(width, t1)
+            line = radau_table(CUBIC).c[:-1, None] * (y - start)
+            return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
+
+        def inside(width: float) -> Inside:
+            return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
+
+        constant_steps(system, loop, h, step, step.solve, advance, inside)
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
+        """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""
+        return Collocation.of(CUBIC, t, y, pieces)
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(_Alpha):
+    """Generalised-alpha of Chung and Hulbert, stabilised as Arnold, Bruels and Cardona do: order 2 in positions, velocities and
+    multipliers, in the GGL form, Index3 (for comparison) and ODE.
+
+    rho       spectral radius for high frequencies, 0 (damps them in one step) to 1 (keeps them); from 0.9 on coarse steps gain
+              energy
+    step      constant step in s, run as it is: no accuracy is asked or estimated. The last one is cut to end at t_end
+    accuracy  without a step: steps are halved until the error is below it; `Scene.simulate` sets it
+    """
+
+    rho: float = 0.7
+    step: float | None = None
+    accuracy: float | None = None
+    rtol: float | None = field(default=None, init=False, repr=False)
+    word: ClassVar[str] = "genalpha"
+
+    def __post_init__(self) -> None:
+        set_option(self, "rho", number, "give the spectral radius for high frequencies, 0 to 1 (0.6 to 0.8 serve most)",
+                   least=0, most=1)  # fmt: skip
+        self._set_step()
+
+    @property
+    def rho_infinity(self) -> float:
+        return self.rho
+
+    @property
+    def coefficients(self) -> Alphas:
+        return Alphas.of((2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1))
+
+
+@dataclass(frozen=True)
+class HHT(_Alpha):
+    """Hilber, Hughes and Taylor: the member of the generalised-alpha family with alpha_m = 0, alpha_f = alpha.
+
+    alpha     0 (Newmark's trapezoidal rule, whose multipliers do not converge in index 3) to 1/3, or -1/3 to 0.
+              Its spectral radius for high frequencies is (1 - alpha) / (1 + alpha): 0.74 for 0.15
+    step, accuracy  as in GeneralizedAlpha
+    """
+
+    alpha: float = 0.15
+    step: float | None = None
+    accuracy: float | None = None
+    rtol: float | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        set_option(self, "alpha", number, "give 0 (Newmark) to 1/3 (most damping), or the same with Hughes's sign",
+                   least=-1 / 3, most=1 / 3)  # fmt: skip
+        self._set_step()
+
+    @property
+    def rho_infinity(self) -> float:
+        return (1 - abs(self.alpha)) / (1 + abs(self.alpha))
+
+    @property
+    def coefficients(self) -> Alphas:
+        return Alphas.of(0.0, abs(self.alpha))
+
+
+def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
+    """The algorithmic rates belong to times before the start; from rates at the start alone, multipliers oscillate at first and
+    lose their order. Found with one short step of Radau IIA; where that fails the rates at the start serve."""
+    lead = min(step.A.lead, step.B.lead if step.size[2] else 0.0)
+    if lead == 0:
+        return
+    tolerance = 1e-10
+    scale = np.asarray(step.system.scale, dtype=float)
+    short = RadauStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
+    try:
+        short.solve(-lead * h)
+    except StepFailedError:
+        return
+    change = (short.newton.Yp[-1] - step.yp) / -lead
+    step.a += step.A.lead * change[step.u]
+    step.w += step.B.lead * change[step.s]

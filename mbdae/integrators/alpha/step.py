@@ -1,0 +1,291 @@
+"""One step of the generalised-alpha method for equations of motion F(t, y, y') = 0 with y = (q, u, s, z, lambda, mu).
+
+Arnold, Bruels, Cardona, Error analysis of generalized-alpha Lie group time integration methods, Numer. Math. 129 (2015). The
+equations hold at the end of the step; with algorithmic accelerations a, displacements psi and the stabilising eta (mu):
+
+    (1 - alpha_m) a1 + alpha_m a0 = (1 - alpha_f) u1' + alpha_f u0'
+    u1 = u0 + h ((1 - gamma) a0 + gamma a1)
+    psi = h u0 + h^2 ((1/2 - beta) a0 + beta a1) + h G^T(q0) eta,   q1 = q0 moved by psi
+
+Unknowns are u1', s1', z1, lambda1 and eta. States of first order follow the method of Jansen, Whiting and Hulbert (2000).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.sparse.linalg import splu
+
+from mbdae.integrators.matrices.iteration import SingularMatrixError, inverse_or_one
+from mbdae.integrators.runge_kutta.radau_step import StepFailedError
+from mbdae.integrators.solution import Stats
+from mbdae.integrators.sundials.shared import as_csc
+from mbdae.system.base import Array, System
+from mbdae.ties import largest
+
+ORDER = ("q", "v", "s", "z", "lambda", "mu")
+#: corrections are measured in ROUND times the size of displacements and velocities; what is left is TARGET of that
+ROUND, TARGET = 1e-10, 3e-2
+NOISY = 1.0  #: corrections that stopped shrinking below this are round-off
+SLOW = 0.02  #: contraction above which the next step gets a new Jacobian
+LIMIT = 12
+
+
+@dataclass(frozen=True)
+class Alphas:
+    """Coefficients of the method for accelerations, or (first order) for rates of internal states."""
+
+    m: float
+    f: float
+    gamma: float
+    beta: float
+
+    @property
+    def kappa(self) -> float:
+        """da1/du1'."""
+        return (1 - self.f) / (1 - self.m)
+
+    @property
+    def lead(self) -> float:
+        """a0 belongs to the time t0 + lead h."""
+        return self.m - self.f
+
+    @classmethod
+    def of(cls, m: float, f: float) -> Alphas:
+        """Second order, and the most dissipation of high frequencies."""
+        gamma = 0.5 + f - m
+        return cls(m, f, gamma, (gamma + 0.5) ** 2 / 4)
+
+
+class AlphaStep:
+    """The state (t, y, y') of an integration with a and w (algorithmic rates), and what it takes to go one step further."""
+
+    def __init__(self, system: System, second: Alphas, first: Alphas, stats: Stats) -> None:
+        self.system, self.stats, self.A, self.B = system, stats, second, first
+        self.size = [system.kinds.count(kind) for kind in ORDER]
+        ends = np.cumsum(self.size)
+        self.nq = int(ends[0])
+        self.q, self.u, self.s = slice(0, ends[0]), slice(ends[0], ends[1]), slice(ends[1], ends[2])
+        self.algebraic, self.mu = slice(ends[2], ends[4]), slice(ends[4], ends[5])
+        nu, ns, m = self.size[1], self.size[2], self.size[5]
+        self.stabilised = m > 0
+        #: places among the unknowns of a step
+        self.xu, self.xs, self.xz, self.xe = (slice(s.start - self.nq, s.stop - self.nq)
+                                              for s in (self.u, self.s, self.algebraic, self.mu))  # fmt: skip
+        self.t, self.y, self.yp = float(system.t0), system.y0.copy(), system.yp0.copy()
+        self.a, self.w = self.yp[self.u].copy(), self.yp[self.s].copy()
+        scale = np.asarray(system.scale, dtype=float)
+        units = getattr(system.displaced, "units", None)
+        self._unit = scale[self.q] if units is None else units(scale[self.q])
+        self._speed, self._columns = scale[self.u], scale[self.nq :].copy()
+        self._G = np.zeros((m, nu))
+        self._velocity_rows: Any = None
+        self._Y, self._Yp, self._F = np.zeros((3, system.n))
+        self._x = np.zeros(system.n - self.nq)
+        self._factors: Any = None
+        self._row, self._column = np.ones(len(self._x)), np.ones(len(self._x))
+        self._factored, self._correction = 0.0, np.zeros(len(self._x))
+        self._old: tuple[float, Array] | None = None
+        self._states = ns > 0
+
+    # -- the equations of a step
+
+    def _begin(self, h: float) -> None:
+        """What of the step does not depend on its unknowns."""
+        A, B, y, yp = self.A, self.B, self.y, self.yp
+        part = (A.f * yp[self.u] - A.m * self.a) / (1 - A.m)
+        self._part = part
+        self._u0 = y[self.u] + h * ((1 - A.gamma) * self.a + A.gamma * part)
+        self._psi0 = h * (y[self.u] + h * ((0.5 - A.beta) * self.a + A.beta * part))
+        self._by_u, self._by_psi = h * A.gamma * A.kappa, h * h * A.beta * A.kappa
+        if self._states:
+            self._w0 = (B.f * yp[self.s] - B.m * self.w) / (1 - B.m)
+            self._s0 = y[self.s] + h * ((1 - B.gamma) * self.w + B.gamma * self._w0)
+            self._by_s = h * B.gamma * B.kappa
+
+    def _compose(self, h: float, x: Array) -> None:
+        """y and y' at the end of the step from its unknowns."""
+        Y, Yp, rate = self._Y, self._Yp, x[self.xu]
+        psi = self._psi0 + self._by_psi * rate
+        if self.stabilised:
+            psi += h * (x[self.xe] @ self._G)
+        moved = self.system.displaced
+        Y[self.q] = self.y[self.q] + psi if moved is None else moved(self.y[self.q], psi)
+        Y[self.u] = self._u0 + self._by_u * rate
+        Yp[self.u] = rate
+        if self._states:
+            Y[self.s], Yp[self.s] = self._s0 + self._by_s * x[self.xs], x[self.xs]
+        Y[self.algebraic] = x[self.xz]
+
+    def _predict(self, h: float) -> Array:
+        """Unknowns of the last two steps continued; eta as in the last one."""
+        last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
+        x = last.copy()
+        if self._old is not None:
+            width, before = self._old
+            x += (h / width) * (last - before)
+        if self.stabilised:
+            x[self.xe] = last[self.xe]
+        return x
+
+    # -- iteration matrix
+
+    def _jacobian(self, t: float, y: Array, yp: Array) -> None:
+        self._fy, self._fyp = (as_csc(self.system, part) if self.system.sparsity is not None else part
+                               for part in self.system.jacobian_parts(t, y, yp))  # fmt: skip
+        self.stats.jacobians += 1
+
+    def _directions(self) -> None:
+        """G at the start of the step."""
+        if self._velocity_rows is None:
+            block = self._fy[self.algebraic.start :, self.u]
+            filled = np.asarray(abs(block).sum(axis=1)).ravel() > 0
+            self._velocity_rows = self.algebraic.start + np.flatnonzero(filled)[-self.size[5] :]
+        G = self._fy[self._velocity_rows][:, self.u]
+        self._G = G if isinstance(G, np.ndarray) else G.toarray()
+
+    def _factor(self, h: float) -> None:
+        """Scale and factorise dF/dx for the step h."""
+        fy, fyp, n = self._fy, self._fyp, self.nq
+        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi: q' = H u tells how displacements move positions
+        blocks = [fyp[n:, self.u] + self._by_u * fy[n:, self.u] + self._by_psi * D]
+        if self._states:
+            blocks.append(fyp[n:, self.s] + self._by_s * fy[n:, self.s])
+        blocks.append(fy[n:, self.algebraic])
+        if self.stabilised:
+            blocks.append(h * (D @ self._G.T))
+        column = self._columns.copy()
+        column[self.xe] /= h
+        self._column = column
+        if self.system.sparsity is None:
+            A = np.hstack(blocks) * column
+            self._row = inverse_or_one(np.abs(A).max(axis=1))
+            lu, pivots, info = dgetrf(np.asfortranarray(A * self._row[:, None]), overwrite_a=1)
+            if info > 0 or not np.isfinite(lu[-1, -1]):
+                raise SingularMatrixError(n + info - 1)
+            self._factors = lambda b: dgetrs(lu, pivots, b)[0]
+        else:
+            S = sp.hstack([sp.csc_matrix(b) for b in blocks], format="csc") @ sp.diags(column)
+            self._row = inverse_or_one(abs(S).max(axis=1).toarray().ravel())
+            try:
+                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD").solve
+            except RuntimeError as error:
+                raise SingularMatrixError from error
+        self._factored = h
+        self.stats.factorisations += 1
+
+    # -- Newton's method
+
+    def solve(self, h: float) -> None:
+        """Find the end of the step; raises StepFailedError."""
+        fresh = self._factored == 0.0
+        if self.stabilised or fresh:
+            self._jacobian(self.t, self.y, self.yp)
+        if self.stabilised:
+            self._directions()
+        self._begin(h)
+        for attempt in range(3):
+            x = self._predict(h)
+            try:
+                if attempt or fresh or self._factored != h:
+                    if attempt:
+                        self._compose(h, x)
+                        self._jacobian(self.t + h, self._Y, self._Yp)
+                    self._factor(h)
+                if self._iterate(h, x, renewing=attempt == 2):
+                    self._x = x
+                    return
+            except SingularMatrixError as error:
+                if attempt == 2:
+                    raise self._failed(h, error.unknown) from error
+        self.stats.newton_failures += 1
+        raise self._failed(h, -1)
+
+    def _iterate(self, h: float, x: Array, renewing: bool) -> bool:
+        """Correct x until the rest is below the tolerance; renewing: a Jacobian for every correction."""
+        previous, theta = inf, 0.0
+        speed, unit = ROUND * (np.abs(self.y[self.u]) + self._speed), ROUND * self._unit
+        for k in range(LIMIT * (1 + renewing)):
+            self._compose(h, x)
+            if renewing and k:
+                self._jacobian(self.t + h, self._Y, self._Yp)
+                self._factor(h)
+            self.system.residual(self.t + h, self._Y, self._Yp, self._F)
+            self.stats.residuals += 1
+            self.stats.newton_iterations += 1
+            dx = self._factors(self._F[self.nq :] * self._row)
+            dx *= self._column
+            x -= dx
+            self._correction = dx
+            norm = self._norm(dx, h, speed, unit)
+            if not isfinite(norm):
+                return False
+            theta = norm / previous if k else 0.5
+            if norm == 0.0 or (k and theta < 1 and norm * theta / (1 - theta) <= TARGET) or norm <= 0.1 * TARGET:
+                break
+            if k > 1 and theta > 0.5 and norm <= NOISY:
+                break
+            if k > 1 and theta > (2.0 if renewing else 0.9):
+                return False
+            previous = norm
+        else:
+            return False
+        if theta > SLOW and norm > NOISY * 1e-3:
+            self._factored = 0.0
+        self._compose(h, x)
+        return True
+
+    def _norm(self, dx: Array, h: float, speed: Array, unit: Array) -> float:
+        """Largest correction of a velocity, a displacement or a state in units of the tolerance."""
+        rate = dx[self.xu]
+        psi = self._by_psi * rate
+        if self.stabilised:
+            psi += h * (dx[self.xe] @ self._G)
+        worst = max(float(np.max(np.abs(self._by_u * rate) / speed)), float(np.max(np.abs(psi) / unit)))
+        if self._states:
+            size = ROUND * (np.abs(self.y[self.s]) + self.system.scale[self.s])
+            worst = max(worst, float(np.max(np.abs(self._by_s * dx[self.xs]) / size)))
+        return worst
+
+    def _failed(self, h: float, unknown: int) -> StepFailedError:
+        names = self.system.names
+        bad = ~np.isfinite(self._F)
+        if bad.any():
+            equation = self.system.equations[int(np.argmax(bad))]
+            return StepFailedError(f"equation {equation} is not finite near t = {self.t + h:.9g}", equation)
+        if unknown >= 0:
+            return StepFailedError("the iteration matrix is singular", names[unknown])
+        share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
+        worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
+        return StepFailedError("Newton's method diverges, or stops above its tolerance on round-off", names[worst])
+
+    # -- going on
+
+    def reached(self) -> Array:
+        """y (n,) at the end of the step just solved."""
+        return self._Y
+
+    def rates_reached(self) -> Array:
+        """y' (n,) there, without algebraic unknowns."""
+        yp = self._Yp.copy()
+        yp[self.q] = -self._F[self.q]  # q' = H u: what its rows lack at q' = 0
+        return yp
+
+    def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
+        """Move to t1 = t + h; returns (t1, y, y')."""
+        x, y = self._x, self._Y.copy()
+        y[self.mu] = x[self.xe]
+        yp = self.rates_reached()
+        yp[self.algebraic] = (y[self.algebraic] - self.y[self.algebraic]) / h
+        before = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
+        self._old = h, before
+        self.a = self._part + self.A.kappa * yp[self.u]
+        if self._states:
+            self.w = self._w0 + self.B.kappa * yp[self.s]
+        self.t, self.y, self.yp = t1, y, yp
+        return t1, y, yp

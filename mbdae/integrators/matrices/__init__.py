@@ -1,0 +1,1 @@
+"""The iteration matrix of implicit methods: scaled, ordered, factorised."""

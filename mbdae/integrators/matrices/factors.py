@@ -1,0 +1,170 @@
+"""Factorisations of the iteration matrix for real and complex lambda: dense, sparse, and coupled over all stages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
+from scipy.sparse import bmat, csc_matrix
+from scipy.sparse.linalg import splu
+
+from mbdae.integrators.matrices.condensed import CondensedMatrix, plan_of
+from mbdae.integrators.matrices.iteration import IterationMatrix, SingularMatrixError, inverse_or_one
+from mbdae.integrators.matrices.ordering import THRESHOLD, elimination_order
+from mbdae.system.base import Array, System
+
+
+class DenseMatrix(IterationMatrix):
+    """LAPACK factorisations."""
+
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        a = np.asfortranarray(self._fy * self.column)
+        b = np.asfortranarray(self._fyp * (self.column / h))
+        self.row = inverse_or_one((np.abs(a) + np.abs(b)).max(axis=1))
+        return a * self.row[:, None], b * self.row[:, None]
+
+    def _factor_real(self, matrix: Array) -> Any:
+        return self._checked(dgetrf(matrix, overwrite_a=1))
+
+    def _factor_pair(self, matrix: Array) -> Any:
+        return self._checked(zgetrf(matrix, overwrite_a=1))
+
+    @staticmethod
+    def _checked(result: tuple[Array, Array, int]) -> tuple[Array, Array]:
+        lu, pivots, info = result
+        if info > 0 or not np.isfinite(lu[-1, -1]):
+            raise SingularMatrixError(info - 1)
+        return lu, pivots
+
+    def solve_real(self, j: int, b: Array) -> Array:
+        lu, pivots = self.real_factors[j]
+        return np.asarray(dgetrs(lu, pivots, b, overwrite_b=1)[0])
+
+    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        lu, pivots = self.pair_factors[j]
+        return np.asarray(zgetrs(lu, pivots, b, overwrite_b=1)[0])
+
+    def mass(self, x: Array) -> Array:
+        return np.asarray(self._fyp @ x)
+
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        return np.asarray(np.abs(self._fy) @ y + np.abs(self._fyp) @ yp)
+
+
+class _Ordered:
+    """A factorisation of rows and columns in an order that keeps it sparse."""
+
+    def __init__(self, factors: Any, order: NDArray[np.intp]) -> None:
+        self.factors, self.order = factors, order
+
+    def solve(self, b: Array) -> Array:
+        """Solution in the order of the unknowns."""
+        x = np.empty_like(b)
+        x[self.order] = self.factors.solve(b[self.order])
+        return x
+
+
+class SparseMatrix(IterationMatrix):
+    """SuperLU factorisations of CSC data in the system's pattern; the order of elimination is found once."""
+
+    def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
+        super().__init__(system, real, pairs)
+        self._indices, self._indptr = system.sparsity.indices, system.sparsity.indptr
+        self._columns = np.repeat(np.arange(system.n), np.diff(self._indptr))
+        self._sought = False
+        self._ordered: tuple[Any, ...] | None = None  #: data, indices and indptr in the order of elimination, and that order
+
+    def refresh(self, t: float, y: Array, yp: Array) -> None:
+        """Evaluate both Jacobian parts."""
+        super().refresh(t, y, yp)
+        self._mass = self._matrix(self._fyp)
+
+    def _matrix(self, data: Array) -> csc_matrix:
+        return csc_matrix((data, self._indices, self._indptr), shape=(self.system.n, self.system.n))
+
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        column = self.column[self._columns]
+        a, b = self._fy * column, self._fyp * (column / h)
+        largest = np.zeros(self.system.n)
+        np.maximum.at(largest, self._indices, np.abs(a) + np.abs(b))
+        self.row = inverse_or_one(largest)
+        row = self.row[self._indices]
+        return a * row, b * row
+
+    def _factor_real(self, matrix: Array) -> Any:
+        if not np.isfinite(matrix).all():
+            raise SingularMatrixError
+        if not self._sought:
+            self._seek(self._matrix(matrix))
+        try:
+            if self._ordered is not None:
+                data, indices, indptr, order = self._ordered
+                ordered = csc_matrix((matrix[data], indices, indptr), shape=(self.system.n, self.system.n))
+                options = {"SymmetricMode": True}
+                factors = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options=options)
+                return _Ordered(factors, order)
+            return splu(self._matrix(matrix), permc_spec="COLAMD")
+        except RuntimeError as error:  # SuperLU reports exactly singular factors this way
+            raise SingularMatrixError from error
+
+    def _seek(self, matrix: csc_matrix) -> None:
+        """Find the order once: it is most of the time of a factorisation by COLAMD, and a worse one."""
+        self._sought = True
+        order = elimination_order(matrix, self.system.kinds)
+        if order is None:
+            return
+        numbered = self._matrix(np.arange(1.0, len(matrix.data) + 1))[order][:, order].tocsc()
+        numbered.sort_indices()
+        self._ordered = numbered.data.astype(np.intp) - 1, numbered.indices, numbered.indptr, order
+
+    def _factor_pair(self, matrix: Array) -> Any:
+        return self._factor_real(matrix)
+
+    def solve_real(self, j: int, b: Array) -> Array:
+        return np.asarray(self.real_factors[j].solve(b))
+
+    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.asarray(self.pair_factors[j].solve(b))
+
+    def mass(self, x: Array) -> Array:
+        return np.asarray(self._mass @ x)
+
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        return np.asarray(self._matrix(np.abs(self._fy)) @ y + self._matrix(np.abs(self._fyp)) @ yp)
+
+
+def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: Array, Yp: Array, R: Array) -> Array:
+    """Newton correction (s, n) of all stages together, every Jacobian taken at its own stage: exact but dear.
+
+    times (s,), Y, Yp, R (s, n): the present stages and their residual.
+    """
+    s, n = R.shape
+    parts = [system.jacobian_parts(times[i], Y[i], Yp[i]) for i in range(s)]
+    blocks = [[A_inv[i, j] / h * fyp + (fy if i == j else 0.0) for j in range(s)] for i, (fy, fyp) in enumerate(parts)]
+    column = np.tile(np.asarray(system.scale, dtype=float) * h ** (1.0 - np.asarray(system.index)), s)
+    try:
+        if system.sparsity is None:
+            matrix = np.block(blocks) * column
+            row = inverse_or_one(np.abs(matrix).max(axis=1))
+            x = np.linalg.solve(matrix * row[:, None], R.ravel() * row)
+        else:
+            pattern = system.sparsity.indices, system.sparsity.indptr
+            sparse = bmat([[csc_matrix((d, *pattern), shape=(n, n)) for d in line] for line in blocks], format="csc")
+            sparse.data *= column[np.repeat(np.arange(s * n), np.diff(sparse.indptr))]
+            row = inverse_or_one(abs(sparse).max(axis=1).toarray().ravel())
+            sparse.data *= row[sparse.indices]
+            x = splu(sparse, permc_spec="COLAMD").solve(R.ravel() * row)
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise SingularMatrixError from error
+    return np.asarray(-(x * column).reshape(s, n))
+
+
+def iteration_matrix(system: System, real: Array, pairs: NDArray[np.complex128]) -> IterationMatrix:
+    """The condensed one where most unknowns can be condensed, else the dense or the sparse one, as the Jacobian is."""
+    plan = plan_of(system)
+    if plan is not None:
+        return CondensedMatrix(system, real, pairs, plan)
+    kind = DenseMatrix if system.sparsity is None else SparseMatrix
+    return kind(system, real, pairs)

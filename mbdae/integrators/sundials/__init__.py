@@ -1,0 +1,1 @@
+"""IDA and CVODE of SUNDIALS."""

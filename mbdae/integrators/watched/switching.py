@@ -1,0 +1,144 @@
+"""Steps around what switches or is local in the equations: nothing that a law does within a width is stepped over.
+
+A step over which PHI of an argument (`arguments.py`) varies by more than `LIMIT` is taken back; one that crosses a kink ends
+there. Nothing of this exists where a system has no switches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+
+from mbdae.integrators.solution import Stats
+from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
+from mbdae.system.base import Array, System
+
+#: largest variation of PHI over a step that is kept, over the next step as its rate tells it, and over a step taken anew
+LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
+#: steps taken back at one place before what is found is taken as it is
+RETRIES = 10
+#: part of a step at its end within which the only kink counts as met, and at its start the kink the step before was to end at
+MET = 1e-2
+#: arguments below so many times what the tolerance means for them are 0
+NOISE = 3.0
+#: shortest part of a step that is worth a step of its own; a step shorter than ROUND times the time is none
+TINY, ROUND = 1e-9, 1e3 * float(np.finfo(float).eps)
+
+Found = tuple[float, int, bool]  #: part of a step, number of an argument, whether something surely is hidden there
+
+
+class SwitchingSteps:
+    """The switches of one run: how far the next step may go, and where the step just made should have ended."""
+
+    def __init__(self, system: System, stats: Stats, tolerance: Callable[[Array], Array]) -> None:
+        """tolerance: y (n,) -> what the solver leaves undecided of every unknown (n,)."""
+        assert system.switches is not None
+        self.arguments, self.stats, self.tolerance = StepArguments(system.switches), stats, tolerance
+        self._retries, self._bound, self._crossed = 0, inf, False
+        self._goal = self._reached = -1  # kink at which the step is to end, and the one before did
+
+    def bound(self) -> float:
+        """Largest step from the last accepted point, s."""
+        return self._bound
+
+    def look(self, t: float, h: float, inside: Inside) -> None:
+        """Take a step of h from t that was just made."""
+        self.arguments.look(t, h, inside)
+
+    def shorter(self) -> float | None:
+        """Width (s) the step should have had; None: keep it."""
+        found = self._found()
+        if found is None:
+            return None
+        part, i, surely = found
+        t, h = self.arguments.t, self.arguments.h
+        if self._retries >= RETRIES or part * h <= ROUND * abs(t):
+            if surely:
+                self._count(i, part)
+            return None
+        self._retries += 1
+        self.stats.retaken += 1
+        self._goal = i if self.arguments.kinks[i] else -1
+        return part * h
+
+    def keep(self) -> None:
+        """The step is accepted: how far may the next one go?"""
+        self._retries, self._reached, self._goal = 0, self._goal, -1
+        rate, U = self.arguments.rate(), self.arguments.at_nodes
+        self._bound = REACH / rate if rate > 0 else inf
+        self._crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
+
+    def count_hidden(self) -> None:
+        """Count what came and went inside a constant step; a kink that is crossed once is not hidden."""
+        found = self._found(constant=True)
+        if found is not None and found[2]:
+            self._count(found[1], found[0])
+
+    def crossed(self) -> bool:
+        """Whether the last accepted step ended beyond a kink before which it began: the Jacobian in use is of the other side."""
+        return self._crossed
+
+    def _count(self, i: int, part: float) -> None:
+        name, wanted = self.arguments.switches.names[i], part * self.arguments.h
+        self.stats.unresolved[name] = self.stats.unresolved.get(name, 0) + 1
+        self.stats.resolving_step = min(wanted, self.stats.resolving_step or wanted)
+
+    # -- what a step hides
+
+    def _found(self, constant: bool = False) -> Found | None:
+        """First part of the step after which it should have ended."""
+        asked = self.arguments.suspects(LIMIT)
+        if not asked.any():
+            return None
+        kinks = self.arguments.kinks
+        found = [place for i in np.flatnonzero(asked & ~kinks).tolist() if (place := self._scale(i)) is not None]
+        crossings = [(part, i) for i in np.flatnonzero(asked & kinks).tolist() for part in self._crossings(i)]
+        if len(crossings) > 1 or (len(crossings) == 1 and not constant and crossings[0][0] <= 1 - MET):
+            found += [(part, i, len(crossings) > 1) for part, i in crossings]
+        if not constant and not crossings:
+            found += [(part, i, False) for i in np.flatnonzero(asked & kinks).tolist() for part in self._near_misses(i)]
+        return min(found, default=None)
+
+    def _scale(self, i: int) -> Found | None:
+        """Where PHI of argument i has varied by AGAIN, if it varies by more than LIMIT over the step."""
+        arguments, course = self.arguments, self.arguments.course(i)
+        if arguments.switches.kinds[i] == "power":
+            course = self._with_zeros(i, course)
+        change = np.abs(np.diff(arguments.stretch(i, course.u)))
+        if not change.sum() > LIMIT:
+            return None
+        before = np.cumsum(change)
+        k = int(np.searchsorted(before, AGAIN))
+        start, left = arguments.stretch(i, course.u[k]), AGAIN - (before[k] - change[k])
+        part = arguments.place(i, course, k, lambda v: np.abs(arguments.stretch(i, v) - start) > left)[1]
+        return part, i, arguments.noise(i, self.tolerance)[1] < 1
+
+    def _with_zeros(self, i: int, course: Course) -> Course:
+        """With the places where argument i vanishes, whose logarithm falls towards them."""
+        s, u = course
+        for k in reversed(course.changes()):
+            s, u = np.insert(s, k + 1, self.arguments.zero(i, course, k)), np.insert(u, k + 1, 0.0)
+        return Course(s, u)
+
+    def _crossings(self, i: int) -> list[float]:
+        """Parts of the step after which argument i changes its sign, without the kink at which the step before was to end."""
+        course = self.arguments.course(i)
+        changes = course.changes()
+        if not len(changes) or self._is_noise(i, course):
+            return []
+        found = [max(self.arguments.zero(i, course, k), TINY) for k in changes]
+        return found[1:] if self._reached == i and found[0] < MET else found
+
+    def _near_misses(self, i: int) -> list[float]:
+        """Parts of the step after which argument i turns so near to 0 that it may cross it."""
+        course = self.arguments.course(i)
+        s, u = course
+        near = [float(s[j]) for j in course.turns()
+                if MET < s[j] < 1 - MET and (u[j] - u[j - 1]) * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u)]  # fmt: skip
+        return [] if near and self._is_noise(i, course) else near
+
+    def _is_noise(self, i: int, course: Course) -> bool:
+        """Whether argument i stays nearer to 0 than the tolerance can tell."""
+        return float(np.max(np.abs(course.u))) < NOISE * self.arguments.noise(i, self.tolerance)[0]

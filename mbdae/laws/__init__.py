@@ -1,0 +1,1 @@
+"""The laws that mbdae ships, one per file: joints, forces, contact, friction, elements."""

@@ -1,0 +1,84 @@
+"""Section axes along a line and their quaternions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.laws.elements.line_shape import Array
+
+PARALLEL = 1e-8  #: sine of the angle below which two directions count as parallel
+ROUND_OFF = 1e-13
+
+
+def section_axes(tangents: Array, positions: Array, axis2: Any = None) -> Array:
+    """(k, 3, 3) axes 1, 2, 3 as columns at places (k,) along a line.
+
+    axis2: direction whose part normal to the tangent is axis 2. By default axis 3 is the normal of the plane the line
+    lies in (z for a straight one, x along z); where the line leaves a plane, the normal is carried along.
+    """
+    first = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+    if axis2 is None:
+        third = _carried(first, _normal(first, positions))
+        return np.stack([first, np.cross(third, first), third], axis=-1)
+    direction = np.zeros(3)
+    direction[: len(axis2)] = axis2
+    second = direction - (first @ direction)[:, None] * first
+    size = np.linalg.norm(second, axis=1, keepdims=True)
+    if np.any(size <= PARALLEL * np.linalg.norm(direction)):
+        raise OptionError(f"axis2 = {direction.tolist()} is parallel to the line somewhere: give a direction across it")
+    second = second / size
+    return np.stack([first, second, np.cross(first, second)], axis=-1)
+
+
+def _normal(first: Array, positions: Array) -> Array:
+    """Normal of the plane of the line, up (z, else y, else x positive); z or x where it is straight."""
+    spread = np.linalg.svd(np.vstack([first, positions - positions[0]]), full_matrices=False)
+    if spread[1][1] <= PARALLEL * spread[1][0]:
+        straight: Array = np.eye(3)[2 if np.linalg.norm(first[0, :2]) > PARALLEL else 0]
+        return straight
+    normal = spread[2][2]
+    leading = next(c for c in normal[::-1] if abs(c) > PARALLEL)
+    found: Array = normal * np.sign(leading)
+    return found
+
+
+def _carried(first: Array, normal: Array) -> Array:
+    """Axis 3 along the line: the normal, turned from tangent to tangent without twist."""
+    found = np.empty_like(first)
+    before = first[0]
+    normal = normal - (normal @ before) * before
+    for i, t in enumerate(first):
+        both = 1 + before @ t
+        if both > PARALLEL:  # where the line turns back, the normal stays
+            normal = normal - (normal @ t) / both * (before + t)
+        found[i] = normal = normal / np.linalg.norm(normal)
+        before = t
+    return found
+
+
+def quaternions(axes: Array) -> Array:
+    """(k, 4) unit quaternions of axes (k, 3, 3), each with a positive dot product with the one before."""
+    from scipy.spatial.transform import Rotation  # 0.1 s that scenes without beams need not spend
+
+    P = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
+    first = 1.0 if P[0, 0] >= 0 else -1.0
+    flips = np.where(np.einsum("ki,ki->k", P[1:], P[:-1]) < 0, -1.0, 1.0)
+    found: Array = P * np.cumprod(np.r_[first, flips])[:, None]
+    return found
+
+
+def headings(tangents: Array) -> Array:
+    """(k,) angle of the tangents in the plane z = 0, continuous along the line, rad."""
+    found: Array = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
+    return found
+
+
+def relative(P: Array, S: Array) -> Array:
+    """conj(P) o S (..., 4): the rotation from axes P to axes S; exactly (1, 0, 0, 0) where they agree to round-off."""
+    vector = P[..., :1] * S[..., 1:] - S[..., :1] * P[..., 1:] - np.cross(P[..., 1:], S[..., 1:])
+    found: Array = np.concatenate([np.sum(P * S, axis=-1, keepdims=True), vector], axis=-1)
+    found[np.max(np.abs(P - S), axis=-1) < ROUND_OFF] = [1.0, 0.0, 0.0, 0.0]
+    return found

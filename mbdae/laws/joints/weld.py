@@ -1,0 +1,19 @@
+"""Weld: no relative motion."""
+
+from __future__ import annotations
+
+from mbdae.laws.joints.coincidence import same_attitude, same_point, upright
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.law import Joint
+from mbdae.symbolic.vectors import Expr
+
+
+class Weld(Joint):
+    """l moves with k."""
+
+
+    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return same_point(k, l) | same_attitude(k, l)
+
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return upright(k, l)

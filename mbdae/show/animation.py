@@ -1,0 +1,192 @@
+"""The motion of a result as a GIF or a player: times of the frames, places followed, sensors below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.files import replacing, write_file
+from mbdae.notation import axis_label
+from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.show.drawing import Picture, axes_for, figure_size, show_gravity
+from mbdae.show.geometry import Geometry
+from mbdae.show.plots import COLOURS, PLACE, checked, dress, numbers, steady, strips, style, track
+from mbdae.show.shapes import geometry
+from mbdae.values import number, option, optional, sequence, text
+
+LARGEST = 600  #: frames
+SMOOTH = 240  #: least frames of a player, which may be slowed down, and least points of a line over time
+COMFORTABLE = (1.0, 60.0, 8.0)  #: s on the screen: least and most for real time, and what else is aimed at
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One panel of the strip chart: a sensor's name with its unit, its component names and values (nt, n)."""
+
+    label: str
+    components: tuple[str, ...]
+    values: Array
+
+
+@dataclass(frozen=True)
+class Trail:
+    """The path (nt, 3), m, of a place."""
+
+    name: str
+    colour: str
+    points: Array
+
+
+@dataclass(frozen=True)
+class Film:
+    """All that moves, at the times of the frames; trails and curves at `fine` points per frame, times (n,) s."""
+
+    seen: Geometry
+    fine: int
+    times: Array
+    trails: tuple[Trail, ...]
+    curves: tuple[Curve, ...]
+    speed: float  #: simulated s per s on the screen
+
+
+def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> None:
+    """Write a .gif or an .html player; see `Result.animate`."""
+    file = checked(path, (".gif", ".html"), "animate")
+    given = [sensors] if isinstance(sensors, str) else sensors
+    sensors = option("sensors", given, sequence, "give a sensor such as 'C.angle', or a list of them", each=text)
+    fps = option("fps", fps, number, "give frames per second on the screen, up to 100", above=0, most=100)
+    speed = optional("speed", speed, number, "give simulated seconds per second on the screen, or None", above=0)
+    places = _listed(trail)
+    for sensor in sensors:
+        numbers(result, sensor)
+    for place in places:
+        track(result, place)
+    if not len(result.t):
+        raise OptionError("animate: this result has no times; ask for some with r(times)")
+    duration = float(result.t[-1] - result.t[0])
+    rate = natural_speed(duration) if speed is None else speed
+    gif = file.suffix.lower() == ".gif"
+    delay = max(2, round(100 / fps)) / 100 if gif else 1 / fps  # a GIF counts in hundredths of a second
+    times = frame_times(float(result.t[0]), duration, rate * delay, 2 if gif else SMOOTH)
+    film = filmed(result, times, sensors, places, rate)
+    if gif:
+        write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
+    else:
+        from mbdae.show.player import page
+
+        write_file(file, page(film))
+
+
+def natural_speed(duration: float) -> float:
+    """1 where the run lasts a comfortable time on the screen, else 1, 2 or 5 times a power of ten."""
+    least, most, aim = COMFORTABLE
+    if duration <= 0 or least <= duration <= most:
+        return 1.0
+    wanted = duration / aim
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(f"{power * max(n for n in (1, 2, 5) if n <= wanted / power * (1 + 1e-9)):.3g}")
+
+
+def frame_times(start: float, duration: float, step: float, least: int = 2) -> Array:
+    """Times (nt,) of the frames, s; more than `LARGEST` are thinned."""
+    n = int(np.clip(np.ceil(duration / step - 1e-9) + 1, least if duration > 0 else 1, LARGEST))
+    return np.asarray(start + np.linspace(0.0, duration, n))
+
+
+def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float) -> Film:
+    """A result at the times of its frames (nt,), its lines at more."""
+    fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
+    times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
+    dense = result(times)
+    tracks = [track(dense, place) for place in places]
+    trails = tuple(Trail(name, COLOURS[(i + 1) % len(COLOURS)], points) for i, (name, points) in enumerate(tracks))
+    curves = [Curve(label, tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1))
+              for sensor in sensors for label, parts in strips(dense, sensor)]  # fmt: skip
+    return Film(geometry(result(t)), fine, times, trails, tuple(curves), speed)
+
+
+def _listed(trail: Any) -> list[Any]:
+    if trail is None:
+        return []
+    alone = isinstance(trail, str | Place | Body | Connection)
+    return option("trail", [trail] if alone else trail, sequence, f"{PLACE}, or a list of them", each=_place)
+
+
+def _place(value: Any) -> Any:
+    return value if isinstance(value, Place | Body | Connection) else text(value)
+
+
+# ---- GIF ---------------------------------------------------------------------------------------------------------------
+
+
+def write_gif(film: Film, file: Path, delay: float) -> None:
+    """Draw every frame; `delay` s between frames, to the hundredth."""
+    from matplotlib.animation import PillowWriter
+
+    stage = _Stage(film)
+    rate: Any = 100 / max(2, round(100 * delay))
+    writer = PillowWriter(fps=rate)
+    with replacing(file) as part, writer.saving(stage.figure, str(part), dpi=80):
+        for i in range(len(film.seen.t)):
+            stage.show(i)
+            writer.grab_frame()
+
+
+class _Stage:
+    """A figure with the mechanism, and the strip charts below."""
+
+    def __init__(self, film: Film) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.film, self.t = film, film.seen.t
+        n = len(film.curves)
+        width, height = figure_size(film.seen)
+        figure = Figure(figsize=(width, height + 1.3 * n), layout="constrained" if film.seen.planar else None)
+        FigureCanvasAgg(figure)
+        sides = {"left": 0.09, "right": 0.97, "top": 0.94, "bottom": 0.1 / (1 + 0.3 * n), "hspace": 0.4}
+        room = {} if film.seen.planar else sides
+        grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **room)
+        self.figure, self.axes = figure, axes_for(figure, film.seen, grid[0])
+        self.title = self.axes.set_title(" ", fontsize="medium", loc="left", family="monospace")
+        self.picture = Picture(self.axes, film.seen)
+        show_gravity(self.axes, film.seen)
+        self.trails = [self.picture.trail(trail.points, trail.colour) for trail in film.trails]
+        self.markers = [self._strip(figure.add_subplot(grid[1 + k]), curve, k == n - 1) for k, curve in enumerate(film.curves)]
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+
+    def _strip(self, axis: Any, curve: Curve, last: bool) -> Any:
+        dress(axis)
+        for j, name in enumerate(curve.components):
+            axis.plot(self.film.times, curve.values[:, j], label=name, **style(j))
+        if len(curve.components) > 1:
+            axis.legend(frameon=False, fontsize="x-small", ncols=3, loc="lower right", bbox_to_anchor=(1, 0.95))
+        axis.set_title(curve.label, fontsize="small", loc="left")
+        axis.margins(x=0.01)
+        steady(axis)
+        axis.tick_params(labelbottom=last)
+        if last:
+            axis.set_xlabel(axis_label("time", "time"))
+        return axis.axvline(self.t[0], color="0.2", linewidth=1.2)
+
+    def show(self, i: int) -> None:
+        """Move everything to the i-th frame."""
+        self.picture.show(i)
+        for lengthen in self.trails:
+            lengthen(i * self.film.fine)
+        for marker in self.markers:
+            marker.set_xdata([self.t[i]] * 2)
+        pace = "" if self.film.speed == 1 else f"   (speed x {self.film.speed:g})"
+        self.title.set_text(f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}")
+
+
+def digits(t: Array) -> int:
+    """Decimals that tell the frames apart."""
+    step = float(t[-1] - t[0]) / 200
+    return int(np.clip(np.ceil(-np.log10(step)), 0, 9)) if step > 0 else 2

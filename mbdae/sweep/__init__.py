@@ -1,0 +1,5 @@
+"""One job at every point of a grid, in processes, in a cluster or in any executor."""
+
+from mbdae.sweep.sweep import Sweep, SweepRow, sweep
+
+__all__ = ["Sweep", "SweepRow", "sweep"]

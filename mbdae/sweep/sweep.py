@@ -1,0 +1,308 @@
+"""A job at every point of a grid, in processes, in a cluster or in any executor; failures are rows, results resumable."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+import math
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from mbdae.errors import OptionError, Told, interrupted
+from mbdae.files import write_file
+from mbdae.sweep.resume import check_same, reading, resume_path, written
+from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
+from mbdae.system.base import Array
+from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
+
+FORMAT = "mbdae sweep 1"
+MOST_WORKERS = 1024
+GRID = "give a mapping of names to lists of values, or a list of points (dicts)"
+Progress = Callable[[int, int], None]  #: points done, points in all
+
+
+@dataclass(frozen=True)
+class SweepRow:
+    """A point and what the job returned there; else `error`, its type and text. died: the worker ended with it."""
+
+    point: dict[str, Any]
+    values: dict[str, Any] | None
+    error: str | None = None
+    died: bool = False
+
+
+@dataclass(frozen=True)
+class Sweep(Told):
+    """Rows of a sweep in the order of its points; those of a sweep that was interrupted are fewer than `points`.
+
+    axes: name -> values of the outer product, None where a list of points was given.
+    """
+
+    points: tuple[dict[str, Any], ...]
+    done: dict[int, SweepRow]
+    axes: dict[str, list[Any]] | None
+
+    @property
+    def rows(self) -> list[SweepRow]:
+        """Rows of the points done."""
+        return [self.done[i] for i in sorted(self.done)]
+
+    @property
+    def failures(self) -> list[SweepRow]:
+        """Rows without values."""
+        return [row for row in self.rows if row.values is None]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point was done."""
+        return len(self.done) == len(self.points)
+
+    def array(self, key: str) -> Array:
+        """A value of the job on the grid, (one length per axis, ...) or (points, ...); nan where it is missing."""
+        key = option("key", key, text, "give the name of a value that the job returns")
+        known = {i: np.asarray(row.values[key], dtype=float) for i, row in self.done.items() if row.values and key in row.values}
+        if not known:
+            names = sorted({name for row in self.rows for name in row.values or ()})
+            raise OptionError(f"key = '{key}' is no value of any row: there are {', '.join(names) or 'none, every point failed'}")
+        shapes = {value.shape for value in known.values()}
+        if len(shapes) > 1:
+            raise OptionError(f"key = '{key}' has different shapes from point to point: {sorted(shapes)}; read it from the rows")
+        out = np.full((len(self.points), *shapes.pop()), np.nan)
+        for i, value in known.items():
+            out[i] = value
+        return out if self.axes is None else out.reshape(*map(len, self.axes.values()), *out.shape[1:])
+
+    def table(self) -> str:
+        """All rows as text: points, values, errors."""
+        names = list(dict.fromkeys(name for point in self.points for name in point))
+        keys = list(dict.fromkeys(key for row in self.rows for key in row.values or ()))
+        rows = [[*names, *keys]]
+        for row in self.rows:
+            values = [row.error] if row.error is not None else [_cell((row.values or {}).get(key)) for key in keys]
+            rows.append([*(_cell(row.point.get(name)) for name in names), *values])
+        cells = [rows[0], *(line for line, row in zip(rows[1:], self.rows, strict=True) if row.error is None)]
+        widths = [max(len(line[j]) for line in (cells if j >= len(names) else rows)) for j in range(len(rows[0]))]
+        widths += [0] * (len(names) + 1 - len(widths))  # where every point failed
+        return "\n".join("  ".join(f"{c:>{w}}" for c, w in zip(line, widths, strict=False)) for line in rows)
+
+    def to_json(self, path: Any = None) -> str:
+        """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
+        rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
+        content = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False)
+        return written(content + "\n", path)
+
+    def __repr__(self) -> str:
+        return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
+
+
+def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
+          workers: int | None = None, resume: Any = None, again: bool = False,
+          progress: Progress | None = None) -> Sweep:  # fmt: skip
+    """job(**point) -> dict at every point of a grid.
+
+    grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
+    of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
+    such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
+    An error of a point is kept in its row. Where a worker dies, the point it had in hand is done once more; one whose
+    worker dies again is a failure. resume: a file that gets every row as it comes; with the same job and grid
+    only what is missing is computed, points whose worker died among it, and with again=True all that failed.
+    progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
+    Sweep of the points done. The worker processes end with this one, however it ends.
+    """
+    points, axes = _points(grid)
+    workers = optional("workers", workers, whole, "give the number of processes, 1 or more, or None for one per core",
+                       least=1, most=MOST_WORKERS)  # fmt: skip
+    again = option("again", again, flag, "give True to do points that failed once more, or False")
+    tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
+    if not callable(job):
+        raise OptionError(f"job = {shown(job)}: give a function that takes a point and returns a dict")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise OptionError(f"executor = {shown(executor)}: give an executor of concurrent.futures, or None for processes")
+    if executor is None:
+        _check_job(job, points)
+    said = points if axes is None else {name: [_scalar(value) for value in values] for name, values in axes.items()}
+    with _Kept(resume, {"format": FORMAT, "job": _name(job), "grid": said}, points, again) as kept:
+        done = kept.rows
+        left = {i: point for i, point in enumerate(points) if i not in done}
+        come = with_executor(executor, job, left) if executor is not None else with_processes(job, left, workers)
+        made = Sweep(tuple(points), done, axes)
+        try:
+            with closing(come) as coming:
+                for i, found in coming:
+                    done[i] = _row(points[i], found)
+                    kept.add(i, done[i])
+                    if tell is not None:
+                        tell(len(done), len(points))
+        except (KeyboardInterrupt, SystemExit) as error:
+            interrupted(error, _said(made, resume), made)
+            raise
+    return made
+
+
+def _said(made: Sweep, resume: Any) -> str:
+    """What is kept of a sweep that was interrupted."""
+    done = f"the sweep was interrupted: {len(made.done)} of {len(made.points)} points are done"
+    where = f"kept in {resume}; the same call goes on from there" if resume is not None else "kept in no file (resume=FILE does)"
+    return f"{done} and {where}; this exception has them as its attribute `solution`"
+
+
+def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
+    if isinstance(grid, Mapping):
+        axes = {name: option(f"grid: {shown(name)}", _listed(values), sequence, GRID, each=_scalar)
+                for name, values in grid.items()}  # fmt: skip
+        points = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+        if not (axes and points):
+            raise OptionError(f"grid has {len(axes)} names and {len(points)} points: give at least one value for every name")
+        return [_scalars(point) for point in points], axes
+    points = option("grid", _listed(grid), sequence, GRID, each=_point)
+    if not points:
+        raise OptionError(f"grid = {shown(grid)} is empty: {GRID}")
+    return [_scalars(point) for point in points], None
+
+
+def _point(value: Any) -> Mapping[str, Any]:
+    if isinstance(value, Mapping):
+        return value
+    raise BadValueError(f"{shown(value)} is not a dict")
+
+
+def _listed(values: Any) -> Any:
+    """What can be read once alone, as a list."""
+    return list(values) if isinstance(values, Iterator) else values
+
+
+def _scalars(point: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain numbers instead of NumPy's, so that a point reads the same from a file."""
+    wrong = [name for name in point if not (isinstance(name, str) and name.isidentifier())]
+    if wrong:
+        raise OptionError(f"grid: {shown(wrong[0])} is not the name of an argument: {GRID}")
+    return {name: _scalar(value) for name, value in point.items()}
+
+
+def _scalar(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
+    """Refuse what a process of its own cannot get."""
+    advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
+    inner = job.func if isinstance(job, functools.partial) else job
+    if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
+        raise OptionError(f"job {_name(job)} was typed in: worker processes cannot import it; {advice}")
+    try:
+        pickle.dumps((job, points))
+    except Exception as error:
+        raise OptionError(f"job {_name(job)} or its points cannot be sent to another process ({error}); {advice}") from error
+
+
+def _name(job: Any) -> str:
+    if isinstance(job, functools.partial):
+        return f"{_name(job.func)}{job.args!r}{job.keywords!r}"
+    return f"{getattr(job, '__module__', '?')}.{getattr(job, '__qualname__', type(job).__qualname__)}"
+
+
+def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
+    """The row with plain values, the same whether it comes from a file or not."""
+    if found.values is None:
+        return SweepRow(point, None, found.error, found.died)
+    try:
+        return SweepRow(point, json.loads(_json(found.values)))
+    except (TypeError, ValueError) as error:
+        return SweepRow(point, None, f"TypeError: the job returned what cannot be kept: {error}; "
+                                     f"return numbers, texts, lists and arrays")  # fmt: skip
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray) and not np.iscomplexobj(value):
+        return value.tolist()
+    raise TypeError(f"{value!r} is of type {type(value).__name__}")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(v) for key, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+class _Kept:
+    """The file of a sweep: a line that says what it is, then a line per row; nothing where no path is given."""
+
+    def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
+        self.statement, self.points, self.again = statement, points, again
+        self.rows: dict[int, SweepRow] = {}
+        self.file: TextIO | None = None
+        where = resume_path(path)
+        if where is not None:
+            self._open(where)
+
+    def _open(self, path: Path) -> None:
+        try:
+            head = _json(self.statement)
+        except TypeError as error:
+            raise OptionError(f"resume = '{path}': points cannot be written to a file: {error}; give numbers or texts") from error
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        except (OSError, ValueError) as error:
+            raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
+        if lines:
+            self._read(path, lines, json.loads(head))
+        rows = [_json(_line(i, row)) for i, row in self.rows.items()]
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
+        self.file = path.open("a", encoding="utf-8")
+
+    def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
+        try:
+            said = json.loads(lines[0])
+            if said["format"] != FORMAT:
+                raise ValueError(said["format"])
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise OptionError(f"resume = '{path}' is not a sweep kept by resume; name another file") from error
+        check_same(path, "sweep", said, meant)
+        for line in lines[1:]:
+            try:
+                data = json.loads(line)
+            except (ValueError, RecursionError):
+                continue  # the run was stopped while it was written
+            with reading(path):
+                number = whole(data["number"], least=0, most=len(self.points) - 1)
+                row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
+                if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
+                    raise BadValueError(f"a row is {shown(data)}")
+            if not (row.died or (self.again and row.error)):
+                self.rows[number] = row
+
+    def add(self, i: int, row: SweepRow) -> None:
+        """Append a row."""
+        if self.file is not None:
+            self.file.write(_json(_line(i, row)) + "\n")
+            self.file.flush()
+
+    def __enter__(self) -> _Kept:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.file is not None:
+            self.file.close()
+
+
+def _line(i: int, row: SweepRow) -> dict[str, Any]:
+    return {"number": i, "values": row.values, "error": row.error, "died": row.died}

@@ -1,0 +1,184 @@
+"""Points of a sweep in processes of their own (`Crew`), or in any executor. A worker that dies costs the point it had in hand."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable, Generator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
+from typing import Any
+
+from mbdae.errors import OptionError
+from mbdae.sweep.worker import Worker, WorkerDiedError
+
+DIED = "worker died"
+GUARD = ("the worker processes do not start: they import the script again, so keep what it runs under "
+         "`if __name__ == '__main__':`; what they said is above")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a point came to: its values, or the type and the text of its error; died: its worker ended with it."""
+
+    values: dict[str, Any] | None
+    error: str | None = None
+    died: bool = False
+
+
+Job = Callable[..., dict[str, Any]]
+Done = Generator[tuple[int, Outcome], None, None]  #: number of a point and what it came to, as they come
+
+
+def answer(payload: bytes) -> bytes:
+    """What a worker makes of a pickled job and point: a pickled outcome. What cannot be read or sent is a failure."""
+    try:
+        job, point = pickle.loads(payload)
+    except Exception as error:
+        return pickle.dumps(Outcome(None, _text(error)))
+    found = outcome(job, point)
+    try:
+        return pickle.dumps(found)
+    except Exception as error:
+        return pickle.dumps(Outcome(None, f"TypeError: the job returned what cannot be sent: {_text(error)}"))
+
+
+def outcome(job: Job, point: dict[str, Any]) -> Outcome:
+    """What a point comes to; every error is kept, and a job that ends its process is one."""
+    try:
+        values = job(**point)
+    except (Exception, SystemExit) as error:
+        return Outcome(None, _text(error))
+    if not isinstance(values, dict) or not all(isinstance(key, str) for key in values):
+        return Outcome(None, f"TypeError: the job returned {values!r}: return a dict of names and values")
+    return Outcome(values)
+
+
+def _text(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
+# -- processes of this machine
+
+
+def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
+    """Points in processes of their own. One whose worker dies is done once more by another; after that it is a failure."""
+    payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
+    crew = _Crew(min(workers or os.cpu_count() or 1, len(points)))
+    waiting, tried = list(payloads), set[int]()
+    try:
+        while waiting or crew.busy:
+            while waiting and (free := crew.free()) is not None:
+                crew.give(free, waiting[0], payloads[waiting[0]])
+                del waiting[0]
+            for i, found in crew.answers():
+                if found.died and i not in tried:
+                    tried.add(i)
+                    waiting.append(i)
+                else:
+                    yield i, found
+    finally:
+        crew.end()
+
+
+class _Crew:
+    """Up to `count` workers, started as they are needed, and the number of the point that each has in hand."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.idle: list[Worker] = []
+        self.busy: dict[Connection, tuple[Worker, int]] = {}
+        self._begun = False
+
+    def free(self) -> Worker | None:
+        """A worker without a point, a new one where there may be more; None where all are busy."""
+        if self.idle:
+            return self.idle.pop()
+        if len(self.busy) >= self.count:
+            return None
+        worker = Worker(answer)
+        if not self._begun:  # the first one alone: what keeps workers from starting is said once
+            self._wait_for_first(worker)
+        return worker
+
+    def _wait_for_first(self, worker: Worker) -> None:
+        try:
+            worker.wait_until_ready()
+        except WorkerDiedError as error:
+            raise OptionError(GUARD if error.own_fault else f"the worker processes do not start: {error}") from None
+        except BaseException:
+            worker.kill()
+            raise
+        self._begun = True
+
+    def give(self, worker: Worker, i: int, payload: bytes) -> None:
+        """Send a point to a worker; one that has died in between answers with that."""
+        self.busy[worker.connection] = worker, i
+        worker.send(payload)
+
+    def answers(self) -> Done:
+        """What has come, at least one point."""
+        for connection in wait_for(list(self.busy)):
+            worker, i = self.busy[connection]  # type: ignore[index]
+            try:
+                found = worker.receive()
+            except WorkerDiedError as error:
+                found = Outcome(None, f"{DIED}: {error}", True)
+            else:
+                if found is None:  # it has only begun
+                    continue
+                self.idle.append(worker)
+            del self.busy[connection]  # type: ignore[arg-type]
+            yield i, found
+
+    def end(self) -> None:
+        """Kill all workers: none has anything left to do."""
+        for worker in [*self.idle, *(worker for worker, _ in self.busy.values())]:
+            worker.kill()
+
+
+# -- an executor of the user's
+
+
+def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
+    """Points in an executor that somebody else looks after."""
+    waiting = list(points)
+    inside: dict[Future[Outcome], int] = {}
+    broken = False
+    try:
+        while inside or (waiting and not broken):
+            while waiting and not broken:
+                try:
+                    inside[executor.submit(outcome, job, points[waiting[0]])] = waiting[0]
+                    waiting.pop(0)
+                except BrokenExecutor:
+                    broken = True
+            done, _ = wait(inside, return_when=FIRST_COMPLETED)
+            for future in done:
+                found = _found(future)
+                broken |= _broken(future)
+                yield inside.pop(future), found
+    finally:
+        for future in inside:
+            future.cancel()
+    for i in waiting:
+        yield i, Outcome(None, f"{DIED}: the executor given takes no more points; give a new one, or None for processes", True)
+def _found(future: Future[Outcome]) -> Outcome:
+    """The outcome of a future, whatever became of it."""
+    try:
+        return future.result()
+    except (Exception, CancelledError) as error:
+        died = isinstance(error, BrokenExecutor | CancelledError) or _killed(error)
+        return Outcome(None, f"{DIED}: {_text(error)}" if died else _text(error), died)
+
+
+def _broken(future: Future[Outcome]) -> bool:
+    """Whether the executor went down with it."""
+    return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
+
+
+def _killed(error: BaseException) -> bool:
+    """Whether Dask gave a point up, because so many workers died with it; its scheduler goes on with the others."""
+    return type(error).__name__ == "KilledWorker"

@@ -1,0 +1,139 @@
+"""The equations solved for what a method wants: the right-hand side of an ODE, or M, f, g and G apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from mbdae.errors import SolverError
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.assembled.scene_system import SceneSystem
+from mbdae.system.assembled.without_multipliers import Rates
+from mbdae.system.base import Array
+from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.mechanics import Mechanics
+
+DENSE_TREES = 100  #: velocities of trees above which their mass matrix is factorised as a sparse one
+
+
+class Partition(NamedTuple):
+    """M u' + G^T lambda = f, g = 0 as functions: M(t, q) (nu, nu), f(t, q, u, s) (nu,), g(t, q) (m,), G(t, q) (m, nu)."""
+
+    M: Callable[[float, Array], Array]
+    f: Callable[..., Array]
+    g: Callable[[float, Array], Array]
+    G: Callable[[float, Array], Array]
+
+
+def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
+    """The parts of a scene's equations of motion, for methods of second order."""
+    if expansion.carried.trees and not mechanics.model.lines:
+        return _reduced_partition(mechanics, expansion)
+
+    def at(t: float) -> Array:
+        return np.array([t])
+
+    def load(t: float, q: Array, u: Array, s: Array | None = None) -> Array:
+        return np.asarray(mechanics.load(at(t), q[None], u[None], None if s is None else s[None])[0])
+
+    return Partition(
+        lambda t, q: mechanics.mass, load,
+        lambda t, q: mechanics.position_residual(at(t), q[None])[0],
+        lambda t, q: mechanics.constraint_jacobian(at(t), q[None])[0],
+    )  # fmt: skip
+
+
+def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
+    """The same in joint coordinates: T^T M T, T^T (f - M T' u), and the rows that are left."""
+    left = [row for row in mechanics.rows if (row.group, row.instance) not in expansion.carried.dropped]
+    full = Mechanics(mechanics.model, left)
+
+    def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
+        """t, and q, u of all nodes with the velocity map."""
+        times, u = np.array([t]), np.zeros(expansion.nu) if u is None else u
+        all_q, all_u = expansion.states(times, np.r_[q, u][None])
+        return times, all_q, all_u, expansion.velocity_map(expansion.workspace(times, q[None], u[None]))[0]
+
+    def mass(t: float, q: Array) -> Array:
+        T = at(t, q)[3]
+        return np.asarray(T.T @ full.mass @ T)
+
+    def load(t: float, q: Array, u: Array, s: Array | None = None) -> Array:
+        times, all_q, all_u, T = at(t, q, u)
+        f = full.load(times, all_q, all_u, None if s is None else s[None])
+        bias = expansion.accelerations(times, q[None], u[None], np.zeros((1, expansion.nu)))
+        return np.asarray(T.T @ (f - bias @ full.mass)[0])
+
+    def rows(t: float, q: Array) -> Array:
+        times, all_q, _, _ = at(t, q)
+        return np.asarray(full.position_residual(times, all_q)[0])
+
+    def gradient(t: float, q: Array) -> Array:
+        times, all_q, _, T = at(t, q)
+        return np.asarray(full.constraint_jacobian(times, all_q)[0] @ T)
+
+    return Partition(mass, load, rows, gradient)
+
+
+def state_rate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Rates of internal states."""
+    return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_rates)]
+
+
+def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) -> Array:
+    """s' (ns,) of the internal states."""
+    return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
+
+
+def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
+    """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
+
+    That of beams is sparse and factorised once, that of large trees sparse and factorised in every call.
+    Raises SolverError where the mass matrix is not positive definite."""
+    nb, still = system.numbering, np.zeros(system.n)
+    u = slice(nb.nq, nb.nq + nb.nu)
+    if system.carried.trees and (nb.nu > DENSE_TREES or system.model.lines):
+        return Rates(system, system.n, linear=True).solve
+    solve = _constant(system, u) if system.model.lines else None
+
+    def rhs(t: float, y: Array, out: Array) -> None:
+        system.residual(t, y, still, out)
+        np.negative(out, out=out)
+        if solve is not None:
+            out[u] = solve(out[u])
+            return
+        _, out[u], info = dposv(system.mass_here(), out[u], overwrite_a=1)
+        if info:
+            raise _massless(system, nb.nq + info - 1, t)
+
+    return rhs
+
+
+def _constant(system: SceneSystem, u: slice) -> Callable[[Array], Array]:
+    """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
+    factors: list[Any] = []  # made in the first call, when the start of the system is known
+
+    def solve(x: Array) -> Array:
+        if not factors:
+            _, data = system.jacobian_values(system.t0, system.y0, system.yp0)
+            M = csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
+            try:
+                factors.append(splu(M.tocsc()))
+            except RuntimeError as error:
+                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), system.t0) from error
+        return np.asarray(factors[0].solve(x))
+
+    return solve
+
+
+def _massless(system: SceneSystem, unknown: int, t: float) -> SolverError:
+    return SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[unknown]} has no inertia; "
+                       f"give the bodies that it moves mass or inertia", t)  # fmt: skip

@@ -1,0 +1,369 @@
+"""Pointwise kernels between constant operators: residual and Jacobian of a whole scene in a given form.
+
+Residual = constants + linear terms + kernel values, summed by one bincount. Jacobian data = c0 + cj c1 + kernel
+values, those taken with respect to y' weighted by cj. All instances of a law, and all stages of a Radau step, are
+evaluated in one kernel call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from mbdae.kernels import LinearisedPlan, linearised_plan
+from mbdae.kernels.element import ElementJacobian
+from mbdae.kernels.plan import Outputs
+from mbdae.kernels.tree_plan import TreePlan
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target
+from mbdae.system.assembled.evaluation import Batch, Evaluation, Scatter
+from mbdae.system.assembled.jacobian_entries import Entries, Pattern
+from mbdae.system.base import Array, System
+from mbdae.system.model import beams as lines
+from mbdae.system.model.beams import batches
+from mbdae.system.model.carried_bodies import Carried, slot_of
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.numbering import Row
+from mbdae.system.model.trees import Tree
+
+#: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
+#: of nearly rigid strains, and their errors are weighed like those
+ELASTIC = {"v": 2, "z": 3, "lambda": 3, "mu": 2}
+RESOLVED = {"z": 3}
+SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
+
+
+@dataclass(frozen=True)
+class FormSpec:
+    """What a form asks of the assembly.
+
+    outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
+    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
+    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
+    loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
+    multipliers are solved for at every state, y = (q, u, s).
+    """
+
+    label: str
+    outputs: Outputs
+    rows: Mapping[str, str]
+    blocks: tuple[str, ...]
+    derivatives: bool
+    index: Mapping[str, int]
+    mixed: bool = False
+    waves: bool = False
+    loads_only: bool = False
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    eliminated: bool = False
+
+
+class SceneSystem(System):
+    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with.
+    determined: (t, y) -> smallest singular value that counts of all rows of unit length, where some are redundant; else None."""
+
+    restarted: Callable[[float, Array], tuple[Array, Array]]
+    determined: Callable[[float, Array], float] | None = None
+
+    def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
+                 carried: Carried | None = None) -> None:  # fmt: skip
+        self.model, self.spec, self.label = model, spec, spec.label
+        self.carried = carried = carried if carried is not None else Carried(model, [])
+        rows = [row for row in rows if carried.keeps(row)]
+        blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
+        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
+        nb = self.numbering
+        self.n, self.names = nb.n, nb.names()
+        self.kinds = self._kinds()
+        index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
+        self.index = np.array([index[k] for k in self.kinds], dtype=int)
+        self.equations = self._equations()
+        self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
+        self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
+        entries = Entries(self.n)
+        live = {(row.group, row.instance) for row in rows}
+        for g, group in enumerate(model.groups):
+            d = group.derived
+            idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
+            active = [i for i in range(len(group.instances))
+                      if (g, i) not in carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
+            if active:
+                self._add(g, active, linearised_plan(d, spec.outputs), entries)
+        for batch in batches(model.lines, spec.mixed) if model.lines else ():
+            if batch.is_load or not spec.loads_only:
+                self._add_elements(batch, entries)
+        for line in model.lines:
+            self._add_inertia(line, entries)
+        for plan, equal in carried.plans():
+            self._add_tree(plan, equal, entries)
+        self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
+        self.scale, self.y0, self.yp0, self.t0 = np.ones(self.n), np.zeros(self.n), np.zeros(self.n), 0.0
+
+    # -- construction
+
+    def _kinds(self) -> tuple[str, ...]:
+        nb = self.numbering
+        sizes = {"q": nb.nq, "v": nb.nu, "s": len(nb.states), "z": len(nb.stresses)} | dict.fromkeys(self.spec.blocks, nb.m)
+        return tuple(kind for kind, size in sizes.items() for _ in range(size))
+
+    def _equations(self) -> tuple[str, ...]:
+        """Name of every row of F."""
+        nb, meaning = self.numbering, {"g": "position", "gd": "velocity", "gdd": "acceleration"}
+        names = [f"kinematics of {n}" for n in self.names[: nb.nq]]
+        names += [f"momentum of {n}" for n in self.names[nb.nq : nb.nq + nb.nu]]
+        names += [f"state {n}" for n in nb.states.values()]
+        names += [f"strain of {n}" for n in nb.stresses]
+        by_block = {block: head for head, block in self.spec.rows.items()}
+        for block in self.spec.blocks:
+            names += [f"{row.name} ({meaning[by_block[block]]} constraint)" for row in nb.rows]
+        return tuple(names)
+
+    def _row_of(self, target: Target, g: int, i: int) -> int:
+        """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
+        block, nb = self.spec.rows[target[0]], self.numbering
+        if block in ("q", "u"):
+            own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner
+            if own and block == "q" and nb.shares(nb.node_of(target, g, i), target[2], "q"):
+                return self.n
+            return self._row_at(block, nb.node_of(target, g, i), target[2])
+        if block == "s":
+            return nb.place(target, g, i)
+        row = nb.row(g, i, target[1])
+        return self.n if row is None else nb.start[block] + row
+
+    def _row_at(self, block: str, node: Node, component: int) -> int:
+        """Row of F of an entry of a node; of a loaded node its own row, n where it has none."""
+        place = self.numbering.node_place(block if node not in self.carried.nodes else "w" + block, node, component)
+        if place < self.n:
+            return place
+        return place - self.n + 1 if place < self.numbering.carried else self.n
+
+    def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
+        nb, count = self.numbering, len(active)
+        rows = np.array([[self._row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
+        constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
+        split = len(plan.constant_places)
+        np.add.at(self._offset, rows[:, plan.offset_places], constants[:, split:])
+        linear = set(plan.offset_places)
+        at = [(j, *place) for j, place in enumerate(plan.constant_places)]
+        columns = self._columns(g, active, [p[2] for p in at])
+        out = rows[:, [p[1] for p in at]] if at else np.zeros((count, 0), dtype=np.intp)
+        entries.constant(out, columns, constants[:, :split])
+        keep = [j for j, o, _ in at if o in linear]
+        live = columns[:, keep] >= 0
+        self._residual.linear(out[:, keep][live], columns[:, keep][live], constants[:, keep][live])
+        if plan.nonlinear:
+            self._residual.kernel(nb.gather(g, plan.residual_inputs, active), rows[:, plan.nonlinear], plan.residual)
+        if plan.jacobian_places:
+            rows = rows[:, [o for o, _ in plan.jacobian_places]]
+            self._jacobian.kernel(nb.gather(g, plan.jacobian_inputs, active), rows, plan.jacobian)
+            entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
+
+    def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
+        """(elements,) slot of an entry (head, node of the element, i) of every element's nodes."""
+        head, a, i = target
+        return np.array([self.numbering.node_place(head, of_element[a], i) for of_element in nodes], dtype=np.intp)
+
+    def _row_on(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
+        """(elements,) row of F of a momentum row; of a loaded node its own row."""
+        return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
+
+    def _add_elements(self, batch: lines.Batch, entries: Entries) -> None:
+        """A kernel over the elements of beams."""
+        kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
+        timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
+        slots = {t: z[:, t[1]] if t[0] == "z" else np.full(len(nodes), next(timed)) if t[0] == "p" else self._nodal(nodes, t)
+                 for t in kernel.inputs}  # fmt: skip
+        rows = np.stack([z[:, t[1]] if t[0] == "z" else self._row_on(nodes, t) for t in kernel.targets], axis=1)
+        gather = np.stack([slots[t] for t in kernel.inputs], axis=1)
+        self._residual.kernel(gather, rows, kernel)
+        if kernel.jacobian_places:
+            at = rows[:, [o for o, _ in kernel.jacobian_places]]
+            self._jacobian.kernel(gather, at, ElementJacobian(kernel))
+            entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
+
+    def _add_inertia(self, line: lines.Line, entries: Entries) -> None:
+        """Consistent mass and dead loads of a beam."""
+        nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
+        entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
+        rows = np.stack([self._row_on(nodes, ("u", *e)) for e in entries_of], axis=1)
+        np.add.at(self._offset, rows, -line.dead.reshape(rows.shape))
+        if self.spec.loads_only:
+            return
+        columns = np.stack([self._nodal(nodes, ("up", *e)) for e in entries_of], axis=1)
+        at, by = (np.array(p).reshape(len(rows), -1) for p in np.broadcast_arrays(rows[:, :, None], columns[:, None, :]))
+        values = line.blocks.reshape(at.shape)
+        entries.constant(at, by, values)
+        M = sp.coo_matrix((values.ravel(), (at.ravel(), by.ravel()))).tocsr().tocoo()  # one term for every pair of unknowns
+        kept = (M.data != 0) & (M.row != self.n)
+        self._residual.linear(M.row[kept].astype(np.intp), M.col[kept].astype(np.intp), M.data[kept])
+
+    def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
+        """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
+        found = [[self.numbering.place(t, g, i) for t in targets] for i in active]
+        return np.array(found, dtype=np.intp).reshape(len(found), len(targets))
+
+    def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
+        """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
+        nb, carried = self.numbering, self.carried
+
+        def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
+            return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
+
+        for piece in plan.mass:
+            cells = (slots([t for t, _ in piece.targets]) - nb.nq) * nb.nu + slots([p for _, p in piece.targets]) - self.n - nb.nq
+            self._mass.kernel(carried.gather(nb, piece, trees), cells, piece.kernel)
+        pieces = [plan.forward, plan.residual, *plan.jacobian]
+        gathers = [carried.gather(nb, piece, trees) for piece in pieces]
+        if plan.structure.loaded:
+            for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
+                store.append((piece, gather, slots(piece.targets)))
+            self._loaded[2].extend((piece, gather) for piece, gather in zip(pieces[2:], gathers[2:], strict=True))
+            for piece in plan.jacobian:
+                entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
+            return
+        self._residual.kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
+        for piece, gather in zip(pieces[2:], gathers[2:], strict=True):
+            rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
+            self._jacobian.kernel(gather, rows, piece.kernel)
+            entries.varying(rows, columns)
+
+    def _finish(self, pattern: Pattern, sparse: bool) -> None:
+        n, self._pattern = self.n, pattern
+        used = np.unique(np.concatenate([pattern.cells, pattern.fixed_cells]))
+        used = used[used < n * n]
+        indptr = np.searchsorted(used, np.arange(n + 1) * n)
+        self.pattern = sp.csc_matrix((np.ones(used.size), used % max(n, 1), indptr), shape=(n, n))
+        self.sparsity = self.pattern if sparse else None
+        self._dense = used % max(n, 1) * n + used // max(n, 1)
+
+        def position(cells: NDArray[np.intp]) -> NDArray[np.intp]:
+            return np.where(cells < n * n, np.searchsorted(used, cells), used.size)
+
+        self._place, fixed = position(pattern.cells), position(pattern.fixed_cells)
+        self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
+        for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
+            np.add.at(part, fixed[mask], pattern.fixed[mask])
+        self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
+
+    # -- breaks of inputs of time
+
+    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
+        self.model.conditions.time = side
+        return self.restarted(t, y)
+
+    def go_on_from(self, other: SceneSystem, t: float, y: Array) -> None:
+        """Begin at a state y (n,) of another system of the same scene and form."""
+        self.t0, (self.y0, self.yp0) = t, self.restarted(t, y)
+        self.longest_step = other.longest_step
+
+    def leave(self) -> None:
+        self.model.conditions.time = None
+
+    @contextmanager
+    def within(self, time: float) -> Iterator[None]:
+        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
+        self.model.conditions.time = time
+        try:
+            yield
+        finally:
+            self.leave()
+
+    # -- evaluation
+
+    @cached_property
+    def _batches(self) -> dict[int, Batch]:
+        return {}
+
+    def batch(self, count: int) -> Batch:
+        """The evaluation of the residual at so many points."""
+        if count not in self._batches:
+            self._batches[count] = Batch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
+        return self._batches[count]
+
+    @cached_property
+    def _derivative(self) -> Evaluation:
+        return Evaluation(self.batch(1).W, self._jacobian.gathers, self._jacobian.kernels)
+
+    @cached_property
+    def _tree_derivative(self) -> Evaluation:
+        return Evaluation(self.batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        out[:] = self.batch(1).residual(np.array([t]), y, yp)
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        out[:] = self.batch(len(t)).residual(t, y, yp)
+
+    def _values(self, t: float, y: Array, yp: Array) -> Array:
+        """Varying values of the Jacobian."""
+        batch = self.batch(1)
+        if not batch.staged:
+            batch.fill(np.array([t]), y, yp)
+            return self._derivative.values()
+        batch.residual(np.array([t]), y, yp)  # the tree's derivatives need the forces on its bodies
+        return self._pattern.values(self._derivative.values(), self._tree_derivative.values())
+
+    def mass_here(self) -> Array:
+        """M (nu, nu) at the point of the last residual, a new array."""
+        nu, M = self.numbering.nu, self._constant_mass
+        if not self._mass.kernels:
+            return M.copy()
+        values = self._mass_values.values()
+        return M + np.bincount(self._mass_place, values, nu * nu).reshape(nu, nu)
+
+    @cached_property
+    def _constant_mass(self) -> Array:
+        nq, nu = self.numbering.nq, self.numbering.nu
+        M = np.zeros((nu, nu))
+        p, n = self._pattern, self.n
+        rows, columns = p.fixed_cells % n, p.fixed_cells // n
+        inside = p.fixed_dotted & (p.fixed_cells < n * n)
+        inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
+        np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
+        return M
+
+    @cached_property
+    def _mass_values(self) -> Evaluation:
+        return Evaluation(self.batch(1).W, self._mass.gathers, self._mass.kernels)
+
+    @cached_property
+    def _mass_place(self) -> NDArray[np.intp]:
+        return np.concatenate([p.ravel() for p in self._mass.places])
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        fy, fyp = self.jacobian_values(t, y, yp)
+        self._write(fy + cj * fyp, out)
+
+    def _write(self, data: Array, out: Array) -> None:
+        """CSC data into (n, n) or CSC data, as `sparsity` says."""
+        if self.sparsity is not None:
+            out[:] = data
+            return
+        out[:] = 0.0
+        out.reshape(-1)[self._dense] = data
+
+    def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        values, size = self._values(t, y, yp), len(self._dense) + 1
+        fy, fyp = (
+            np.bincount(self._place.take(part), values.take(part), size)[:-1] + c[:-1] if len(part) else c[:-1].copy()
+            for part, c in zip(self._parts, self._c, strict=True)
+        )
+        return fy, fyp
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        fy, fyp = self.jacobian_values(t, y, yp)
+        if self.sparsity is not None:
+            return fy, fyp
+        dense = np.zeros((2, self.n, self.n))
+        self._write(fy, dense[0])
+        self._write(fyp, dense[1])
+        return dense[0], dense[1]

@@ -1,0 +1,78 @@
+"""The arguments that switch or are local in the laws of a scene, as functions of the unknowns of any form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.kernels import plan
+from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
+from mbdae.system.assembled.evaluation import Evaluation, TreeStage
+from mbdae.system.base import Array, Switches
+from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.numbering import Numbering
+
+
+def switches_of_model(model: Model, carried: Carried) -> Switches | None:
+    """What solvers have to look at in the laws of a model; None where nothing switches or is local."""
+    members = {place for tree in carried.trees for place in tree.members}
+    watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in carried.dropped or (g, i) in members])
+               for g, group in enumerate(model.groups) if known_switches(group.derived)]  # fmt: skip
+    watched = [(g, active) for g, active in watched if active]
+    if not watched:
+        return None
+    found = [(model.groups[g].instances[i], s) for g, active in watched for i in active
+             for s in known_switches(model.groups[g].derived)]  # fmt: skip
+    kinds, names = tuple(s.kind for _, s in found), tuple(instance.item for instance, _ in found)
+    weights = np.array([_weight(*pair) for pair in found])
+    return Switches(_Arguments(model, carried, watched), kinds, weights, names)
+
+
+def _weight(instance: Instance, switch: Switch) -> float:
+    """Magnitude of the exponent of a power at the numbers of an instance; 1 where it varies and for everything else."""
+    exponent = switch.exponent.subs(dict(instance.numbers))
+    return 1.0 if exponent.free_symbols else abs(float(exponent))
+
+
+class _Arguments:
+    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of carried bodies."""
+
+    def __init__(self, model: Model, carried: Carried, watched: list[tuple[int, list[int]]]) -> None:
+        self.carried = carried
+        needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
+        loaded = carried.nodes if needed & set(carried.nodes) else ()
+        self.numbering = Numbering(model, [], (), False, carried.nodes, loaded, carried.dropped, carried.constants,
+                                   carried.sharing)  # fmt: skip
+        plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
+        self.kernels = [p.kernel for p in plans]
+        self.gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+        self.sizes = [gather.shape[0] * kernel.width for gather, kernel in zip(self.gathers, self.kernels, strict=True)]
+        self.trees = bool(loaded)
+        self._batches: dict[int, tuple[Array, Evaluation, TreeStage | None]] = {}
+
+    def __call__(self, t: Array, y: Array) -> Array:
+        W, laws, trees = self._batch(len(t))
+        W[:, : self.numbering.n] = y[:, : self.numbering.n]
+        self.numbering.fill_clock(W, t)
+        if trees is not None:
+            trees.write(W)
+        values, parts, a = laws.values(), [], 0
+        for size in self.sizes:
+            parts.append(values[a : a + len(t) * size].reshape(len(t), size))
+            a += len(t) * size
+        return np.hstack(parts) if len(parts) > 1 else parts[0].copy()
+
+    def _batch(self, count: int) -> tuple[Array, Evaluation, TreeStage | None]:
+        if count not in self._batches:
+            W = self.numbering.workspace(count)
+            self._batches[count] = W, Evaluation(W, self.gathers, self.kernels), self._stage(W) if self.trees else None
+        return self._batches[count]
+
+    def _stage(self, W: Array) -> TreeStage:
+        """The motion of every carried node, written where the laws read it."""
+        nb, pieces = self.numbering, []
+        for p, trees in self.carried.plans():
+            piece = p.motion_of_all
+            places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
+            pieces.append((piece, self.carried.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
+        return TreeStage(W, pieces, W.shape[1])

@@ -1,0 +1,272 @@
+"""Flexible beams in a model: their nodes as stations, and the kernels of their elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError, SceneError
+from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strain_kernel
+from mbdae.kernels.element import ElementKernel
+from mbdae.kernels.line import LineKernel, merged
+from mbdae.laws.elements.line_mesh import LineMesh
+from mbdae.laws.joints import Weld
+from mbdae.scene.beams import BeamLoad, mesh_of, nearest_place
+from mbdae.scene.components import Array, Beam, Body, Station
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.line import WEIGHT
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import quaternion, rotation_matrices
+from mbdae.ties import nearest
+
+if TYPE_CHECKING:
+    from mbdae.scene.scene import SceneData
+
+
+class Meshed(NamedTuple):
+    """A beam's mesh and its nodes as bodies."""
+
+    mesh: LineMesh
+    stations: list[Station]
+
+
+def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], dict[tuple[str, str], Body]]:
+    """Every beam with nodes where something attaches, and the station of every (item, side) on a beam."""
+    wanted: dict[Beam, list[tuple[str, str, float, Array]]] = {b: [] for b in scene.bodies if isinstance(b, Beam)}
+    for c in scene.connections:
+        for side, body in (("k", c.k), ("l", c.l)):
+            if isinstance(body, Beam):
+                law: Any = c.joint
+                at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
+                point = c.places.get(side, at)
+                wanted[body].append((c.name, side, nearest_place(body, point), point))
+    meshes: dict[Beam, LineMesh] = {}
+    nodes: dict[tuple[str, str], int] = {}
+    for beam, places in wanted.items():
+        try:
+            meshes[beam] = mesh = mesh_of(beam, tuple(place for _, _, place, _ in places))
+        except OptionError as error:
+            raise SceneError([f"beam '{beam.name}': {error}"]) from error
+        for item, side, _, point in places:
+            nodes[item, side] = nearest(np.linalg.norm(mesh.positions - point, axis=1), mesh.length)
+    _give_welded_nodes_equal_axes(scene, meshes, nodes)
+    found = {beam: Meshed(mesh, _stations(beam, mesh, planar)) for beam, mesh in meshes.items()}
+    on = {(c.name, side): body for c in scene.connections for side, body in (("k", c.k), ("l", c.l))}
+    return found, {key: found[on[key]].stations[node] for key, node in nodes.items()}
+
+
+def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh], nodes: dict[tuple[str, str], int]) -> None:
+    """Nodes of two beams that are welded to each other get the same axes, so that they can share their rotation."""
+    settled: set[tuple[Beam, int]] = set()
+    for c in (c for c in scene.connections if isinstance(c.joint, Weld)):
+        if not (isinstance(c.k, Beam) and isinstance(c.l, Beam)):
+            continue
+        k, l = (c.k, nodes[c.name, "k"]), (c.l, nodes[c.name, "l"])
+        if l in settled:
+            k, l = l, k
+        if l not in settled:
+            of_k = meshes[k[0]]
+            meshes[l[0]] = meshes[l[0]].with_axes(l[1], of_k.quaternions[k[1]], float(of_k.headings[k[1]]))
+        settled |= {k, l}
+
+
+def _stations(beam: Beam, mesh: LineMesh, planar: bool) -> list[Station]:
+    """In the plane nodes have axes x along the beam and z, whatever the section's axes are."""
+    half, none = mesh.headings / 2, np.zeros(len(mesh.headings))
+    P = np.column_stack([np.cos(half), none, none, np.sin(half)]) if planar else mesh.quaternions
+    zero, R = np.zeros((3, 3)), rotation_matrices(P)
+    rest = beam.velocity, beam.angular_velocity
+    return [Station(f"{beam.name}[{i}]", 0.0, zero, r, R[i], *rest, beam=beam, turned=float(mesh.headings[i]),
+                    quaternion=P[i])
+            for i, r in enumerate(mesh.positions)]  # fmt: skip
+
+
+def drawn_quaternion(body: Body | None) -> Array:
+    """Quaternion (4,) of a body's axes as drawn (None: the ground); of a node of a beam with the sign its mesh gives it:
+    what is interpolated along an element must not change its sign."""
+    if isinstance(body, Station):
+        return body.quaternion
+    return quaternion(body.rotation) if body is not None else np.eye(4)[0]
+
+
+class Line:
+    """A beam in a model."""
+
+    def __init__(self, beam: Beam, mesh: LineMesh, nodes: list[Node], kind: NodeKind, scene: SceneData) -> None:
+        self.beam, self.mesh, self.nodes, self.kind = beam, mesh, nodes, kind
+        section = beam.section.swapped if kind is NodeKind.PLANAR and mesh.normal_axis == 2 else beam.section
+        self.numbers: dict[str, float] = section.numbers
+        self.gravity = scene.gravity * section.mass_per_length
+        self._loads: list[BeamLoad] = [load for load in scene.line_loads if load.beam is beam]
+
+    @cached_property
+    def mixed(self) -> LineKernel:
+        """Internal forces with the stresses as unknowns."""
+        return strain_kernel(self.mesh, self.numbers, self.kind)
+
+    @cached_property
+    def displacement(self) -> LineKernel:
+        """Internal forces with the stresses eliminated by their compliance."""
+        return strain_kernel(self.mesh, self.numbers, self.kind, mixed=False)
+
+    @cached_property
+    def blocks(self) -> Array:
+        """Consistent mass of every element."""
+        return mass_blocks(self.mesh, self.numbers, self.kind)
+
+    @cached_property
+    def loads(self) -> list[tuple[ElementKernel, dict[str, Any]]]:
+        """Kernels of following and of timed loads, with the prescribed inputs of each."""
+        out: list[tuple[ElementKernel, dict[str, Any]]] = []
+        for load in self._loads:
+            values = {name: getattr(load.law, name) for name in load.law.params if getattr(load.law, name) is not None}
+            timed = {name: v for name, v in values.items() if not isinstance(v, float)}
+            if values and (load.law.following or timed):
+                out.append((load_kernel(self.mesh, load.law, self.kind, tuple(timed)), timed))
+        return out
+
+    @cached_property
+    def dead(self) -> Array:
+        """(elements, p + 1, nu) constant forces on the nodes of every element: gravity and dead loads."""
+        per_length = self.gravity.copy()
+        for load in self._loads:
+            values = [getattr(load.law, f"f{i}") or 0.0 for i in (1, 2, 3)]
+            if not load.law.following and all(isinstance(v, float) for v in values):
+                per_length += values
+        n = self.kind.translations
+        out = np.zeros((*self.mesh.elements.shape, self.kind.sizes[1]))
+        out[..., :n] = self.mesh.lumped[:, :, None] * per_length[:n]
+        return out
+
+    @property
+    def timed(self) -> dict[str, Any]:
+        """Every prescribed value by "number of the load.name"."""
+        return {f"{n}.{name}": v for n, (_, timed) in enumerate(self.loads) for name, v in timed.items()}
+
+    @property
+    def stresses(self) -> list[str]:
+        """Names of the stress unknowns of all elements, in order."""
+        names = self.mixed.names
+        return [f"{self.beam.name}.{name} in element {e + 1}" for e in range(len(self.mesh.elements)) for name in names]
+
+    def places(self, head: str) -> NDArray[np.intp]:
+        """(elements, p + 1, size) numbers among all q or u of the model of every element's nodes."""
+        first = np.array([n.q if head == "q" else n.u for n in self.nodes], dtype=np.intp)
+        return np.asarray(first[self.mesh.elements][:, :, None] + np.arange(self.kind.sizes[0 if head == "q" else 1]))
+
+    @property
+    def mass(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        """Rows, columns and values of the mass of all elements, in the numbering of all u."""
+        at = self.places("u").reshape(len(self.blocks), -1)
+        rows, columns = np.broadcast_arrays(at[:, :, None], at[:, None, :])
+        return rows.ravel(), columns.ravel(), self.blocks.ravel()
+
+    def stiffness(self, q: Array) -> Array:
+        """(elements, k, k) derivatives of the internal forces of every element by displacements of its nodes, at q (nq,)."""
+        kernel, u = self.displacement, np.zeros((1, 1 + max(node.u + node.kind.sizes[1] for node in self.nodes)))
+        x = nodal_inputs(kernel, [self], q[None], u, np.zeros((1, 0)))
+        nodes, count = kernel.nodes, kernel.nodes.count
+        by_position = kernel.full_jacobian(x)[:, : count * nodes.nu, : count * nodes.nq].transpose(1, 2, 0)
+        at = x[:, : count * nodes.nq].reshape(len(x), count, nodes.nq)
+        return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
+
+    def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
+        """Elastic energy (nt,), J, and dissipated power (nt,), W."""
+        kernel = self.displacement
+        x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
+        found = kernel.at_points(x, [kernel.derived.energy, kernel.derived.dissipated])
+        return tuple(found.reshape(len(q), -1, 2).sum(axis=1).T)
+
+    def stored(self, q: Array, u: Array, z: Array) -> Array:
+        """Elastic energy (nt,), J, of stresses z (nt, those of this beam): compliance stress^2 / 2, whatever the strains."""
+        kernel = self.mixed
+        terms = [se.Symbol(f"compliance_{n}") * se.Symbol(n) ** 2 / 2 for n in kernel.derived.stresses]
+        x = nodal_inputs(kernel, [self], q, u, np.zeros((len(q), 0)))
+        x = np.hstack([x, z.reshape(len(x), -1)])
+        return np.asarray(kernel.at_points(x, [WEIGHT * sum(terms)]).reshape(len(q), -1).sum(axis=1))
+
+    def stress(self, q: Array, u: Array) -> Array:
+        """Stress unknowns of all elements from positions and velocities (nq,), (nu,); 0 where the section is rigid."""
+        kernel = self.mixed
+        x = nodal_inputs(kernel, [self], q[None], u[None], np.zeros((1, 0)))
+        x = np.hstack([x, np.zeros((len(x), len(kernel.names)))])
+        return np.asarray(kernel.at_points(x, [e for _, e in kernel.derived.resultants]).ravel())
+
+    def potential(self, q: Array) -> Array:
+        """Potential of gravity and dead loads (nt,), J."""
+        n = self.kind.translations
+        return np.asarray(-np.einsum("teai,eai->t", q[:, self.places("q")[..., :n]], self.dead[..., :n]))
+
+    def kinetic(self, u: Array) -> Array:
+        """Kinetic energy (nt,), J."""
+        v = u[:, self.places("u").reshape(len(self.blocks), -1)]
+        return np.asarray(np.einsum("tei,eij,tej->t", v, self.blocks, v, optimize=True) / 2)
+
+
+def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, timed: Array) -> Array:
+    """(nt * elements, inputs) from q (nt, nq), u (nt, nu) of all nodes and prescribed inputs (nt, timed)."""
+    at = {head: np.concatenate([line.places(head) for line in lines]) for head in ("q", "u")}
+    columns = [(q if t[0] == "q" else u)[:, at[t[0]][:, t[1], t[2]]] for t in kernel.inputs if t[0] in "qu"]
+    columns += [np.repeat(column[:, None], len(at["q"]), axis=1) for column in timed.T]
+    x = np.stack(columns, axis=-1)
+    return x.reshape(-1, x.shape[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """A kernel for elements of one or several beams, with the nodes of every element.
+
+    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input.
+    """
+
+    kernel: ElementKernel
+    lines: list[Line]
+    stresses: NDArray[np.intp]
+    timed: tuple[tuple[int, str], ...] = ()
+    is_load: bool = False
+
+    @cached_property
+    def nodes(self) -> list[list[Node]]:
+        """Nodes of every element."""
+        return [[line.nodes[a] for a in element] for line in self.lines for element in line.mesh.elements]
+
+
+def batches(lines: list[Line], mixed: bool) -> list[Batch]:
+    """The kernels of all beams: equal laws in one, gyroscopic moments, loads."""
+    groups: dict[Any, list[tuple[Line, LineKernel, NDArray[np.intp]]]] = {}
+    first = 0
+    for line in lines:
+        kernel = line.mixed if mixed else line.displacement
+        count = len(line.mesh.elements), len(kernel.names)
+        z = first + np.arange(count[0] * count[1]).reshape(count)
+        first += z.size
+        key = (kernel.derived, line.mesh.order, kernel.turns is None)
+        groups.setdefault(key, []).append((line, kernel, z))
+    out: list[Batch] = []
+    for members in groups.values():
+        of_group = [line for line, _, _ in members]
+        out.append(Batch(merged([kernel for _, kernel, _ in members]), of_group, np.concatenate([z for *_, z in members])))
+        if of_group[0].kind is NodeKind.SPATIAL:
+            gyroscopic = GyroscopicKernel(np.concatenate([line.blocks for line in of_group]), of_group[0].mesh.order + 1)
+            out.append(Batch(gyroscopic, of_group, _none(gyroscopic)))
+    for k, line in enumerate(lines):
+        for n, (load, timed) in enumerate(line.loads):
+            out.append(Batch(load, [line], _none(load), tuple((k, f"{n}.{name}") for name in timed), True))
+    return out
+
+
+def _none(kernel: ElementKernel) -> NDArray[np.intp]:
+    return np.zeros((kernel.elements, 0), dtype=np.intp)
+
+
+def sparse_mass(lines: list[Line], nu: int) -> Any:
+    """Mass matrix (nu, nu) of all beams, CSC."""
+    parts = [line.mass for line in lines]
+    rows, columns, values = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    return sp.csc_matrix((values, (rows, columns)), shape=(nu, nu))

@@ -1,0 +1,112 @@
+"""Trees of recursive joints in the equations: slots of their kernels, and the stage for nodes that other laws act on.
+
+Where nothing outside a tree acts on the bodies it carries, its kernels are evaluated like those of any law. Otherwise
+the motion of those bodies is evaluated first, laws outside read it, and what they add to the bodies' rows is pulled
+back into the rows of the joint coordinates by the tree's kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
+from mbdae.symbolic.law import Joint
+from mbdae.symbolic.tree import OPERATIONS
+from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.model.shared_nodes import Sharing, shared_displacements
+from mbdae.system.model.trees import Place, Tree
+
+
+def acting_on(instance: Instance) -> list[Node]:
+    """The moving nodes a law reads and acts on: a spring on a joint's own coordinate touches that alone."""
+    own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
+    return [n for n in (instance.nodes[2:] if own else instance.nodes) if n is not None]
+
+
+class Carried:
+    """The trees of a model: which instances they replace, which of their nodes other laws act on, their kernels."""
+
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
+        self.nodes = tuple(n for tree in trees for n in tree.carried)
+        carried = set(self.nodes)
+        inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
+        outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
+        idle = {(g, i) for g, i, nodes in outside if nodes and all(n in carried and n.body is None for n in nodes)}
+        loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in carried}
+        loaded |= {n for line in model.lines for n in line.nodes if n in carried}
+        self.dropped = frozenset(inside | idle)
+        self.loaded = tuple(n for n in self.nodes if n in loaded)
+        self.trees = [tree.loaded(loaded) for tree in trees]
+        moved = carried | {n for tree in trees for n in tree.nodes[1:] if n}
+        self.sharing = shared_displacements(model, moved, self.dropped) if share else Sharing()
+        self._constants: dict[Any, int] = {}
+        self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
+        for tree in self.trees:
+            for j, own in enumerate(tree.numbers, start=1):
+                for name in (name for name in own if "_P" in name):
+                    self._constants[tree.joints[0], f"link{j}", name] = len(self.constants)
+                    self.constants.append(own[name])
+        self._groups: dict[Any, list[Tree]] = {}
+        for tree in self.trees:
+            self._groups.setdefault(tree.structure, []).append(tree)
+
+    def keeps(self, row: Row) -> bool:
+        """Whether a constraint row is left: not that of a recursive joint, not met by shared displacements."""
+        return (row.group, row.instance) not in self.dropped and (row.group, row.instance, row.row) not in self.sharing.rows
+
+    def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
+                  loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
+        """The numbering of what is left; without `loaded` carried nodes have no slots. numbers: parameters of the form."""
+        return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.dropped,
+                         self.constants, self.sharing, numbers or {})  # fmt: skip
+
+    def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
+        """Plan and trees of equal structure."""
+        return [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
+
+    def gather(self, numbering: Numbering, piece: Piece, trees: list[Tree]) -> NDArray[np.intp]:
+        """(trees, inputs) slots a kernel reads."""
+        return np.array([[self.slot(numbering, tree, p) for p in piece.inputs] for tree in trees], dtype=np.intp)
+
+    def slot(self, numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:
+        """Slot of an input of a tree's kernels."""
+        head, owner, name = place
+        if head in ("q", "u", "up", "wu", "wq"):
+            return slot_of(numbering, tree, place)
+        if head == "clock":
+            g, i = tree.joints[owner - 1]
+            if "drive" in numbering.model.groups[g].instances[i].numbers:  # held at a constant value
+                return numbering.slot(g, i, "drive") if name == 0 else numbering.width - 1
+            return numbering.slot(g, i, "drive" + ("", "_dot", "_ddot")[name])
+        g, i = _instance(tree, owner)
+        if "_P" in name:
+            return numbering.further + self._constants[tree.joints[0], owner, name]
+        return numbering.slot(g, i, name)
+
+
+def too_large(carried: Carried) -> dict[str, str]:
+    """Joints of trees whose equations take more operations than are worth compiling at once, and why."""
+    found: dict[str, str] = {}
+    for tree in carried.trees:
+        try:
+            tree_plan(tree.structure)
+        except OverflowError:
+            why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
+                   f"where compiling costs more than it saves: kinematic joints are as fast there")  # fmt: skip
+            found |= dict.fromkeys(tree.names, why)
+    return found
+
+
+def _instance(tree: Tree, owner: str) -> Place:
+    return tree.joints[int(owner[4:]) - 1] if owner.startswith("link") else tree.members[int(owner[6:])]
+
+
+def slot_of(numbering: Numbering, tree: Tree, place: tuple[Any, ...]) -> int:
+    """Slot of an entry of a node of a tree (head, node, i); below n also the row of F."""
+    return numbering.node_place(place[0], tree.node(place[1]), place[2])

@@ -1,0 +1,69 @@
+"""The inputs of time of a model: between which instants they are smooth, and how fast they vary there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import symengine as se
+
+from mbdae.inputs.breaks import switches
+from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.model.model import Model
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """What a run has to respect of its inputs: it lands on every break and steps no farther than they can be followed.
+
+    edges (k+2,): start, breaks and end, s; stretches: where the inputs change by about their own width."""
+
+    edges: Array
+    stretches: Stretches
+
+    @property
+    def breaks(self) -> Array:
+        """Instants (k,) inside the run at which an input or one of its derivatives may jump."""
+        return self.edges[1:-1]
+
+    def longest_step(self, share: float = 1.0) -> Callable[[float], float] | None:
+        """Time -> longest step (s) from there, so many times as long as a stretch; None where the breaks are all there is. Where
+        nothing but this bounds the steps (share below 1), what lies between two breaks is a stretch too."""
+        if share == 1 and not self.varies:
+            return None
+        return partial(self.stretches.longest_step, share=share)
+
+    @property
+    def varies(self) -> bool:
+        """Whether an input varies by itself, not only from break to break."""
+        return len(self.stretches.edges) > len(self.edges)
+
+    def told(self) -> str:
+        """One line for `check`."""
+        found = []
+        if len(self.breaks):
+            found.append(f"{len(self.breaks)} break{'s' * (len(self.breaks) > 1)}, the first at t = {self.breaks[0]:.6g} s")
+        if self.varies:
+            finest, where = self.stretches.finest
+            found.append(f"finest change within {finest:.2g} s, at t = {where:.6g} s")
+        return "; ".join(found) or "smooth, no breaks"
+
+
+def expressions_of(model: Model) -> tuple[Expr, ...]:
+    """Every expression of time in a model, once."""
+    found = [value for _, _, instance in model.instances() for value in instance.timed.values()]
+    found += [value for line in model.lines for value in line.timed.values()]
+    return tuple(dict.fromkeys(se.sympify(value) for value in found))
+
+
+def timeline(model: Model, t0: float, t1: float) -> Timeline | None:
+    """Of a run from t0 to t1; None where no input switches or varies by itself."""
+    expressions = expressions_of(model)
+    if not expressions:
+        return None
+    found = Timeline(*resolved(expressions, t0, t1))
+    switching = any(switches(e) for e in expressions)
+    return found if switching or found.varies else None

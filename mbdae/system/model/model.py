@@ -1,0 +1,331 @@
+"""From a scene to nodes and groups of equal laws: what the scene requires, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import LawError, SceneError
+from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
+from mbdae.laws.forces import Gravity
+from mbdae.scene.beams import mesh_of
+from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.law import Element, Joint, Structure
+from mbdae.system.model.beams import Line, meshed
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import rotation_matrices
+
+_COORDINATE: Side = (NodeKind.COORDINATE, Axes.GENERAL)
+FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
+
+
+@dataclass
+class Instance:
+    """One law of the scene between nodes (None: ground), with its numbers."""
+
+    law: Any
+    nodes: tuple[Node | None, ...]
+    numbers: dict[str, float]
+    timed: dict[str, Any]  #: parameter -> expression of time
+    item: str
+
+
+@dataclass
+class Group:
+    """Laws of one class and structure between nodes of the same kinds: one kernel for all of them."""
+
+    key: tuple[Any, Structure, tuple[Side, ...]]  #: law class, its structure, its sides
+    instances: list[Instance] = field(default_factory=list)
+
+    @property
+    def derived(self) -> Derived:
+        """The derivation all instances share."""
+        return derive(*self.key)
+
+
+@dataclass
+class ConditionTime:
+    """Between two breaks of its inputs a run reads their conditions at `time`, in the middle; None: just after every time asked
+    for, and just before `end`, that of the run."""
+
+    time: float | None = None
+    end: float = inf
+
+
+@dataclass(frozen=True)
+class Model:
+    """Nodes and groups of a scene in the plane or in space."""
+
+    scene: SceneData
+    planar: bool
+    why: str  #: why the scene is planar, or not
+    nodes: list[Node]
+    groups: list[Group]
+    length: float  #: size of the scene, m
+    vanished: list[str]  #: "joint.row" of rows that vanish identically, or are undefined
+    kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
+    lines: list[Line] = field(default_factory=list)  #: flexible beams
+    attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
+    undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
+    conditions: ConditionTime = field(default_factory=ConditionTime)
+
+    @property
+    def nq(self) -> int:
+        """Number of position unknowns."""
+        return sum(n.kind.sizes[0] for n in self.nodes)
+
+    @property
+    def nu(self) -> int:
+        """Number of velocity unknowns."""
+        return sum(n.kind.sizes[1] for n in self.nodes)
+
+    @property
+    def bodies(self) -> list[tuple[Node, Body]]:
+        """Every node of a body or a beam, with the body it is (of a beam: one of its stations)."""
+        return [(n, n.body) for n in self.nodes if n.body is not None]
+
+    def ends(self, c: Connection) -> tuple[Body, Body]:
+        """The bodies an item connects in the model: on a beam the node it attaches to."""
+        return self.attached.get((c.name, "k"), c.k), self.attached.get((c.name, "l"), c.l)
+
+    def line(self, beam: Body) -> Line | None:
+        """The nodes and elements of a beam."""
+        return next((line for line in self.lines if line.beam is beam), None)
+
+    @property
+    def joint_coordinates(self) -> list[Node]:
+        """Nodes of joints that keep their coordinate as an unknown; named as the joint."""
+        return [n for n in self.nodes if n.body is None]
+
+    @property
+    def recursive(self) -> list[Connection]:
+        """Joints that are recursive in this model."""
+        return [c for c in self.scene.joints if c.recursive and c.name not in self.kept]
+
+    def instances(self) -> Iterator[tuple[int, int, Instance]]:
+        """Every law of the model with the numbers of its group and instance."""
+        for g, group in enumerate(self.groups):
+            for i, instance in enumerate(group.instances):
+                yield g, i, instance
+
+    def node(self, body: Body) -> Node | None:
+        """The node of a body, None for the ground and for a beam as a whole."""
+        return next((n for n in self.nodes if n.body is body), None)
+
+
+def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
+    """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
+
+    kept: recursive joints to be modelled as kinematic ones, and why."""
+    kept = dict(kept or {})
+    if scene.space != "spatial":
+        reason = out_of_plane(scene)
+        if reason is None:
+            try:
+                flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
+                return _assemble(scene, True, kept, flat)
+            except LawError as error:
+                reason = str(error)
+        if scene.space == "planar":
+            raise SceneError([f"scene '{scene.name}': space='planar' is not possible: {reason}; use space='auto' or 'spatial'"])
+        return _assemble(scene, False, kept, reason)
+    return _assemble(scene, False, kept, "space='spatial' was asked for")
+
+
+def scene_length(scene: SceneData) -> float:
+    """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
+    points = [p for b in scene.bodies for p in (b.position, *b.outline)]
+    points += [law.at for c in scene.connections for law in c.laws]
+    races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
+    points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
+    points += [law.at_l for c in scene.connections for law in c.laws if getattr(law, "at_l", None) is not None]
+    extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
+    return extent if extent > 0 else 1.0
+
+
+def out_of_plane(scene: SceneData) -> str | None:
+    """The first thing that leaves the plane z = 0, or None."""
+    tolerance = FLAT * scene_length(scene)
+    if abs(scene.gravity[2]) > 0:
+        return f"gravity has the z component {scene.gravity[2]:g} m/s^2"
+    for b in scene.bodies:
+        points = np.array([b.position, *b.outline])
+        if np.max(np.abs(points[:, 2])) > tolerance:
+            return f"body '{b.name}' has a point at z = {points[np.argmax(np.abs(points[:, 2])), 2]:g} m"
+        if np.max(np.abs(b.rotation[2] - [0, 0, 1])) > 1e-12:
+            return f"body '{b.name}' is rotated out of the plane"
+        if abs(b.velocity[2]) > 0 or np.max(np.abs(b.angular_velocity[:2])) > 0:
+            return f"body '{b.name}' starts with a velocity out of the plane"
+        if isinstance(b, Beam) and mesh_of(b).normal_axis is None:
+            return f"beam '{b.name}' has no section axis normal to the plane"
+        if b.inertia is not None and np.max(np.abs(b.inertia[2, :2])) > 1e-12 * np.abs(b.inertia).max(initial=1e-300):
+            return f"body '{b.name}' has products of inertia with z"
+    for load in scene.line_loads:
+        if load.law.f3 is not None:
+            return f"load '{load.name}' has a component 3, out of the plane"
+        if load.law.following and not _upright(load.beam):
+            return f"load '{load.name}' follows a section whose axis 3 is not z"
+    for c in scene.connections:
+        for law in c.laws:
+            for point in (law.at, getattr(law, "at_l", None)):
+                if point is not None and abs(point[2]) > tolerance:
+                    return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
+    return None
+
+
+def _upright(beam: Beam) -> bool:
+    """Whether section axis 3 is z all along a beam."""
+    mesh = mesh_of(beam)
+    sections = rotation_matrices(mesh.quaternions[mesh.elements]) @ rotation_matrices(mesh.turns)
+    return bool(np.all(sections[..., 2, 2] > 0.5))
+
+
+def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) -> Model:
+    nodes, q, u = [], 0, 0
+    point, turning = (NodeKind.PLANAR_POINT, NodeKind.PLANAR) if planar else (NodeKind.POINT, NodeKind.SPATIAL)
+    meshes, attached = meshed(scene, planar)
+    for b in [body for given in scene.bodies for body in (meshes[given].stations if isinstance(given, Beam) else [given])]:
+        kind = point if b.is_point else turning
+        nodes.append(Node(b.name, b, kind, q, u))
+        q, u = q + kind.sizes[0], u + kind.sizes[1]
+    by_body = {n.body: n for n in nodes}
+    lines = [Line(b, m.mesh, [by_body[s] for s in m.stations], turning, scene) for b, m in meshes.items()]
+    for c in scene.joints:
+        if laws_of(c, kept)[0].own_coordinates:
+            nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u, c.joint.coordinate_unit))
+            q, u = q + 1, u + 1
+    by_joint = {n.name: n for n in nodes if n.body is None}
+    groups: dict[Any, Group] = {}
+    vanished: list[str] = []
+    undefined: list[str] = []
+    refused: list[str] = []
+    for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
+        ends = tuple(by_body.get(b) for b in bodies)
+        sides, numbers = _sides(law, bodies, ends, planar)
+        if law.own_coordinates:
+            ends, sides = (*ends, by_joint[item]), (*sides, _COORDINATE)
+        values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
+        timed = {p: v for p, v in values.items() if not isinstance(v, float)}
+        numbers |= {p: v for p, v in values.items() if p not in timed}
+        key: tuple[Any, Structure, tuple[Side, ...]] = (type(law), law.structure(frozenset(timed)), sides)
+        try:
+            derived = derive(*key)
+            vanished += [f"{item}.{row}" for row in derived.vanished]
+            undefined += [f"{item}.{row}" for row in derived.undefined]
+            if isinstance(law, Joint) and not scene[item].loose:
+                refused += without_rows(item, derived)
+            if "drive" in derived.vanished:
+                refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
+                               f"use s.rigid_body")  # fmt: skip
+        except LawError as error:
+            if planar:
+                raise LawError(f"{item}: {error}") from error
+            refused.append(f"'{item}': {error}")
+        groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+    if refused:
+        raise SceneError(refused)
+    if by_joint:
+        massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
+        massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
+        groups[massless.key] = massless
+    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached,
+                 undefined)  # fmt: skip
+
+
+def without_rows(item: str, d: Derived) -> list[str]:
+    """What is wrong with a joint that constrains nothing, as a sentence; rows that are satisfied in the plane do no harm."""
+    if d.rows or (d.vanished and not d.undefined):
+        return []
+    if d.undefined:
+        return [f"'{item}': no row is left of this joint: {', '.join(d.undefined)} need an orientation, which a point mass does "
+                f"not have; use s.rigid_body, or omit the joint"]  # fmt: skip
+    return [f"'{item}': {type(d.law).__name__} states no row, so that it constrains nothing; a law without rows is an mb.Force"]
+
+
+def laws_of(c: Connection, kept: Mapping[str, str]) -> list[Any]:
+    """The laws of an item in the model."""
+    return c.as_kinematic or c.laws if c.name in kept else c.laws
+
+
+def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str, str], Body],
+          nodes: Collection[Body]) -> list[tuple[Any, tuple[Body, ...], str]]:  # fmt: skip
+    """Every law with its bodies and the name of its item."""
+    out: list[tuple[Any, tuple[Body, ...], str]] = []
+    for b in nodes:
+        out.append((element_of(b), (b,), b.name))
+        if np.any(scene.gravity) and b.mass:
+            field_ = {n: float(g) for n, g in zip(("gx", "gy", "gz"), scene.gravity, strict=True) if g}
+            gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
+            out.append((gravity, (scene.ground, b), b.name))
+    for c in scene.connections:
+        ends = (attached.get((c.name, "k"), c.k), attached.get((c.name, "l"), c.l))
+        out += [(law, ends, c.name) for law in laws_of(c, kept)]
+    return out
+
+
+def element_of(b: Body) -> Element:
+    """The element law of a body."""
+    if isinstance(b, Station):
+        return BeamNode(b.name)
+    if b.inertia is None:
+        return PointMass(b.name, mass=float(b.mass))
+    J = b.inertia.astype(float)
+    products = {"Jxy": float(J[0, 1]), "Jxz": float(J[0, 2]), "Jyz": float(J[1, 2])} if np.any(J - np.diag(np.diag(J))) else {}
+    return RigidBody(b.name, mass=float(b.mass), Jxx=float(J[0, 0]), Jyy=float(J[1, 1]), Jzz=float(J[2, 2]), **products)
+
+
+def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
+           planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
+    """Kinds and axes of the law's frames, and the numbers of those frames."""
+    if isinstance(law, Element):
+        assert nodes[0] is not None
+        return ((nodes[0].kind, Axes.GENERAL),), {}
+    J = joint_axes(law, bodies[0])
+    sides: list[Side] = []
+    numbers: dict[str, float] = {}
+    for side, body, node in zip("kl", bodies, nodes, strict=True):
+        kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
+        Q = body.rotation.T @ J
+        point = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
+        offset = body.rotation.T @ (point - body.position)
+        sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
+        numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
+        numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
+        numbers[f"{side}_theta0"] = body.heading
+    if isinstance(law, Gravity):  # acts at the node itself
+        sides = [(kind, Axes.NORMAL if planar else Axes.GENERAL) for kind, _ in sides]
+    return tuple(sides), numbers
+
+
+def joint_axes(law: Any, k: Body) -> Array:
+    """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
+    if law.axes_of == "k":
+        return k.rotation
+    if law.axes_of == "l":
+        return law.l.rotation  # type: ignore[no-any-return]
+    z = np.asarray(law.axis, dtype=float)
+    if abs(z[2]) < 1e-14:
+        x = np.array([0.0, 0.0, 1.0])
+    else:
+        helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
+        x = helper - (helper @ z) * z
+        x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def pattern(Q: Array) -> Axes:
+    """The planar structure of Q; raises LawError where there is none."""
+    if abs(Q[2, 2] - 1) < 1e-12:
+        return Axes.NORMAL
+    if abs(Q[2, 2] + 1) < 1e-12:
+        return Axes.REVERSED
+    if abs(Q[2, 2]) < 1e-12 and abs(Q[2, 0] - 1) < 1e-12:
+        return Axes.IN_PLANE
+    raise LawError(f"its axis ({Q[0, 2]:.6g}, {Q[1, 2]:.6g}, {Q[2, 2]:.6g}) is neither in the plane nor normal to it")

@@ -1,0 +1,313 @@
+"""Numbering of unknowns and of everything a kernel reads: y, y', prescribed values, parameters, a zero."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.inputs import timed
+from mbdae.kernels import Kernel
+from mbdae.kernels.plan import Inputs
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.outputs import Target
+from mbdae.system.base import Array
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+
+COORDINATES = {
+    NodeKind.SPATIAL: (("x", "y", "z", "P0", "P1", "P2", "P3"), ("vx", "vy", "vz", "Omega_x", "Omega_y", "Omega_z")),
+    NodeKind.PLANAR: (("x", "y", "theta"), ("vx", "vy", "omega")),
+    NodeKind.POINT: (("x", "y", "z"), ("vx", "vy", "vz")),
+    NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
+    NodeKind.COORDINATE: (("angle",), ("rate",)),
+}
+
+class Shared(Protocol):
+    """Who has the displacement unknowns of a node, and where a node is fixed."""
+
+    @property
+    def owner(self) -> Mapping[str, Node]:
+        """Node -> the node whose displacement it takes."""
+
+    @property
+    def fixed(self) -> Mapping[str, Array]:
+        """Node -> its constant position."""
+
+    @property
+    def turner(self) -> Mapping[str, Node]:
+        """Node -> the node whose rotation it takes; its displacement is shared too."""
+
+    @property
+    def upright(self) -> Mapping[str, Array]:
+        """Node -> its constant rotation; its displacement is constant too."""
+
+
+_SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
+
+
+@dataclass(frozen=True)
+class Row:
+    """A constraint row: group and instance numbers, row number in the law, name "joint.row"."""
+
+    group: int
+    instance: int
+    row: int
+    name: str
+
+
+def constraint_rows(model: Model) -> list[Row]:
+    """All constraint rows of a model, in the order of the scene's items."""
+    rows = [
+        Row(g, i, r, f"{instance.item}.{name}")
+        for g, group in enumerate(model.groups) if group.derived.rows
+        for i, instance in enumerate(group.instances)
+        for r, name in enumerate(group.derived.rows)
+    ]  # fmt: skip
+    order = {c.name: n for n, c in enumerate(model.scene.connections)}
+    return sorted(rows, key=lambda row: order[model.groups[row.group].instances[row.instance].item])
+
+
+class Numbering:
+    """y = (q, u, s, z, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere.
+
+    carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
+    read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
+    and instances that do not take part. constants: further numbers, behind those of the laws. sharing: nodes whose
+    displacement is that of another node, or constant. numbers: parameters every law sees (those of a form).
+    """
+
+    def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
+                 carried: Sequence[Node] = (), loaded: Sequence[Node] = (),
+                 dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
+                 sharing: Shared | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
+        self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
+        self.free = [node for node in model.nodes if node not in set(carried)]
+        self._place: dict[str, tuple[int, int]] = {}
+        self.nq = self.nu = 0
+        self._owner: Mapping[str, Node] = sharing.owner if sharing else {}
+        self._fixed: Mapping[str, Array] = sharing.fixed if sharing else {}
+        self._turner: Mapping[str, Node] = sharing.turner if sharing else {}
+        self._upright: Mapping[str, Array] = sharing.upright if sharing else {}
+        for node in self.free:
+            self._place[node.name] = self.nq, self.nu
+            self.nq += node.kind.sizes[0] - self._own(node, "q")
+            self.nu += node.kind.sizes[1] - self._own(node, "u")
+        self.states = {
+            (g, i, j): f"{instance.item}.{name}"
+            for g, group in enumerate(model.groups)
+            for i, instance in enumerate(group.instances) if (g, i) not in dropped
+            for j, name in enumerate(group.derived.states)
+        }  # fmt: skip
+        self._state = {key: n for n, key in enumerate(self.states)}
+        self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
+        self.start = {"q": 0, "u": self.nq, "s": self.nq + self.nu}
+        n = self.nq + self.nu + len(self.states)
+        self.stresses = [name for line in model.lines for name in line.stresses] if "z" in blocks else []
+        self.start["z"] = n
+        n += len(self.stresses)
+        for block in ("lambda", "mu"):
+            self.start[block] = n
+            n += self.m if block in blocks else 0
+        self.n, self.carried = n, 2 * n
+        self._carried: dict[str, int] = {}
+        for node in loaded:
+            self._carried[node.name] = self.carried
+            self.carried += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
+        self._clock_values: list[Any] = []
+        self._constants: list[float] = []
+        self._gathers: dict[Any, NDArray[np.intp]] = {}
+        self._clock_calls: dict[int, tuple[Array, Array, Callable[[], Any]]] = {}
+        self._slots: dict[tuple[int, int, str], int] = {}
+        self._numbers = dict(numbers or {})
+        self._collect()
+        self.further = self.carried + len(self._clock_values) + len(self._constants)
+        self._constants += constants
+        self._at: dict[str, int] = {}
+        for name, position in self._fixed.items():
+            self._at[name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants += list(position)
+        self._turned: dict[str, int] = {}
+        for name, rotation in self._upright.items():
+            self._turned[name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants += list(rotation)
+        self.clock = Kernel([timed.TIME, timed.SIDE], self._clock_values)
+        self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
+
+    def _collect(self) -> None:
+        """Give every number and every prescribed value a slot."""
+        for g, group in enumerate(self.model.groups):
+            for i, instance in enumerate(group.instances):
+                for name, value in instance.timed.items():
+                    for suffix, derivative in zip(("", "_dot", "_ddot"), timed.derivatives(se.sympify(value)), strict=True):
+                        self._slots[g, i, name + suffix] = self.carried + len(self._clock_values)
+                        self._clock_values.append(derivative)
+        for k, line in enumerate(self.model.lines):
+            for name, value in line.timed.items():
+                self._slots[-1, k, name] = self.carried + len(self._clock_values)
+                self._clock_values.append(timed.sided(se.sympify(value)))
+        for g, group in enumerate(self.model.groups):
+            for i, instance in enumerate(group.instances):
+                for name, number in instance.numbers.items():
+                    self._slots[g, i, name] = self.carried + len(self._clock_values) + len(self._constants)
+                    self._constants.append(number)
+        for name, number in self._numbers.items():
+            self._slots[-2, 0, name] = self.carried + len(self._clock_values) + len(self._constants)
+            self._constants.append(number)
+
+    def workspace(self, count: int) -> Array:
+        """(count, width) rows [y, y', prescribed values, parameters, 0] with the constants filled in."""
+        W = np.zeros((count, self.width))
+        first = self.carried + len(self._clock_values)
+        W[:, first : first + len(self._constants)] = self._constants
+        return W
+
+    @property
+    def side(self) -> float | None:
+        """Time at which conditions of inputs are read while a run is between two breaks; None: where they are evaluated."""
+        return self.model.conditions.time
+
+    def _sides(self, t: Array) -> Array:
+        """Times (count,) at which conditions are read outside of a run."""
+        end = self.model.conditions.end
+        times: Array = timed.after(t)
+        return np.minimum(times, 2 * end - timed.after(end)) if end < np.inf else times
+
+    def fill_clock(self, W: Array, t: Array) -> None:
+        """Prescribed values at times t (count,)."""
+        if not self._clock_values:
+            return
+        if len(t) not in self._clock_calls:  # kept: a residual is asked for at the same few numbers of points
+            x, out = np.empty((len(t), 2)), np.empty((len(t), len(self._clock_values)))
+            self._clock_calls[len(t)] = x, out, self.clock.bound(x, out)
+        x, out, call = self._clock_calls[len(t)]
+        x[:, 0], x[:, 1] = t, self._sides(t) if self.side is None else self.side
+        call()
+        W[:, self.carried : self.carried + len(self._clock_values)] = out
+
+    def node_place(self, head: str, node: Node, component: int) -> int:
+        """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
+        nq, nu = node.kind.sizes
+        if node.name in self._carried:
+            parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
+            return self._carried[node.name] + parts[head] + component
+        if self.shares(node, component, head):
+            n = node.kind.translations
+            owner, at = (self._owner, self._at) if component < n else (self._turner, self._turned)
+            if node.name in owner:
+                return self.node_place(head, owner[node.name], component)
+            return at[node.name] + (component if component < n else component - n) if head == "q" else self.width - 1
+        (q, u), first = self._place[node.name], self._own(node, head)
+        return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
+
+    def shares(self, node: Node, component: int, head: str) -> bool:
+        """Whether an entry of "q" or "u" is one that the node has from another one, or from the ground."""
+        return component < self._own(node, head)
+
+    def _own(self, node: Node, head: str) -> int:
+        """Number of entries of "q" or "u" that are not unknowns of the node itself: displacements, or all."""
+        if node.name in self._turner or node.name in self._upright:
+            return node.kind.sizes[0 if head[0] == "q" else 1]
+        return node.kind.translations if node.name in self._owner or node.name in self._fixed else 0
+
+    @cached_property
+    def loaded_rows(self) -> NDArray[np.intp]:
+        """Slots of the rows of loaded nodes."""
+        slots = []
+        for node in (n for n in self.model.nodes if n.name in self._carried):
+            for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True):
+                slots += [self.node_place(head, node, i) for i in range(size)]
+        return np.array(slots, dtype=np.intp)
+
+    def node_of(self, target: Target, g: int, i: int) -> Node:
+        """The node of a target ("q" | "u" | ..., side, component)."""
+        node = self.model.groups[g].instances[i].nodes[_SIDES[target[1]]]
+        assert node is not None
+        return node
+
+    def place(self, target: Target, g: int, i: int) -> int:
+        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then carried nodes; -1 if dropped."""
+        head = target[0]
+        if head in ("q", "u", "qp", "up"):
+            return self.node_place(head, self.node_of(target, g, i), target[2])
+        if head in ("s", "sp"):
+            return self.start["s"] + self._state[g, i, target[1]] + (self.n if head == "sp" else 0)
+        row = self._row.get((g, i, target[1]))
+        return -1 if row is None else self.start[head] + row + (self.n if self.derivatives else 0)
+
+    def velocity(self, target: Target, g: int, i: int) -> int:
+        """Number among the velocities of a target ("u" or another head, side, component)."""
+        return self.place(("u", *target[1:]), g, i) - self.nq
+
+    def slot(self, g: int, i: int, name: str) -> int:
+        """Slot of a parameter of an instance, or of a value or rate of a prescribed one; group -1: a load on a beam."""
+        return self._slots[g, i, name]
+
+    def row(self, g: int, i: int, r: int) -> int | None:
+        """Number of a constraint row, None where it is dropped."""
+        return self._row.get((g, i, r))
+
+    def gather(self, g: int, inputs: Inputs, active: Sequence[int] | None = None) -> NDArray[np.intp]:
+        """(instances, inputs) positions in the workspace; active: numbers of the instances, by default all."""
+        chosen = tuple(active) if active is not None else tuple(range(len(self.model.groups[g].instances)))
+        key = (g, inputs.symbols, chosen)
+        if key not in self._gathers:
+            self._gathers[key] = self._gathered(g, inputs, chosen)
+        return self._gathers[key]
+
+    def _gathered(self, g: int, inputs: Inputs, chosen: tuple[int, ...]) -> NDArray[np.intp]:
+        table = np.empty((len(chosen), len(inputs.symbols)), dtype=np.intp)
+        for row, i in enumerate(chosen):
+            for j, target in enumerate(inputs.unknowns):
+                table[row, j] = self.place(target, g, i) % self.width  # -1: the zero at the end
+            for j, name in enumerate(inputs.parameters, start=len(inputs.unknowns)):
+                table[row, j] = self._slots[-2, 0, name] if name in self._numbers else self._slots[g, i, name]
+        return table
+
+    def numbers(self, g: int, inputs: Inputs) -> Array:
+        """(instances, parameters) values of constant parameters."""
+        instances = self.model.groups[g].instances
+        values = np.array([[(self._numbers | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
+        return values.reshape(len(instances), len(inputs.parameters))
+
+    def scaling(self) -> Array:
+        """(m,) scaling of every constraint row (paper Eq. 2), 1 where its joint has none."""
+        return np.array([self.model.groups[r.group].instances[r.instance].numbers.get("scaling", 1.0) for r in self.rows])
+
+    def rows_among(self, rows: list[Row]) -> NDArray[np.intp]:
+        """(m,) where the rows are among others."""
+        at = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
+        return np.array([at[r.group, r.instance, r.row] for r in self.rows], dtype=np.intp)
+
+    @property
+    def of_positions(self) -> NDArray[np.intp]:
+        """(nq,) where the position unknowns are among those of all nodes."""
+        return np.concatenate([np.arange(n.q + self._own(n, "q"), n.q + n.kind.sizes[0]) for n in self.free]).astype(np.intp)
+
+    @property
+    def of_velocities(self) -> NDArray[np.intp]:
+        """(nu,) where the velocity unknowns are among those of all nodes."""
+        return np.concatenate([np.arange(n.u + self._own(n, "u"), n.u + n.kind.sizes[1]) for n in self.free]).astype(np.intp)
+
+    def names(self) -> tuple[str, ...]:
+        """Name of every unknown."""
+        names = ["?"] * self.n
+        for node in self.free:
+            for head, entries in zip("qu", COORDINATES[node.kind], strict=True):
+                slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
+                for i, c in enumerate(("displacement",) if slides else entries):
+                    if not self.shares(node, i, head):
+                        names[self.node_place(head, node, i)] = f"{node.name}.{c}"
+        names[self.start["z"] : self.start["z"] + len(self.stresses)] = self.stresses
+        for key, position in self._state.items():
+            names[self.start["s"] + position] = self.states[key]
+        for block in ("lambda", "mu"):
+            for i, row in enumerate(self.rows):
+                if self.start[block] + i < self.n:
+                    names[self.start[block] + i] = f"{block}({row.name})"
+        return tuple(names)

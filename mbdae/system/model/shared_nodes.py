@@ -1,0 +1,115 @@
+"""Nodes of beams that share unknowns: a joint through both of them needs no translation rows, a weld no rows at all.
+
+The paper's models count no multipliers for translations: end nodes of links that meet in a joint are one point. Where a
+joint lies exactly on two nodes, the second takes the displacement unknowns of the first; where it lies on the ground,
+the node's displacement is a constant. A weld between nodes with equal axes shares their rotation too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.laws.joints import Weld
+from mbdae.scene.components import Array
+from mbdae.scene.topology import leader
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.model.beams import drawn_quaternion
+from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.nodes import Node
+
+ON = 1e-13  #: of the scene's length: a joint that lies on a node
+EQUAL = 1e-13  #: axes of two nodes, rad
+ROWS = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """owner: node -> the node whose displacement it takes; fixed: node -> its constant position; turner, upright: the same
+    for rotations (quaternion, or angle in the plane) of nodes that share both; rows not needed."""
+
+    owner: dict[str, Node] = field(default_factory=dict)
+    fixed: dict[str, Array] = field(default_factory=dict)
+    rows: frozenset[tuple[int, int, int]] = frozenset()
+    turner: dict[str, Node] = field(default_factory=dict)
+    upright: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def nodes(self) -> set[str]:
+        """Names of the nodes without displacement unknowns of their own."""
+        return self.owner.keys() | self.fixed.keys()
+
+
+def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[tuple[int, int]]) -> Sharing:
+    """The joints of a model with beams whose rows are met by sharing; excluded: nodes that are carried."""
+    leads: dict[Node, Node] = {}
+    pinned: dict[Node, Array] = {}
+    order = {n: i for i, n in enumerate(model.nodes)}
+    rows: set[tuple[int, int, int]] = set()
+    welded: list[tuple[int, int, list[Node]]] = []
+    for g, i, instance in model.instances() if model.lines else ():
+        names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
+        if model.groups[g].derived.reactive:
+            continue  # its friction needs the multipliers
+        if (g, i) in dropped or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
+            continue
+        first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
+        if len(ends) == 1 and first not in pinned:
+            pinned[first] = np.asarray(instance.law.at, dtype=float)
+        elif len(ends) == 2 and others and not (first in pinned and others[0] in pinned):
+            leads[others[0]] = first
+            if others[0] in pinned:
+                pinned[first] = pinned.pop(others[0])
+        elif others or len(ends) == 1:
+            continue  # held at two points of the ground: the rows say more than sharing could
+        rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
+        if isinstance(instance.law, Weld):
+            welded.append((g, i, ends))
+    fixed = {n.name: pinned[leader(n, leads)] for n in model.nodes if leader(n, leads) in pinned}
+    owner = {n.name: leader(n, leads) for n in model.nodes if n in leads and n.name not in fixed}
+    turner, upright, more = _shared_rotations(model, welded)
+    return Sharing(owner, fixed, frozenset(rows | more), turner, upright)
+
+
+def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
+                      ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
+    """Nodes that take the rotation of another one, or keep that they are drawn with, and the rows of welds this meets."""
+    leads: dict[Node, Node] = {}
+    upright: dict[Node, Array] = {}
+    rows: set[Any] = set()
+    order = {n: i for i, n in enumerate(model.nodes)}
+    for g, i, ends in welded:
+        first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
+        if len(ends) == 1 and first not in upright:
+            upright[first] = _drawn(first)
+        elif len(ends) == 2 and others and others[0] not in upright and _alike(*ends):
+            leads[others[0]] = first
+        else:
+            continue
+        names = model.groups[g].derived.rows
+        rows |= {(g, i, r) for r, name in enumerate(names) if name not in ROWS}
+    kept = {n.name: upright[leader(n, leads)] for n in model.nodes if leader(n, leads) in upright}
+    return {n.name: leader(n, leads) for n in leads if n.name not in kept}, kept, rows
+
+
+def _drawn(node: Node) -> Array:
+    """Angle (1,) or quaternion (4,) a node is drawn with."""
+    assert node.body is not None
+    return np.array([node.body.heading]) if node.kind is NodeKind.PLANAR else drawn_quaternion(node.body)
+
+
+def _alike(a: Node, b: Node) -> bool:
+    """Whether two nodes have axes, and are drawn with the same."""
+    return a.kind is b.kind and a.kind.turns and bool(np.max(np.abs(_drawn(a) - _drawn(b))) <= EQUAL)
+
+
+def _on_both(model: Model, instance: Instance) -> bool:
+    """Whether the joint lies on the nodes of both sides (on one where the other is the ground), at least one of a beam."""
+    stations = {n for line in model.lines for n in line.nodes}
+    if not stations & set(instance.nodes[:2]):
+        return False
+    offsets = [np.array([instance.numbers[f"{side}_p{i}"] for i in (1, 2, 3)])
+               for side, node in zip("kl", instance.nodes, strict=False) if node is not None]  # fmt: skip
+    return all(float(np.max(np.abs(p))) <= ON * model.length for p in offsets)

@@ -1,0 +1,211 @@
+"""Trees of recursive joints and welds in a model: which joint carries which body from which root, and what is part of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import SceneError
+from mbdae.scene.components import Body, Connection
+from mbdae.scene.topology import leader
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Element, Force, Joint
+from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
+from mbdae.system.model.beams import drawn_quaternion
+from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import quaternion, quaternion_product
+
+ROUND_OFF = 1e-15  #: of unit vectors, and of offsets over the scene's length: what counts as 0 or 1
+Place = tuple[int, int]  #: numbers of a group and of an instance
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A tree with its nodes and laws. nodes[0] is the root (None: the ground), nodes[j] is carried by joints[j - 1]."""
+
+    structure: TreeStructure
+    nodes: tuple[Node | None, ...]
+    coordinates: tuple[Node | None, ...]  #: of the joints, None of a weld
+    joints: tuple[Place, ...]
+    names: tuple[str, ...]  #: of the joints
+    members: tuple[Place, ...]
+    numbers: tuple[dict[str, float], ...]  #: of the joints, with the quaternions of their axes
+
+    @property
+    def carried(self) -> tuple[Node, ...]:
+        """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
+        driven = [c for c, link in zip(self.coordinates, self.structure.links, strict=True) if link.prescribed]
+        return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
+
+    @property
+    def rigid(self) -> tuple[str, ...]:
+        """Names of the welds."""
+        return tuple(name for name, c in zip(self.names, self.coordinates, strict=True) if c is None)
+
+    def node(self, j: int) -> Node:
+        """A node by its number in the tree; -j the coordinate of joint j."""
+        found = self.nodes[j] if j >= 0 else self.coordinates[-j - 1]
+        assert found is not None
+        return found
+
+    def loaded(self, nodes: set[Node]) -> Tree:
+        """The tree with the nodes on which laws outside it act."""
+        numbers = tuple(j for j, n in enumerate(self.nodes) if j and n in nodes)
+        return replace(self, structure=replace(self.structure, loaded=numbers))
+
+
+Joined = tuple[Connection, Body, Body]  #: a joint with the bodies (or nodes of beams) it connects
+
+
+def refused(joints: list[Joined]) -> list[str]:
+    """Why joints cannot be recursive, one sentence each."""
+    leads: dict[Body, Body] = {}
+    via: dict[Body, str] = {}
+    found = []
+    for c, k, l in joints:
+        for body in (k, l):
+            if body.is_point and (c.kind == "revolute" or body is k):
+                found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
+                             f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
+        a, b = leader(k, leads), leader(l, leads)
+        if a is b:
+            taken = via.get(l) or via.get(k)
+            found.append(f"{c.kind} '{c.name}': model=mb.Recursive() closes a loop: the motion of '{l.name}' relative to "
+                         f"'{k.name}' already follows from other recursive joints (among them '{taken}'); use "
+                         f"model=mb.Kinematic() for one joint of the loop, or s.recursive() which chooses it")  # fmt: skip
+            continue
+        leads[a] = b
+        via.setdefault(l, c.name)
+        via.setdefault(k, c.name)
+    return found
+
+
+def find_trees(model: Model) -> list[Tree]:
+    """The trees of the recursive joints of a model; raises SceneError where one cannot be recursive."""
+    joints = [(c, *model.ends(c)) for c in model.recursive]
+    problems = refused(joints)
+    if problems:
+        raise SceneError(problems)
+    joints += _rigid(model, joints)
+    carrying = {c.name for c, _, _ in joints}
+    places = {instance.item: (g, i) for g, i, instance in model.instances()
+              if instance.item in carrying and isinstance(instance.law, Joint)}  # fmt: skip
+    trees, seen = [], set()
+    for root in _roots(joints, model.scene.ground):
+        if root not in seen:
+            edges = _edges(root, joints)
+            seen |= {root, *(child for _, _, child in edges)}
+            if edges:
+                trees.append(_tree(model, root, edges, places))
+    return trees
+
+
+def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
+    """Rigid joints that close no loop with the recursive ones."""
+    leads: dict[Body, Body] = {}
+    points: set[Body] = set()  # a point carries nothing: it has no orientation
+    for _, k, l in joints:
+        leads[leader(k, leads)] = leader(l, leads)
+        points |= {b for b in (k, l) if b.is_point}
+    found = []
+    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.kept):
+        a, b = leader(c.k, leads), leader(c.l, leads)
+        if a is not b and not points & {c.k, c.l}:
+            leads[a] = b
+            points |= {body for body in (c.k, c.l) if body.is_point}
+            found.append((c, c.k, c.l))
+    return found
+
+
+def _roots(joints: list[Joined], ground: Body) -> list[Body]:
+    """The ground first, then bodies no recursive joint carries as its l, then the rest."""
+    bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
+    carried = {l for _, _, l in joints}
+    return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
+
+
+def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Body]]:
+    edges: list[tuple[Body, Connection, Body]] = []
+    front, left = [root], list(joints)
+    while front:
+        parent = front.pop(0)
+        for joint in [j for j in left if parent in j[1:]]:
+            c, k, l = joint
+            child = l if k is parent else k
+            left.remove(joint)
+            edges.append((parent, c, child))
+            front.append(child)
+    return edges
+
+
+def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], places: dict[str, Place]) -> Tree:
+    bodies = [root, *(child for _, _, child in edges)]
+    nodes = tuple(model.node(b) for b in bodies)
+    by_name = {n.name: n for n in model.joint_coordinates}
+    joints = tuple(places[c.name] for _, c, _ in edges)
+    numbers = tuple(_with_quaternions(model.groups[g].instances[i], model.groups[g].key[2]) for g, i in joints)
+    links = tuple(_link(model, bodies.index(parent), c, model.node(child), place, own)
+                  for (parent, c, child), place, own in zip(edges, joints, numbers, strict=True))  # fmt: skip
+    kind = nodes[0].kind if nodes[0] is not None else NodeKind.PLANAR_GROUND if model.planar else NodeKind.GROUND
+    numbered = {n: j for j, n in enumerate(nodes) if n is not None}
+    members = tuple((g, i) for g, i, instance in model.instances() if _is_member(instance, numbered))
+    stated = tuple(_member(model, g, i, numbered) for g, i in members)
+    names = tuple(c.name for _, c, _ in edges)
+    coordinates = tuple(map(by_name.get, names))
+    return Tree(TreeStructure(kind, links, stated), nodes, coordinates, joints, names, members, numbers)
+
+
+def _link(model: Model, parent: int, c: Connection, child: Node | None, place: Place, numbers: dict[str, float]) -> Link:
+    assert child is not None
+    group, instance = model.groups[place[0]], model.groups[place[0]].instances[place[1]]
+    sides = group.key[2]
+    outward = child is instance.nodes[1]
+    axes = (sides[0][1], sides[1][1]) if outward else (sides[1][1], sides[0][1])
+    rounded = _rounded(numbers, model.length)
+    twist = group.key[0].twist or (0, 0)
+    return Link(group.key[0], parent, "k" if outward else "l", child.kind, axes, c.prescribed is not None, rounded, twist)
+
+
+def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
+    """Numbers of a joint, with the quaternions of its axes on both sides where they are spatial."""
+    own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_")}
+    for side, (kind, _) in zip("kl", sides[:2], strict=True):
+        if kind in (NodeKind.SPATIAL, NodeKind.GROUND):
+            Q = np.array([[own[f"{side}_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)])
+            own |= {f"{side}_P{i}": float(p) for i, p in enumerate(quaternion(Q))}
+    if "k_P0" in own and "l_P0" in own:
+        k, l = (drawn_quaternion(None if n is None else n.body) for n in instance.nodes[:2])
+        to_joint, of_l = (np.array([own[f"{side}_P{i}"] for i in range(4)]) for side in "kl")
+        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:  # the node carried keeps its neighbours' sign
+            own |= {f"l_P{i}": -float(p) for i, p in enumerate(of_l)}
+    return own
+
+
+def _rounded(numbers: dict[str, float], length: float) -> Numbers:
+    """What is 0, 1 or -1 up to round-off is part of the structure; all else stays a number given at run time."""
+    out: list[tuple[str, int | None]] = []
+    for name, value in numbers.items():
+        small = ROUND_OFF * (length if "_p" in name else 1.0)
+        whole = 0 if abs(value) <= small else int(np.sign(value)) if abs(abs(value) - 1) <= ROUND_OFF else None
+        out.append((name, whole))
+    return tuple(out)
+
+
+def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
+    """Elements and forces between nodes of one tree (and the ground) that act on a carried one."""
+    moving = [n for n in instance.nodes if n is not None]
+    law = instance.law
+    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates
+            and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
+
+
+def _member(model: Model, g: int, i: int, numbered: dict[Node, int]) -> Member:
+    group, instance = model.groups[g], model.groups[g].instances[i]
+    frames = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_")}
+    values = {name: v for name, v in instance.numbers.items() if name not in frames}
+    whole = tuple((name, int(v) if v in (0.0, 1.0, -1.0) else None) for name, v in values.items())
+    nodes = tuple(None if n is None else numbered[n] for n in instance.nodes)
+    return Member(group.key, nodes, _rounded(frames, model.length) + whole)

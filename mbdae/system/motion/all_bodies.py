@@ -1,0 +1,174 @@
+"""From the unknowns of a form to the motion of all bodies, carried ones included; dynamics in joint coordinates."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mbdae.system.base import Array
+from mbdae.system.model.carried_bodies import Carried, slot_of
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.numbering import Row
+from mbdae.system.model.trees import Tree
+from mbdae.system.motion.constrained import least_norm, solve_constrained
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.reaction_forces import Solve
+
+
+class Expansion:
+    """The motion of a model's nodes from the unknowns (q, u, s) that recursive joints leave."""
+
+    def __init__(self, model: Model, carried: Carried) -> None:
+        self.model, self.carried = model, carried
+        self.numbering = carried.numbering(model, [], (), loaded=False)
+        self.nq, self.nu = self.numbering.nq, self.numbering.nu
+
+    def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
+        """(nt, width) what the kernels of the trees read, at reduced states."""
+        nb = self.numbering
+        W = nb.workspace(len(t))
+        W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
+        if up is not None:
+            W[:, nb.n + self.nq : nb.n + self.nq + self.nu] = up
+        nb.fill_clock(W, t)
+        return W
+
+    def states(self, t: Array, y: Array) -> tuple[Array, Array]:
+        """q (nt, nq), u (nt, nu) of all nodes from unknowns y (nt, n)."""
+        if not self.carried.trees and not self.carried.sharing.nodes:
+            return y[:, : self.nq], y[:, self.nq : self.nq + self.nu]
+        W = self.workspace(t, y[:, : self.nq], y[:, self.nq : self.nq + self.nu])
+        q, u, _ = self._motion(W, None)
+        return q, u
+
+    def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
+        """u' (nt, nu) of all nodes from reduced states and accelerations."""
+        return self._motion(self.workspace(t, q, u, up), up)[2]
+
+    def reduced(self, q: Array, u: Array) -> tuple[Array, Array]:
+        """Positions and velocities of the unknowns from those of all nodes, (nt, ...) each."""
+        return q[:, self.numbering.of_positions], u[:, self.numbering.of_velocities]
+
+    def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
+        nb, model = self.numbering, self.model
+        q, u, a = (np.zeros((len(W), n)) for n in (model.nq, model.nu, model.nu))
+        q[:, nb.of_positions], u[:, nb.of_velocities] = W[:, : self.nq], W[:, self.nq : self.nq + self.nu]
+        if up is not None:
+            a[:, nb.of_velocities] = up
+        out = {"q": q, "u": u, "up": a}
+        self._share(out)
+        for plan, trees in self.carried.plans():
+            piece = plan.motion_of_all
+            values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+            for i, tree in enumerate(trees):
+                for o, (head, j, component) in enumerate(piece.targets):
+                    out[head][:, _first(tree.node(j), head) + component] = values[:, i, o]
+                self._prescribed(W, tree, out)
+        return q, u, a
+
+    def _share(self, out: dict[str, Array]) -> None:
+        """Displacements and rotations that nodes share, and those that are fixed."""
+        sharing, by_name = self.carried.sharing, {n.name: n for n in self.model.nodes}
+        for name, position in sharing.fixed.items():
+            node = by_name[name]
+            out["q"][:, node.q : node.q + node.kind.translations] = position[: node.kind.translations]
+        for name, owner in sharing.owner.items():
+            node = by_name[name]
+            for head, values in out.items():
+                a, b, n = _first(node, head), _first(owner, head), node.kind.translations
+                values[:, a : a + n] = values[:, b : b + n]
+        for name, rotation in sharing.upright.items():
+            node = by_name[name]
+            out["q"][:, node.q + node.kind.translations : node.q + node.kind.sizes[0]] = rotation
+        for name, turner in sharing.turner.items():
+            node, n = by_name[name], by_name[name].kind.translations
+            for head, values in out.items():
+                a, b, size = _first(node, head), _first(turner, head), node.kind.sizes[0 if head == "q" else 1]
+                values[:, a + n : a + size] = values[:, b + n : b + size]
+
+    def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
+        for j, link in enumerate(tree.structure.links, start=1):
+            if link.prescribed:
+                for order, head in enumerate(("q", "u", "up")):
+                    slot = self.carried.slot(self.numbering, tree, ("clock", j, order))
+                    out[head][:, _first(tree.node(-j), head)] = W[:, slot]
+
+    def velocity_map(self, W: Array) -> Array:
+        """T (nt, nu of all nodes, nu of the unknowns): velocities of all nodes per velocity of an unknown."""
+        nb = self.numbering
+        T = np.zeros((len(W), self.model.nu, self.nu))
+        T[:, nb.of_velocities, np.arange(self.nu)] = 1.0
+        for plan, trees in self.carried.plans():
+            for piece in plan.velocities:
+                values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+                for i, tree in enumerate(trees):
+                    for o, ((head, j, component), place) in enumerate(piece.targets):
+                        column = slot_of(nb, tree, place) - nb.nq
+                        T[:, _first(tree.node(j), head) + component, column] = values[:, i, o]
+        return T
+
+
+def _first(node: Node, head: str) -> int:
+    return node.q if head == "q" else node.u
+
+
+class TreeMechanics(Mechanics):
+    """Mechanics of a model with recursive joints: accelerations from the joint coordinates, reactions from leaf to root."""
+
+    def __init__(self, model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> None:
+        super().__init__(model, rows, redundant)
+        self.expansion = expansion
+
+    def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
+        """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
+        e = self.expansion
+        qr, ur = e.reduced(q, u)
+        T = e.velocity_map(e.workspace(t, qr, ur))
+        bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
+        G, gamma, M, closing = self.constraint_jacobian(t, q), self.acceleration_bias(t, q, u), self.mass, self.closing
+        Tt, units = T.transpose(0, 2, 1), 1 / self.velocity_units[e.numbering.of_velocities]
+        mass, rows = Tt @ (M @ T), G[:, closing] @ T
+        right = gamma[:, closing] + np.einsum("tij,tj->ti", G[:, closing], bias)
+        E = self.unique(G[:, closing], rows, 1 / units)
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            inner = None if slope is None else slope[:, :, closing]  # joints with friction of their own are never recursive
+            reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
+            ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
+            acceleration = np.einsum("tij,tj->ti", T, ud) + bias
+            left = f - acceleration @ M  # what all rows together have to give
+            if inner is not None:
+                left += np.einsum("tij,tj->ti", inner, lam)
+            if self.redundant:
+                return acceleration, least_norm(G * self.velocity_units, left * self.velocity_units)
+            multipliers = np.zeros((len(t), self.m))
+            multipliers[:, closing] = lam
+            self._leaf_to_root(left - np.einsum("tij,ti->tj", G[:, closing], lam), G, multipliers)
+            return acceleration, multipliers
+
+        return solve
+
+    @cached_property
+    def closing(self) -> Any:
+        """(m,) numbers of the rows that recursive joints leave."""
+        inside = self.expansion.carried.dropped
+        return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
+
+    def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
+        """G^T lambda = left joint by joint from the leaves: each balances what is left on the body it carries."""
+        numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
+        for tree in self.expansion.carried.trees:
+            for j in range(len(tree.joints), 0, -1):
+                g, i = tree.joints[j - 1]
+                names = self.model.groups[g].derived.rows
+                rows = [numbers[g, i, r] for r in range(len(names))]
+                node, own = tree.node(j), [n for n, name in zip(rows, names, strict=True) if name != "drive"]
+                body = slice(node.u, node.u + node.kind.sizes[1])
+                on_body = G[:, own, body].transpose(0, 2, 1)
+                multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
+                left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
+                if len(own) < len(rows):  # a drive takes what is left on its coordinate
+                    multipliers[:, rows[-1]] = left[:, tree.node(-j).u] / G[:, rows[-1], tree.node(-j).u]

@@ -1,0 +1,90 @@
+"""Motions that have no inertia, named by the body or joint that makes them: no equations of motion determine them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigh
+
+from mbdae.errors import SceneError
+from mbdae.system.base import Array
+from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.rank.redundancy import RankReport, null_space
+
+NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
+
+
+def massless_coordinates(expansion: Expansion, mass: Array, t: Array, q: Array) -> list[str]:
+    """Unknowns of trees of recursive joints whose motion has no inertia, by the condition of the reduced mass matrix with
+    a unit diagonal, one sentence each."""
+    u = np.zeros((1, expansion.model.nu))
+    T = expansion.velocity_map(expansion.workspace(t, *expansion.reduced(q[None], u)))[0]
+    reduced = T.T @ mass @ T
+    size = np.sqrt(np.diag(reduced))
+    largest = float(np.max(size, initial=0.0))
+    names = expansion.numbering.names()[expansion.nq :]
+    lost = [int(i) for i in np.flatnonzero(size <= 1e-12 * largest)]
+    if not lost and len(size):
+        values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
+        lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
+    joints = {n.name for n in expansion.model.joint_coordinates}
+    return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
+
+
+def _no_inertia(name: str, joints: set[str]) -> str:
+    if name in joints:
+        return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
+                f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
+    return f"body '{name}' can move without any inertia: give it mass or inertia, or a joint that stops this motion"
+
+
+def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Array) -> list[str]:
+    """Names of the bodies with a free motion that has no inertia, one sentence each."""
+    kept = Mechanics(mechanics.model, report.kept)
+    G = kept.constraint_jacobian(t, q[None])[0]
+    own = np.ones(kept.nu, dtype=bool)
+    for node in (n for line in kept.model.lines for n in line.nodes):  # nodes of beams that nothing holds have mass
+        own[node.u : node.u + node.kind.sizes[1]] = np.any(G[:, node.u : node.u + node.kind.sizes[1]])
+    at = np.flatnonzero(own)
+    unit, N = kept.velocity_units[at], null_space(G[:, at] * kept.velocity_units[at])
+    mass = kept.mass[at][:, at]
+    M = unit[:, None] * (mass.toarray() if kept.model.lines else mass) * unit
+    if not N.size:
+        return []
+    values, vectors = _compared(N.T @ M @ N, N.T @ (_own_inertia(np.diag(M))[:, None] * N))
+    motions = np.zeros((len(values), kept.nu))
+    motions[:, at] = (N @ vectors).T
+    return [_name_motion(kept, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
+
+
+def _own_inertia(diagonal: Array) -> Array:
+    """The inertia of every unit displacement by itself; the largest of all where it has none."""
+    return np.where(diagonal > 0, diagonal, max(float(np.max(diagonal, initial=0.0)), 1e-300))
+
+
+def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
+    """Inertia of motions over what their parts have by themselves, and the motions (columns): bodies may differ in size as much
+    as they like, a motion has no inertia where none of its parts has."""
+    scale = 1 / np.sqrt(np.diag(own))
+    found: tuple[Array, Array] = eigh(scale[:, None] * reduced * scale, scale[:, None] * own * scale)
+    return found[0], scale[:, None] * found[1]
+
+
+def _name_motion(mechanics: Mechanics, motion: Array) -> str:
+    worst = int(np.argmax(np.abs(motion)))
+    for node in mechanics.model.nodes:
+        if node.u <= worst < node.u + node.kind.sizes[1]:
+            how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
+            return (f"body '{node.name}' can {how} without any inertia: "
+                    f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
+    raise SceneError(["a motion without inertia could not be named"])
+
+
+def _motion_in_words(motion: Array, worst: int, n: int) -> str:
+    """"move along ..." or "turn about ..." for velocities of one node with n translations, the entry `worst` the largest."""
+    part = motion[:n] if worst < n else motion[n:]
+    part = part * np.sign(motion[worst]) / np.linalg.norm(part)
+    direction = ", ".join(f"{c:.2g}" for c in np.where(np.abs(part) < 1e-9, 0.0, part))
+    if worst < n:
+        return f"move along ({direction})"
+    return "turn" if len(part) == 1 else f"turn about ({direction}) in body axes"

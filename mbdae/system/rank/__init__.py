@@ -1,0 +1,1 @@
+"""Which constraint rows follow from others, and the magnitudes that decide what is small."""

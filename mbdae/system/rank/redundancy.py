@@ -1,0 +1,167 @@
+"""Which constraint rows say nothing new, by the rank of all in several consistent positions and beside the start."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbdae.errors import StartError
+from mbdae.system.base import Array
+from mbdae.system.model.numbering import Row
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.rank.rows import DEPENDENT, chosen_rows, in_order, novelty, smallest, unit_rows
+from mbdae.system.start.start import Starter
+
+CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
+SAMPLES = 3
+STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
+ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
+NEARBY = 1e-3  #: of the scene's length: rows that were released and are off by more belong to another motion
+CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
+
+
+@dataclass
+class RankReport:
+    """Rank of all constraint rows, and what follows from it.
+
+    kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms. Which of
+    the rows are kept holds for the start: a run chooses others where these go bad (`RowsInForce`)."""
+
+    kept: list[Row]
+    dropped: list[Row] = field(default_factory=list)
+    doubtful: list[tuple[Row, float]] = field(default_factory=list)
+    singular_here: list[Row] = field(default_factory=list)
+    not_unique: list[Row] = field(default_factory=list)  #: rows whose reactions the redundant ones could share
+    degrees_of_freedom: int = 0
+    smallest: float = 1.0  #: smallest singular value that counts of all rows, of unit length
+
+
+def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
+    """Rank of all constraint rows: the largest at the start, beside it (`_lost_here`) and in other consistent positions.
+
+    always: rows that recursive joints and shared displacements satisfy; they are kept."""
+    if not mechanics.m:
+        return RankReport([], degrees_of_freedom=mechanics.nu)
+    closing = {c.name for c in starter.tree.closing}
+    order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always,
+                                                      mechanics.rows[i].name.rsplit(".", 1)[0] in closing))  # fmt: skip
+    rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
+    here = _rows_at(mechanics, starter.t, q)[order]
+    new = novelty(here)
+    dependent = {row.name for row, part in zip(rows, new, strict=True) if part <= DEPENDENT}
+    elsewhere = _other_positions(mechanics, starter, q) if dependent and closing else []
+    places = [here, *(_rows_at(mechanics, starter.t, p)[order] for p in elsewhere)]
+    freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []
+    nearby = [_rows_at(mechanics, starter.t, p)[order] for p in freed
+              if np.max(np.abs(mechanics.position_residual(starter.t, p[None]))) < NEARBY * mechanics.model.length]  # fmt: skip
+    ranks = [int(np.sum(novelty(B) > DEPENDENT)) for B in places]
+    at_start = ranks[0]
+    lost, beside = _lost_here(mechanics, starter.t, q, at_start) if dependent else (0, here)
+    rank = max(at_start + lost, *ranks)
+    chosen = chosen_rows(here, at_start, first) if at_start < len(rows) else list(range(len(rows)))
+    singular = set[int]()
+    if at_start < rank:  # the start is a singular position: rows that are new beside it make up for those that are not here
+        best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
+        chosen = in_order(best_place, rank, chosen)
+        singular = set(chosen[at_start:])
+    report = RankReport([row for row in mechanics.rows if row in {rows[i] for i in chosen}])
+    report.degrees_of_freedom, report.smallest = mechanics.nu - rank, smallest(here, rank)
+    report.dropped = [row for i, row in enumerate(rows) if i not in set(chosen)]
+    report.singular_here = [rows[i] for i in sorted(singular)]
+    report.doubtful = _nearly(rows, chosen, singular, [*places, *nearby])
+    report.not_unique = [rows[i] for i in _dependent_on_others(here)] if report.dropped else []
+    return report
+
+
+def _nearly(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
+    """Rows that are left out although they are not quite dependent, and rows that are kept although they nearly are."""
+    kept, left = sorted(set(chosen) - singular), [i for i in range(len(rows)) if i not in set(chosen)]
+    parts = novelty(places[0][kept])
+    found = [(rows[i], float(part)) for i, part in zip(kept, parts, strict=True) if DEPENDENT < part < DOUBTFUL]
+    sound = [B for B in places if smallest(B[chosen], len(chosen)) > DOUBTFUL]
+    for i in left if sound else ():
+        part = max(float(novelty(np.vstack([B[chosen], B[i]]))[-1]) for B in sound)
+        if part > CERTAIN:
+            found.append((rows[i], part))
+    return found
+
+
+def _dependent_on_others(B: Array) -> list[int]:
+    """Rows whose multiplier can change without any effect: they take part in a dependency."""
+    left, sizes, _ = np.linalg.svd(B)
+    null = left[:, int(np.sum(sizes > DEPENDENT)) :]
+    return [int(i) for i in np.flatnonzero(np.max(np.abs(null), axis=1, initial=0.0) > 1e-6)]
+
+
+def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
+    return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
+
+
+def _lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
+    """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
+
+    Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
+    W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
+    a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
+    units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
+    lengths = np.linalg.norm(G * units, axis=1, keepdims=True)
+    lengths[lengths == 0] = 1.0
+    B = G * units / lengths
+    left, _, right = np.linalg.svd(B)
+    W, N = left[:, rank:], right[rank:].T
+    released = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
+    tangent, rng = null_space(B[released]), np.random.default_rng(11)
+    most, beside, seen = 0, B, np.zeros(mechanics.nu)  # the coordinates of nodes that have a row
+    for own in (slice(node.u, node.u + node.kind.sizes[1]) for node in mechanics.model.nodes):
+        seen[own] = np.any(B[:, own])
+    for _ in range(SAMPLES if tangent.size and N.size else 0):
+        v = seen * (tangent @ rng.normal(size=tangent.shape[1]))
+        if not np.any(v):
+            break
+        step = ASIDE * v / np.max(np.abs(v)) * units
+        there, back = (mechanics.constraint_jacobian(t, mechanics.integrate_positions(q, s * step)[None])[0] * units / lengths
+                       for s in (1.0, -1.0))  # fmt: skip
+        change = W.T @ (there - back) @ N / (2 * ASIDE)
+        found = int(np.sum(np.linalg.svd(change, compute_uv=False) > CHANGING))
+        if found > most:
+            most, beside = found, there / np.maximum(np.linalg.norm(there, axis=1, keepdims=True), 1e-300)
+    return most, beside
+
+
+def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: Container[str] = ()) -> list[Array]:
+    """Positions reached by moving along the freedoms (drives and the rows named released) and closing the loops again."""
+    rows = [row for row in mechanics.rows if not row.name.endswith(".drive") and row.name not in without]
+    released = Mechanics(mechanics.model, rows)
+    closer = Starter(released, float(starter.t[0]), holding=False)
+    freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)
+    found: list[Array] = []
+    for _ in range(SAMPLES if freedoms.size else 0):
+        direction = freedoms @ rng.normal(size=freedoms.shape[1])
+        found += _moved(closer, q, direction / np.max(np.abs(direction)) * closer.units(q))
+    return found
+
+
+def _moved(closer: Starter, q: Array, direction: Array) -> list[Array]:
+    """The position a step in a direction leads to once the loops are closed again; none where they close at no step."""
+    for step in STEPS:
+        try:
+            return [closer.close(closer.moved(q, step * direction))]
+        except StartError:
+            continue
+    return []
+
+
+def free_motions(mechanics: Mechanics, t: Array, q: Array, starter: Starter) -> Array:
+    """(coordinates, freedoms) basis of the motions the constraints leave to rigid beams, over unit displacements."""
+    G = mechanics.constraint_jacobian(t, q[None])[0]
+    return null_space((G @ starter.rigid.basis(q) if mechanics.model.lines else G) * starter.units(q))
+
+
+def null_space(A: Array) -> Array:
+    """Orthonormal basis (n, k) of the x with A x = 0; rows of A (m, n) of about the same size."""
+    if not len(A):
+        return np.eye(A.shape[1])
+    _, sizes, V = np.linalg.svd(A, full_matrices=True)
+    return np.asarray(V[int(np.sum(sizes > 1e-9 * sizes[0])) :].T)

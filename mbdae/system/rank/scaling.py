@@ -1,0 +1,70 @@
+"""Typical magnitudes of the unknowns: what a tolerance is relative to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.start.rigid_beams import RigidMotions
+from mbdae.system.start.start import Start
+
+#: mu takes up the local errors of the positions: a sum of small random pieces, no smooth function. Held to the
+#: tolerance of the positions it makes BDF reject every second step (Andrews, rtol 1e-9: 19692 steps instead of 1871).
+SLACK = 1e5
+
+
+def characteristic_time(mechanics: Mechanics, start: Start) -> float:
+    """The shortest of: unit over speed, root of unit over acceleration, at the start; 1 s where nothing moves."""
+    units, acceleration = mechanics.velocity_units, start.acceleration
+    if mechanics.model.lines:  # of beams as rigid bodies: their elastic modes are faster
+        B = RigidMotions(mechanics.model).basis(start.q)
+        M = mechanics.mass @ B
+        acceleration = B @ np.linalg.lstsq(B.T @ M, M.T @ acceleration, rcond=1e-12)[0]
+    rates = np.abs(start.u) / units
+    accelerations = np.sqrt(np.abs(acceleration) / units)
+    fastest = max(float(np.max(rates, initial=0.0)), float(np.max(accelerations, initial=0.0)))
+    return 1 / fastest if fastest > 1e-9 else 1.0
+
+
+def position_scale(mechanics: Mechanics) -> Array:
+    """(nq,) the scene's length for positions and displacements, 1 for quaternions and angles."""
+    scale = np.ones(mechanics.nq)
+    for node in mechanics.model.nodes:
+        if node.unit == "m":
+            scale[node.q : node.q + node.kind.translations] = mechanics.model.length
+    return scale
+
+
+def state_scale(mechanics: Mechanics) -> Array:
+    """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
+    groups = mechanics.model.groups
+    named = [(groups[g].instances[i].law, groups[g].derived.states[j]) for g, i, j in mechanics.numbering.states]
+    return np.array([law.state_scales().get(name, 1.0) for law, name in named])
+
+
+def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Array, Array]:
+    """(m,) of lambda and of mu: what moves the scene by its units in its characteristic time.
+
+    The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's
+    speed) holds for all rows: a direction unloaded at the start carries the load after a quarter turn, and a tolerance
+    relative to its start value would stop IDA there.
+    """
+    if not mechanics.m:
+        return np.zeros(0), np.zeros(0)
+    G = mechanics.constraint_jacobian(np.array([start.t]), start.q[None])[0]
+    size = np.sqrt(np.sum((G * mechanics.velocity_units) ** 2, axis=1))
+    size[size == 0] = 1.0
+    mobility = mechanics.mobility(G)
+    force = np.maximum(size / T**2 / np.maximum(mobility, 1e-300), np.abs(start.multipliers))
+    move, turn = (np.max(np.abs(G[:, mask]), axis=1, initial=0.0) for mask in (~mechanics.rotational, mechanics.rotational))
+    arm = np.where(move > 0, move / mechanics.model.length, np.where(turn > 0, turn, 1.0))
+    return np.max(force * size) / size, SLACK / arm
+
+
+def stress_scale(mechanics: Mechanics, T: float) -> float:
+    """N or N m: what accelerates the beams by their length in the characteristic time."""
+    if not mechanics.model.lines:
+        return 1.0
+    mass = max(line.beam.mass for line in mechanics.model.lines)
+    return float(mass * mechanics.model.length / T**2)

@@ -1,0 +1,1 @@
+"""Consistent start: positions that close the loops, velocities, accelerations and reactions."""

@@ -1,0 +1,104 @@
+"""A start with bent beams: where no rigid motion of the beams closes the loops or follows the prescribed motions.
+
+Loops of beams may be drawn, or driven, so that they close only because their beams bend: a four-bar with one hinge that is not
+parallel to the others. Positions are then those of least elastic energy, and velocities those of least elastic power: the motion
+of a mechanism that moves slowly. Rigid motions, which cost no elastic energy, are fixed by a small share of the inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from mbdae.system.base import Array
+from mbdae.system.motion.mechanics import Mechanics
+
+SLOW = 0.01  #: a motion slow beside the lowest bending frequency: the inertia that counts, by its square
+CORRECTIONS, STEPS = 5, 50
+CONVERGED = 1e-9  #: last displacement of Newton's method, over the scene's length, or rad
+GIVEN = 1e-10  #: share of the smallest pivot by which rows that depend on each other give way before they are corrected
+
+
+def can_bend(mechanics: Mechanics) -> bool:
+    """Whether a scene has beams, all of whose strains are elastic."""
+    lines = mechanics.model.lines
+    return bool(lines) and not any(line.beam.section.rigid for line in lines)
+
+
+class Bending:
+    """The beams of a scene at positions q (nq,): what displacements and velocities they oppose."""
+
+    def __init__(self, mechanics: Mechanics, q: Array) -> None:
+        self.units = mechanics.velocity_units
+        self.inertia = SLOW**2 * _lowest(mechanics) * mechanics.weight
+        self.weight = stiffness(mechanics, q) + self.inertia
+        self.force = mechanics.elastic_force(q)
+
+    def least(self, A: Array, right: Array, pull: Array) -> Array:
+        """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number."""
+        A, W = A * self.units, sp.diags(self.units) @ self.weight @ sp.diags(self.units)
+        size = np.max(np.abs(A), axis=1, initial=0.0)
+        size[size == 0] = 1.0
+        A, right, pull = A / size[:, None], right / size, pull * self.units
+        stiff = float(np.max(W.diagonal()))
+        A, right = A * stiff, right * stiff  # rows like those of the stiffness
+        give = GIVEN * stiff * sp.identity(len(A))
+        factors = splu(sp.bmat([[W, sp.csc_matrix(A.T)], [sp.csc_matrix(A), -give]], format="csc"))
+        x, forces = np.zeros(len(self.units)), np.zeros(len(A))
+        for _ in range(CORRECTIONS):
+            step = factors.solve(np.r_[pull - W @ x - A.T @ forces, right - A @ x])
+            x, forces = x + step[: len(x)], forces + step[len(x) :]
+        return np.asarray(x * self.units)
+
+
+def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
+    """(nu, nu) of all beams at positions q (nq,), per virtual displacement."""
+    parts: list[Any] = []
+    for line in mechanics.model.lines:
+        K = line.stiffness(q)
+        at = line.places("u").reshape(len(K), -1)
+        a, b = np.broadcast_arrays(at[:, :, None], at[:, None, :])
+        parts.append((((K + K.transpose(0, 2, 1)) / 2).ravel(), a.ravel(), b.ravel()))
+    values, rows, columns = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return sp.csc_matrix((values, (rows, columns)), shape=(mechanics.nu,) * 2)
+
+
+def closed(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
+           within: float) -> Array | None:  # fmt: skip
+    """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), whose derivative by displacements is jacobian(q)
+    (m, nu), to `within` (over the scene's length, or rad); None where none is found."""
+    for _ in range(STEPS):
+        bending, A, g = Bending(mechanics, q), jacobian(q), closure(q)
+        off = _largest(g, A * mechanics.velocity_units)
+        x = bending.least(A, -g, bending.force)
+        step = float(np.max(np.abs(x) / mechanics.velocity_units))
+        if off <= within and step <= CONVERGED:
+            return q
+        factor = min(1.0, 0.5 / max(step, 1e-300))
+        while factor > 1e-4:
+            moved = mechanics.integrate_positions(q, factor * x)
+            if _largest(closure(moved), A * mechanics.velocity_units) < max(off, within) * (1 + 1e-9) or off <= 1e-6:
+                break
+            factor /= 2
+        else:
+            return None
+        q = moved
+    return None
+
+
+def _lowest(mechanics: Mechanics) -> float:
+    """Square of the lowest bending frequency of a beam by its own length, (rad/s)^2."""
+    found = []
+    for line in mechanics.model.lines:
+        section, length = line.beam.section, float(np.sum(np.linalg.norm(np.diff(line.beam.outline, axis=0), axis=1)))
+        found.append(min(section.EI2, section.EI3) / section.mass_per_length / length**4)
+    return float(min(found))
+
+
+def _largest(g: Array, B: Array) -> float:
+    size = np.max(np.abs(B), axis=1, initial=0.0)
+    return float(np.max(np.abs(g) / np.where(size > 0, size, 1.0), initial=0.0))

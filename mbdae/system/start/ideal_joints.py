@@ -1,0 +1,69 @@
+"""Joints with clearance as ideal joints: where their scene starts, and the forces they would carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbdae.scene.components import Connection
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array
+from mbdae.system.model.model import FLAT, build, scene_length
+from mbdae.system.model.numbering import constraint_rows
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.start.start import Starter
+
+
+@dataclass
+class IdealStart:
+    """q, u with every pin centred; changes in sentences; reactions (N) by joint."""
+
+    q: Array
+    u: Array
+    changes: list[str]
+    reactions: dict[str, float] = field(default_factory=dict)
+
+
+def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart:
+    """The start of a scene whose joints with clearance are closed: pins centred, moving as ideal joints would.
+
+    A mass point drawn off the centre stays where it is, and so does the velocity of a body where one is stated: such
+    joints are left open in positions, or in velocities."""
+    closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
+    everything = _mechanics(scene, kept | closed)
+    starter = Starter(everything, t0)
+    q = starter.close_or_bend(starter.placed())
+    starter.check_branches(q)
+    moving = {name: why for name, why in closed.items() if not _has_velocity(scene[name])}
+    together = starter if moving == closed else Starter(_mechanics(scene, kept | moving), t0, changes=starter.changes)
+    u = together.project_velocities(q, together.carried(q))
+    return IdealStart(q, u, starter.changes, _reactions(together, q, u, moving))
+
+
+def _mechanics(scene: SceneData, kept: dict[str, str]) -> Mechanics:
+    model = build(scene, kept)
+    return Mechanics(model, constraint_rows(model))
+
+
+def _off_centre(c: Connection, scene: SceneData) -> bool:
+    """Whether the pin is a mass point that is drawn elsewhere than the race."""
+    return c.l.is_point and float(np.linalg.norm(c.l.position - c.joint.at)) > FLAT * scene_length(scene)
+
+
+def _has_velocity(c: Connection) -> bool:
+    return bool(c.k.given_velocity or c.l.given_velocity)
+
+
+def _reactions(starter: Starter, q: Array, u: Array, joints: dict[str, str]) -> dict[str, float]:
+    """Size (N) of the force every ideal joint would carry at the start."""
+    mechanics = starter.mechanics
+    if not mechanics.m or not joints:
+        return {}
+    _, multipliers = mechanics.accelerations(starter.t, q[None], u[None], starter.states(q, u)[None])
+    found = dict.fromkeys(joints, 0.0)
+    for row, value in zip(mechanics.rows, multipliers[0], strict=True):
+        joint, _, name = row.name.rpartition(".")
+        if joint in found and name in ("x", "y", "z"):
+            found[joint] = float(np.hypot(found[joint], value))
+    return found

@@ -1,0 +1,95 @@
+"""Motions that keep beams rigid: what the start closes loops with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mbdae.scene.components import Body
+from mbdae.symbolic.frames import NodeKind
+from mbdae.system.base import Array
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.rotations import quaternion_product, rotation_matrices, rotation_of, turned
+
+
+class RigidMotions:
+    """Coordinates of displacements: those of every node, of a beam six (three in the plane) for all its nodes together."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.beams: list[list[Node]] = [line.nodes for line in model.lines]
+        of_beams = {n.name for nodes in self.beams for n in nodes}
+        self.single = [n for n in model.nodes if n.name not in of_beams]
+        self.size = sum(n.kind.sizes[1] for n in self.single) + sum(nodes[0].kind.sizes[1] for nodes in self.beams)
+
+    @property
+    def massless(self) -> Any:
+        """(size,) bool: coordinates of joints, which have no mass."""
+        counts = [n.kind.sizes[1] for n in self.single]
+        mask = np.repeat([n.body is None for n in self.single], counts)
+        return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
+
+    def given(self, q: Array) -> list[tuple[Body, Array, Array]]:
+        """Bodies whose velocity the user states, with rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the centre of
+        mass and the angular velocity per coordinate."""
+        moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
+        for nodes in self.beams:
+            own = nodes[0].body
+            assert own is not None
+            beam = own.owner
+            turn = rotation_of(nodes[0].kind, q[nodes[0].q : nodes[0].q + nodes[0].kind.sizes[0]]) @ own.rotation.T
+            moving.append((nodes[0], beam, turn @ (beam.position - own.position)))
+        unit, column = np.eye(self.size), 0
+        found: list[tuple[Body, Array, Array]] = []
+        for node, body, arm in moving:
+            n, end = node.kind.translations, column + node.kind.sizes[1]
+            moves, turns = unit[column : column + n], unit[column + n : end]
+            if body is not None and body.given_velocity:
+                spins = (np.eye(3)[[2]] if n == 2 else np.eye(3))[: len(turns)]
+                found.append((body, moves + np.cross(spins, arm)[:, :n].T @ turns, turns))
+            column = end
+        return found
+
+    def basis(self, q: Array) -> Array:
+        """B (nu, size): velocities of all nodes per coordinate; a beam moves (v of its first node, w), inertial."""
+        B, column = np.zeros((self.model.nu, self.size)), 0
+        for node in self.single:
+            nu = node.kind.sizes[1]
+            B[node.u : node.u + nu, column : column + nu] = np.eye(nu)
+            column += nu
+        for nodes in self.beams:
+            n, nu = nodes[0].kind.translations, nodes[0].kind.sizes[1]
+            spins = np.eye(3)[[2]] if n == 2 else np.eye(3)
+            at, by = (np.array([[place] for place in of]) for of in ([x.q for x in nodes], [x.u for x in nodes]))
+            r = np.zeros((len(nodes), 3))
+            r[:, :n] = q[at + np.arange(n)]
+            B[by + np.arange(n), column + np.arange(n)] = 1.0
+            for j, spin in enumerate(spins, start=column + n):
+                B[by + np.arange(n), j] = np.cross(spin, r - r[0])[:, :n]
+            turning = rotation_matrices(q[at + np.arange(3, 7)]).transpose(0, 2, 1) if n == 3 else np.ones((len(nodes), 1, 1))
+            rows, columns = by[:, :, None] + np.arange(n, nu)[:, None], column + np.arange(n, nu)
+            B[rows, columns] = turning
+            column += nu
+        return B
+
+    def moved(self, q: Array, x: Array, free: Array) -> Array:
+        """q after displacements x (size,) of the coordinates; `free` are the positions with those of single nodes applied."""
+        q, column = free.copy(), self.size - sum(nodes[0].kind.sizes[1] for nodes in self.beams)
+        before = free
+        for nodes in self.beams:
+            n, nu = nodes[0].kind.translations, nodes[0].kind.sizes[1]
+            move, turn = np.zeros(3), np.zeros(3)
+            move[:n] = x[column : column + n]
+            turn[3 - (nu - n) :] = x[column + n : column + nu]
+            P = turned(np.array([1.0, 0, 0, 0]), turn)
+            R, pivot = rotation_matrices(P), nodes[0].position(before)
+            for node in nodes:
+                q[node.q : node.q + n] = (pivot + move + R @ (node.position(before) - pivot))[:n]
+                if node.kind is NodeKind.PLANAR:
+                    q[node.q + 2] += turn[2]
+                else:
+                    q[node.q + 3 : node.q + 7] = quaternion_product(P, before[node.q + 3 : node.q + 7])
+            column += nu
+        return q

@@ -1,0 +1,172 @@
+"""The start: consistent positions, velocities, accelerations and multipliers, and what had to be changed for them.
+
+The scene is drawn with every joint at 0. Prescribed and held values are kept; every other joint of the tree starts
+at relative rest; loops close by the smallest mass-weighted change of what is not held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import StartError
+from mbdae.scene.components import Body, Connection
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Element
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.model.rotations import rotation_of
+from mbdae.system.start import bent_beams as bent
+from mbdae.system.start.positions import Closing
+
+
+@dataclass
+class Start:
+    """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
+    other joint models also the names of its internal states `s`, and the coordinates (rad or m, turns counted) of its joints."""
+
+    t: float
+    q: Array
+    u: Array
+    s: Array
+    acceleration: Array
+    multipliers: Array
+    changes: list[str] = field(default_factory=list)
+    names: tuple[str, ...] | None = None
+    coordinates: dict[str, float] = field(default_factory=dict)
+
+
+def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Start values of internal states."""
+    return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_starts)]
+
+
+class Starter(Closing):
+    """Finds the start of a model: consistent positions, and velocities by projection."""
+
+    def run(self, q: Array, u: Array | None = None) -> Start:
+        """From closed positions and velocities, by default those of the tree: states, accelerations and multipliers."""
+        self.check_branches(q)
+        u = self.project_velocities(q, self.carried(q) if u is None else u)
+        s = self.states(q, u)
+        a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
+        return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
+
+    def carried(self, q: Array) -> Array:
+        """Velocities (nu,) of the tree: given ones, held rates, relative rest elsewhere."""
+        twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass, angular velocity
+        place = self._poses(q)
+        for root in self.tree.roots:
+            twist[root] = (root.velocity, root.angular_velocity)
+        for parent, joint, child in self.tree.edges:
+            by_itself = joint.loose and child.given_velocity
+            twist[child] = (child.velocity, child.angular_velocity) if by_itself else (
+                self._carry(twist[parent], parent, joint, child, place))  # fmt: skip
+        u = np.zeros(self.mechanics.nu)
+        for node, body in self.model.bodies:
+            v, w = twist[body.owner]
+            n = node.kind.translations
+            if body is not body.owner:
+                v = v + np.cross(w, node.position(q) - place[body.owner][0])
+            u[node.u : node.u + n] = v[:n]
+            if node.kind is NodeKind.PLANAR:
+                u[node.u + 2] = w[2]
+            elif node.kind is NodeKind.SPATIAL:
+                u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
+        for node in self.model.joint_coordinates:
+            u[node.u] = self.held_rate(self.scene[node.name]) or 0.0
+        return u
+
+    def _carry(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
+               place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
+        (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
+        law: Any = joint.joint
+        point = r + R @ parent.rotation.T @ (law.at - parent.position) if not parent.is_point else r
+        axis = R @ parent.rotation.T @ law.axis
+        rate = (self.held_rate(joint) or 0.0) * (1 if joint.l is child else -1)
+        slide = rate * axis if joint.kind == "prismatic" else np.zeros(3)
+        spin = w + (rate * axis if joint.kind == "revolute" else np.zeros(3))
+        if np.any(child.angular_velocity):
+            spin = child.angular_velocity
+        carried = v + np.cross(w, point - r) + np.cross(spin, rc - point) + slide
+        if joint.kind == "prismatic":
+            carried = v + np.cross(w, rc - r) + slide
+        return (child.velocity if np.any(child.velocity) else carried), spin
+
+    def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
+        poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
+        for node, body in self.model.bodies:
+            r = node.position(q)
+            R = rotation_of(node.kind, q[node.q : node.q + node.kind.sizes[0]])
+            poses[body] = (r, R)
+            if body is not body.owner and body.owner not in poses:  # a rigid beam moves with its first node
+                R = R @ body.rotation.T
+                poses[body.owner] = (r + R @ (body.owner.position - body.position), R)
+        return poses
+
+    def project_velocities(self, q: Array, u: Array) -> Array:
+        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. What the user states of a body
+        stays where they allow it, whatever else has to move; where they do not, it counts like any other velocity."""
+        given = self.rigid.given(q) if self.holding else []
+        projected, change = self._projected(q, u, given)
+        fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
+        slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
+        wrong = [item for item in given if any(np.linalg.norm(rows @ change) > size
+                                               for rows, size in zip(_stated(item), slight, strict=True))]  # fmt: skip
+        if wrong:
+            projected, change = self._projected(q, u, [item for item in given if item not in wrong])
+        for body, moves, turns in wrong:
+            v, w = (float(np.linalg.norm(rows @ change)) for rows in (moves, turns))
+            self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
+                                f"{w:.4g} rad/s")  # fmt: skip
+        return projected
+
+    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
+        """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
+        velocities first, then of all."""
+        joints = self._held_joints(self.held_rate)
+        _, _, C = self._coordinates(q, u, joints)
+        A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+        wanted = np.array([self.held_rate(c) for c in joints], dtype=float)
+        stated = np.vstack([np.zeros((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
+
+        def off(u: Array) -> Array:
+            return np.concatenate([self.mechanics.velocity_residual(self.t, q[None], u[None])[0], C @ u - wanted])
+
+        projected, change = u, np.zeros(self.rigid.size)
+        for _ in range(3):  # the first pass projects, the others remove its rounding
+            change = change + self._least_change(A, -off(projected), q, stated, -stated @ change)
+            projected = u + (self.rigid.basis(q) @ change if self.model.lines else change)
+        left = off(projected)
+        if not self._far(left, projected):
+            return projected, change
+        if bent.can_bend(self.mechanics):
+            bending = bent.Bending(self.mechanics, q)
+            slow = bending.least(A, -off(np.zeros_like(u)), bending.inertia @ u)
+            if not self._far(off(slow), slow):
+                self.changes.append("the beams start bending, because no rigid motion of them has the rates given: they begin "
+                                    "with velocities of least elastic power")  # fmt: skip
+                return slow, np.zeros(self.rigid.size)
+        worst, m = int(np.argmax(np.abs(left))), self.mechanics.m
+        name = self.mechanics.rows[worst].name if worst < m else f"rate of {joints[worst - m].name}"
+        raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
+                          f"release one of the prescribed or held rates"])  # fmt: skip
+
+    def _far(self, left: Array, u: Array) -> bool:
+        """Whether velocities u leave more of the constraints than rounding."""
+        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
+        return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
+
+    def states(self, q: Array, u: Array) -> Array:
+        """Start values of the internal states at q, u."""
+        return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
+
+
+def _stated(given: tuple[Body, Array, Array]) -> tuple[Array, Array]:
+    """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
+    body, moves, turns = given
+    return moves[: None if np.any(body.velocity) else 0], turns[: None if np.any(body.angular_velocity) else 0]
