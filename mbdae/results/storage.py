@@ -26,7 +26,7 @@ from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
 from mbdae.results.result import Result, RunInfo
-from mbdae.scene.record import encode, named
+from mbdae.scene.record import encode, homeless, named
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
@@ -42,10 +42,9 @@ from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
-#: mbdae's solvers; of these, the module of the one that a file names is imported
-SOLVERS = ("mbdae.integrators.sundials.cvode:CVODE", "mbdae.integrators.alpha.generalized_alpha:GeneralizedAlpha",
-           "mbdae.integrators.alpha.generalized_alpha:HHT", "mbdae.integrators.sundials.ida:IDA",
-           "mbdae.integrators.runge_kutta.radau:RadauIIA")  # fmt: skip
+#: mbdae's solvers by their stored names; of these, the module of the one that a file names is imported
+SOLVERS = {"mbdae:CVODE": "sundials.cvode", "mbdae:GeneralizedAlpha": "alpha.generalized_alpha",
+           "mbdae:HHT": "alpha.generalized_alpha", "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau"}  # fmt: skip
 LONGEST = 700  #: characters of a reason
 _AGAIN = "give a file written by r.save(path)"
 
@@ -222,9 +221,9 @@ def _info_of(solver: Any) -> dict[str, Any]:
 
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver, with its options checked by itself."""
-    name = stored["class"]
-    home, _, own = name.partition(":")
-    cls = vars(import_module(home))[own] if name in SOLVERS else known.find(name, Solver)
+    name = homeless(stored["class"])
+    own = name.rpartition(":")[2]
+    cls = vars(import_module(f"mbdae.integrators.{SOLVERS[name]}"))[own] if name in SOLVERS else known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
     unknown = sorted(set(stored["options"]) - set(given))
     if unknown:

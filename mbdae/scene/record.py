@@ -19,6 +19,7 @@ from mbdae.values import number, shown
 F = TypeVar("F", bound=Callable[..., Any])
 Statement = list[Any]  #: [method, positional arguments, keyword arguments], JSON-able
 Own = dict[str, Any]  #: classes and functions by the names that statements give them
+PACKAGE = __name__.partition(".")[0]
 
 STATEMENTS: dict[str, Callable[..., Any]] = {}  #: methods that are statements, by name: all that a stored scene may call
 
@@ -85,8 +86,9 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
 
 
 def named(thing: type | FunctionType, own: Own | None = None) -> str:
-    """The name "module:qualname" of a class or function; another one of the same name gets a number behind it."""
-    path = f"{thing.__module__}:{thing.__qualname__}"
+    """The name "module:qualname" of a class or function, "mbdae:qualname" of mbdae's own, wherever in the package it is defined;
+    another one of the same name gets a number behind it."""
+    path = homeless(f"{thing.__module__}:{thing.__qualname__}")
     if own is None:
         return path
     name, number = path, 1
@@ -94,3 +96,9 @@ def named(thing: type | FunctionType, own: Own | None = None) -> str:
         number += 1
         name = f"{path} ({number})"
     return name
+
+
+def homeless(name: str) -> str:
+    """The name "module:qualname" of a class; of mbdae's own without the module, which older files name."""
+    module, _, own = name.partition(":")
+    return f"{PACKAGE}:{own}" if module.startswith(f"{PACKAGE}.") else name

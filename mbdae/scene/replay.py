@@ -20,7 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, named
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, homeless, named
 from mbdae.scene.section import Section
 from mbdae.symbolic.law import Force, Joint, Law
 from mbdae.symbolic.part import Part
@@ -68,6 +68,7 @@ class Known:
         """What a stored name stands for; SceneError where there is nothing of that name, or nothing of these kinds."""
         if not isinstance(name, str):
             raise SceneError([f"{shown(name)} is not the name of a class"])
+        name = homeless(name)
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
         if not found and self.loose:

@@ -171,8 +171,8 @@ RUN = f"__import__('os').system('touch {MARK}')"
 TEXTS = ["os:system", "subprocess:check_output", RUN, "../../x", "", "x" * 100_000, "mbdae.cli:main",
     "mbdae.results.storage:save",
          "builtins:eval", "nan", "ground", "\ud800", "__class__", "t.__class__", "9**9**9**9", "A",
-         "mbdae.laws.joints.revolute:Revolute",
-         "__init__", "draw", "simulate", "<lambda>", "\x00", "mbdae.laws.friction.coulomb:Coulomb", "sin(t)"]  # fmt: skip
+         "mbdae:Revolute",
+         "__init__", "draw", "simulate", "<lambda>", "\x00", "mbdae:Coulomb", "sin(t)"]  # fmt: skip
 NUMBERS = [-1, 0, 1, 3, 10**400, 2**63, -(2**63), 1e308, -1e308, 5e-324, float("nan"), float("inf"), -float("inf"), True, None,
     "1",
            [], {}, [1.0], 1e9, {"object": "os:system", "fields": {"command": f"touch {MARK}"}}, {"expression": RUN},
@@ -363,13 +363,13 @@ STATEMENTS: dict[str, Any] = {
     "a constructor": ["__init__", ["x"], {}], "a picture": ["draw", [MARK], {}], "a run": ["simulate", [1.0], {}],
     "inside": ["__class__", [], {}], "a private method": ["_add_body", [{"body": "crank"}], {}], "no method": [1, [], {}],
     "short": ["link"], "no arguments": ["link", {}, []], "a law that is a function": ["add", [{"class": f"{__name__}:wave"}], {}],
-    "a class for a law": ["add", [{"class": "mbdae.laws.joints.weld:Weld"}], {}], "nothing": ["add", [None], {}],
+    "a class for a law": ["add", [{"class": "mbdae:Weld"}], {}], "nothing": ["add", [None], {}],
     "a law without places": ["add", [{"law": f"{__name__}:Rubber"}], {}],
-    "a part for a law": ["add", [{"object": "mbdae.laws.friction.coulomb:Coulomb", "fields": {"mu": 1.0, "v_c": 1.0}}], {}],
+    "a part for a law": ["add", [{"object": "mbdae:Coulomb", "fields": {"mu": 1.0, "v_c": 1.0}}], {}],
     "half a part": ["revolute", ["X", "crank", "block"], {"at": [0, 0], "radius": 1.0, "friction":
-                    {"object": "mbdae.laws.friction.coulomb:Coulomb", "fields": {"mu": 1.0}}}],
+                    {"object": "mbdae:Coulomb", "fields": {"mu": 1.0}}}],
     "fields of a part": ["revolute", ["X", "crank", "block"], {"at": [0, 0], "radius": 1.0, "friction":
-                         {"object": "mbdae.laws.friction.coulomb:Coulomb", "fields": {"__class__": "x", "mu": 1.0, "v_c": 1.0}}}],
+                         {"object": "mbdae:Coulomb", "fields": {"__class__": "x", "mu": 1.0, "v_c": 1.0}}}],
     "a method for a value": ["add", [{"law": f"{__name__}:Rubber", "name": "X", "k": "ground", "l": "block", "at": None,
     "axis": [0, 0, 1],
                                       "at_l": None, "values": {"energy": 1.0, "stiffness": 1.0}}], {}],

@@ -16,7 +16,7 @@ import mbdae as mb
 from mbdae import integrators
 from mbdae.results import archive, storage
 from mbdae.results.storage import SOLVERS
-from mbdae.scene.record import STATEMENTS
+from mbdae.scene.record import STATEMENTS, homeless
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 
@@ -241,16 +241,29 @@ def test_every_statement_comes_back_to_the_last_bit() -> None:
     mb.RadauIIA(3, step=0.01, newton=1e-9), mb.HHT(0.1, step=0.01), mb.GeneralizedAlpha(0.5, accuracy=1e-4),
 ], ids=repr)  # fmt: skip
 def test_solvers_come_back(solver: Any) -> None:
-    name = f"{type(solver).__module__}:{type(solver).__qualname__}"
-    assert name in SOLVERS
-    options = storage._info_of(solver)["options"]
-    again = storage._solver({"class": name, "options": json.loads(json.dumps(options))}, Known.among([]))
+    stored = storage._info_of(solver)
+    assert stored["class"] in SOLVERS
+    options = stored["options"]
+    again = storage._solver({"class": stored["class"], "options": json.loads(json.dumps(options))}, Known.among([]))
     assert repr(again) == repr(solver).replace("[1e-05, 1e-05]", repr(np.array([1e-5] * 2)))
 
 
 def test_all_public_solvers_are_known() -> None:
-    public = {f"{home}:{name}" for name, home in mb._HOME.items() if home.startswith(f"{integrators.__name__}.")}
-    assert public == set(SOLVERS)
+    base = f"{integrators.__name__}."
+    assert {f"mbdae:{name}": home.removeprefix(base) for name, home in mb._HOME.items() if home.startswith(base)} == SOLVERS
+
+
+@pytest.mark.parametrize(("old", "new"), [
+    ("mbdae.joints.revolute:Revolute", "mbdae:Revolute"), ("mbdae.scene.components:Kinematic", "mbdae:Kinematic"),
+    ("own.laws:Revolute", "own.laws:Revolute"), ("mbdaextra:Revolute", "mbdaextra:Revolute"),
+])  # fmt: skip
+def test_files_that_name_the_module_of_a_law_are_read(old: str, new: str) -> None:
+    assert homeless(old) == new
+    if new.startswith("mbdae:"):
+        assert Known().find(old, object) is getattr(mb, new[6:])
+    else:
+        with pytest.raises(mb.SceneError, match="neither mbdae's nor"):
+            Known().find(old, object)
 
 
 def test_a_law_of_the_same_name_with_other_equations_is_refused(tmp_path):
