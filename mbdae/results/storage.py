@@ -43,8 +43,10 @@ from mbdae.values import BadValueError, shown
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
 #: mbdae's solvers by their stored names; of these, the module of the one that a file names is imported
-SOLVERS = {"mbdae:CVODE": "sundials.cvode", "mbdae:GeneralizedAlpha": "alpha.generalized_alpha",
-           "mbdae:HHT": "alpha.generalized_alpha", "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau"}  # fmt: skip
+SOLVERS = {
+    "mbdae:CVODE": "sundials.cvode", "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
+    "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau",
+}  # fmt: skip
 LONGEST = 700  #: characters of a reason
 _AGAIN = "give a file written by r.save(path)"
 
