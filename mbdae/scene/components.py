@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.laws.contact import Normal
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Revolute, Spherical, Weld
 from mbdae.symbolic.law import Law
@@ -113,6 +114,15 @@ class Station(Body):
     @property
     def heading(self) -> float:
         return self.turned
+
+
+@dataclass(frozen=True, eq=False)
+class BeamLoad:
+    """A load distributed along a beam; its components by name, numbers or expressions of time."""
+
+    name: str
+    beam: Beam
+    law: LineLoad
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,25 +12,16 @@ from mbdae.laws.forces import JointDamper, JointForce, JointSpring, JointTorque
 from mbdae.laws.joints import ClearanceRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import reading
 from mbdae.scene.components import Connection, Kinematic
+from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Told, reads
 from mbdae.scene.record import statement
 from mbdae.scene.rubbing import Rubbing, rubbing
-from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.law import Joint, Law
 
 
-class JointStatements:
+class JointStatements(ConnectionStatements):
     """`revolute`, `prismatic` and the joints without models."""
-
-    problems: list[str]
-
-    if TYPE_CHECKING:
-
-        def add(self, law: Joint | Force) -> Connection:
-            """Add a law."""
-
-        def _connect(self, item: Connection) -> Connection:
-            """Add an item."""
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point, axis=reading.direction, model=joint_model,
            angle=reading.driven("rad"), angle0=reading.quantity("rad"), rate0=reading.quantity("rad/s"),

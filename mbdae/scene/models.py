@@ -10,10 +10,10 @@ from mbdae.laws.friction import Coulomb, Friction
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
 from mbdae.scene.components import Classical, Clearance, Constrained, Kinematic, Recursive
 from mbdae.scene.reading import Told, instance, quantity
-from mbdae.scene.variants import MODELS
 from mbdae.symbolic.law import Joint
 from mbdae.values import shown
 
+MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
 BY_ITSELF: dict[type[Joint], type[Joint]] = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}
 a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")

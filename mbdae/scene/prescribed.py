@@ -11,8 +11,7 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jump
 from mbdae.inputs.resolution import Stretches, resolved
-from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Connection
+from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.law import Joint
 from mbdae.symbolic.vectors import Expr
 

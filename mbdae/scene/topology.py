@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.scene import SceneData
+from mbdae.scene.items import SceneItems
 
 T = TypeVar("T")
 
@@ -28,7 +28,7 @@ def leader(item: T, leads: Mapping[T, T]) -> T:
     return item
 
 
-def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
+def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = None) -> Tree:
     """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the
     scene; joints with clearance come last.
 

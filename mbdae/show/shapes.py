@@ -17,8 +17,7 @@ import numpy as np
 from mbdae.inputs import timed
 from mbdae.results.beams import polylines
 from mbdae.results.result import Result
-from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Array, BeamLoad, Body, Connection, Place
 from mbdae.show import symbols
 from mbdae.show.geometry import INK, Geometry, Label, Pose, Shape, moved
 from mbdae.show.plots import COLOURS

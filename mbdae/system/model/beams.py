@@ -17,8 +17,8 @@ from mbdae.kernels.element import ElementKernel
 from mbdae.kernels.line import LineKernel, merged
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.joints import Weld
-from mbdae.scene.beams import BeamLoad, mesh_of, nearest_place
-from mbdae.scene.components import Array, Beam, Body, Station
+from mbdae.scene.beams import mesh_of, nearest_place
+from mbdae.scene.components import Array, Beam, BeamLoad, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
 from mbdae.system.model.nodes import Node
