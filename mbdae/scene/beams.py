@@ -146,11 +146,9 @@ class BeamStatements(SceneItems):
 
 def check_attachments(scene: SceneItems, item: Connection) -> None:
     """Attachments to beams must be at their nodes or not too near to them."""
-    law: Any = item.joint
     for side, beam in (("k", item.k), ("l", item.l)):
         if isinstance(beam, Beam):
-            at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-            point = item.places.get(side, at)
+            point = item.places.get(side, item.joint.point_on(side))
             known = scene.attachments.setdefault(beam, ())
             place = nearest_place(beam, point)
             try:

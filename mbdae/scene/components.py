@@ -16,7 +16,7 @@ from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Revolute, Spherical, Weld
-from mbdae.symbolic.law import Law
+from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
@@ -205,14 +205,14 @@ class Connection:
     kind: str
     k: Any
     l: Any
-    laws: list[Law]
+    laws: list[TwoBodyLaw]
     is_joint: bool = False
     hold: float | None = None  #: start value of the coordinate
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
-    as_kinematic: list[Law] = field(default_factory=list)  #: its laws as an ideal kinematic joint, where the model may need them
+    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
 
     @property
@@ -240,6 +240,6 @@ class Connection:
         return self.is_joint and getattr(self.laws[0], "friction", None) is not None
 
     @property
-    def joint(self) -> Law:
+    def joint(self) -> TwoBodyLaw:
         """The law that carries the constraints."""
         return self.laws[0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mbdae.laws.forces import AppliedTorque, JointTorque
@@ -34,9 +32,9 @@ class ConnectionStatements(SceneItems):
         item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
         item.k, item.l = (b.body if isinstance(b, Place) else b for b in (item.k, item.l))
         for law in (*item.laws, *item.as_kinematic):
-            law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
+            law.k, law.l = item.k, item.l
             if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
-                law.at_l = item.l.position  # type: ignore[attr-defined]
+                law.at_l = item.l.position
         if item.loose and item.k.is_point:
             self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
                                  f"orientation; name it second, or use s.rigid_body")  # fmt: skip
@@ -58,7 +56,7 @@ class ConnectionStatements(SceneItems):
                 if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
                                          f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
-                at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
+                at = law.point_on(side)
                 if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
                     self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
                                          f"{body.position.tolist()} m, not at {np.asarray(at).tolist()} m; "

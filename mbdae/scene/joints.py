@@ -17,7 +17,7 @@ from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Told, reads
 from mbdae.scene.record import statement
 from mbdae.scene.rubbing import Rubbing, rubbing
-from mbdae.symbolic.law import Joint, Law
+from mbdae.symbolic.law import Joint, TwoBodyLaw
 
 
 class JointStatements(ConnectionStatements):
@@ -76,9 +76,7 @@ class JointStatements(ConnectionStatements):
         if length == 0:
             self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")
             length = 1.0
-        joint = Distance(name, k, l, at_k, length=length)
-        joint.at_l = at_l  # type: ignore[attr-defined]
-        return self.add(joint)
+        return self.add(Distance(name, k, l, at_k, at_l=at_l, length=length))
 
     @reads(name=reading.name, k=reading.body, l=reading.body)
     @statement
@@ -95,7 +93,7 @@ class JointStatements(ConnectionStatements):
         for value, option in ((start, f"{what}0"), (rate0, "rate0")):
             if value is not None and drive is not None:
                 self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {option} = {value:g}")
-        forces: list[tuple[type[Law], dict[str, Any]]] = []
+        forces: list[tuple[type[TwoBodyLaw], dict[str, Any]]] = []
         if spring is not None:
             turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
             forces.append((JointSpring, {"stiffness": spring, "rest": 0.0, "turns": turns}))
@@ -105,7 +103,7 @@ class JointStatements(ConnectionStatements):
             forces.append((JointTorque, {"torque": load}) if unit == "rad" else (JointForce, {"force": load}))
         forces += rubs.forces
 
-        def laws(cls: type[Joint]) -> list[Law]:
+        def laws(cls: type[Joint]) -> list[TwoBodyLaw]:
             options, own = {"joint": cls}, rubs.values(cls)
             return [rubs.joint(cls)(name, drive=drive, **(extra if cls is modelled else {}), **own, **place),
                     *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]

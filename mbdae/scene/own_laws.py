@@ -12,7 +12,7 @@ from mbdae.scene.reading import Told
 from mbdae.symbolic.law import Force, Joint
 from mbdae.values import shown
 
-NEEDED = ("name", "k", "l", "at", "axis")
+NEEDED = ("name", "k", "l", "at", "axis", "at_l")
 
 
 def plain_law(told: Told, law: Any) -> Joint | Force:
@@ -33,7 +33,7 @@ def plain_law(told: Told, law: Any) -> Joint | Force:
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
-    if getattr(law, "at_l", None) is not None:
+    if law.at_l is not None:
         found.at_l = reading.point(head.part("at_l"), law.at_l)
     for key, parameter in law.params.items():
         value = getattr(law, key)

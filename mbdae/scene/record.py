@@ -81,7 +81,7 @@ def _encode_expression(value: Any) -> Any:
 
 def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
     values = {key: encode(getattr(law, key), own) for key in (*type(law).params, *type(law).options)}
-    places = {key: encode(getattr(law, key, None), own) for key in ("k", "l", "at", "axis", "at_l")}
+    places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l")}
     return {"law": named(type(law), own), "name": law.name, **places, "values": values}
 
 

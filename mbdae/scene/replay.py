@@ -22,7 +22,7 @@ from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, homeless, named
 from mbdae.scene.section import Section
-from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.law import Force, Joint, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import array, shown
 
@@ -161,12 +161,9 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
             raise SceneError([f"{key} = {shown(one)} is not what a law takes there"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
-    base = Joint if issubclass(cls, Joint) else Force
-    sides = {} if base is Joint else {"at_l": at_l}
-    law: Law = _rebuilt(cls, base, {"name": value["name"], **places, **sides, **stated},
+    sides = {} if at_l is None else {"at_l": at_l}
+    law: Law = _rebuilt(cls, TwoBodyLaw, {"name": value["name"], **places, **sides, **stated},
                         lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))  # fmt: skip
-    if base is Joint and at_l is not None:
-        law.at_l = at_l  # type: ignore[attr-defined]
     return law
 
 

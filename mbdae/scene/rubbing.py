@@ -17,7 +17,7 @@ from mbdae.laws.joints import (
     RubbingRevolute,
 )
 from mbdae.scene.components import Clearance, Recursive
-from mbdae.symbolic.law import Joint, Law
+from mbdae.symbolic.law import Joint, TwoBodyLaw
 
 #: joint law -> the same with friction pressed by its own reaction
 RUBBING: dict[type[Joint], type[Joint]] = {
@@ -42,7 +42,7 @@ class Rubbing:
         return self.own if law in RUBBING else {}
 
     @property
-    def forces(self) -> list[tuple[type[Law], dict[str, Any]]]:
+    def forces(self) -> list[tuple[type[TwoBodyLaw], dict[str, Any]]]:
         """Force laws beside the joint's."""
         return [(SlideFriction, self.given)] if self.given else []
 

@@ -19,7 +19,7 @@ from mbdae.scene.joints import JointStatements
 from mbdae.scene.reading import FEEDS, reads
 from mbdae.scene.record import statement
 from mbdae.scene.variants import replaced, with_recursive_tree
-from mbdae.symbolic.law import Force, Law
+from mbdae.symbolic.law import Force, TwoBodyLaw
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
@@ -104,7 +104,7 @@ class SceneData(BeamStatements, JointStatements):
                 if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
         own = {law: {p: values[p] for p in law.params if p in values} for law in (Bushing, RotationalBushing)}
-        laws: list[Law] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
+        laws: list[TwoBodyLaw] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
         return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, at)]))
 
     @reads(name=reading.name, body=reading.body, value=reading.components("N"), at=reading.point, frame=FRAME)

@@ -33,7 +33,7 @@ from mbdae.symbolic.stated import hold_to_contract
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
-__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "params"]
+__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
 
 #: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
@@ -147,16 +147,26 @@ class Law:
         return {}
 
 
-class Joint(Law):
+class TwoBodyLaw(Law):
+    """A law between two bodies. k, l: bodies or places; at, at_l: where it acts on both, and on l where that is elsewhere, m;
+    axis: direction of the frames' z; all as drawn."""
+
+    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
+                 **values: Any) -> None:  # fmt: skip
+        super().__init__(name, **values)
+        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
+
+    def point_on(self, side: str) -> Any:
+        """Where it acts on body "k" or "l" as drawn, (3,), m."""
+        return self.at_l if side == "l" and self.at_l is not None else self.at
+
+
+class Joint(TwoBodyLaw):
     """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
 
     coordinate_unit: ClassVar[str] = ""
     #: (travel along, turn about) k.z of l per unit of the coordinate, a one-parameter group: what makes the joint recursive
     twist: ClassVar[tuple[int, int] | None] = None
-
-    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), **values: Any) -> None:
-        super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis = k, l, at, axis
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         """Rows that vanish, by name."""
@@ -183,15 +193,10 @@ class Joint(Law):
         return angle(k, l)
 
 
-class Force(Law):
+class Force(TwoBodyLaw):
     """A law between two bodies stated by `energy`, `dissipation` or `wrench`."""
 
     external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
-
-    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
-                 **values: Any) -> None:  # fmt: skip
-        super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         """Potential energy, J."""

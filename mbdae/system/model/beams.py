@@ -42,9 +42,7 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
     for c in scene.connections:
         for side, body in (("k", c.k), ("l", c.l)):
             if isinstance(body, Beam):
-                law: Any = c.joint
-                at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-                point = c.places.get(side, at)
+                point = c.places.get(side, c.joint.point_on(side))
                 wanted[body].append((c.name, side, nearest_place(body, point), point))
     meshes: dict[Beam, LineMesh] = {}
     nodes: dict[tuple[str, str], int] = {}
