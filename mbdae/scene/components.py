@@ -230,6 +230,16 @@ class Connection:
         return (type(law) is Weld and points < 2) or (held and points == 1)
 
     @property
+    def turns(self) -> bool:
+        """Whether its coordinate is an angle whose start may be stated."""
+        return self.kind == "revolute"
+
+    @property
+    def slides(self) -> bool:
+        """Whether its coordinate is a displacement whose start may be stated."""
+        return self.kind == "prismatic"
+
+    @property
     def loose(self) -> bool:
         """Whether pin and race have play."""
         return isinstance(self.model, Clearance)

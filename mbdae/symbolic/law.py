@@ -167,6 +167,7 @@ class Joint(TwoBodyLaw):
     coordinate_unit: ClassVar[str] = ""
     #: (travel along, turn about) k.z of l per unit of the coordinate, a one-parameter group: what makes the joint recursive
     twist: ClassVar[tuple[int, int] | None] = None
+    welds: ClassVar[bool] = False  #: whether it leaves no relative motion: bodies joined at a node may then share its unknowns
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         """Rows that vanish, by name."""
