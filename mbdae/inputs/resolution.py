@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mbdae.inputs.breaks import TooManyError, breaks
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.timed import TIME, sided
+from mbdae.symbolic.functions import KINDS, scales
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 
 WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
 FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
+SATURATED = 18.0  #: argument beyond which tanh is flat
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
 POWERS = 2.0  #: widths of u^n in a change of ln|u|^n by 1
@@ -182,6 +184,9 @@ def _functions_inside(u: Expr) -> bool:
     return any(len(node.args) == 1 or isinstance(node, se.Piecewise) or _is_exponential(node) for node in nodes(u))
 
 
+_SCALES = scales(SATURATED, np.inf)
+
+
 def _difference(scale: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     return lambda a, b: np.abs(scale(b) - scale(a))
 
@@ -192,11 +197,10 @@ def _logarithmic(a: Any, b: Any) -> Any:
     return np.where((a <= 0) & (b >= 0) & (a < b), np.inf, np.log(large) - np.log(small))
 
 
-#: function -> change of its argument in widths of the function, from a lower to an upper end
+#: function -> change of its argument in widths of the function, from a lower to an upper end; exact where poles or ends are near
 _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
-    "sin": _difference(lambda u: u), "cos": _difference(lambda u: u), "sinh": _difference(lambda u: u),
-    "cosh": _difference(lambda u: u), "tanh": _difference(lambda u: np.clip(u, -18, 18)), "atan": _difference(np.arcsinh),
-    "asinh": _difference(np.arcsinh), "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
+    **{name: _difference(_SCALES[KINDS[name]]) for name in ("sin", "cos", "sinh", "cosh", "tanh", "atan", "asinh")},
+    "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
     "asin": _difference(lambda u: np.arcsin(np.clip(u, -1, 1))), "acos": _difference(lambda u: np.arccos(np.clip(u, -1, 1))),
     "acosh": _difference(lambda u: np.arccosh(np.maximum(u, 1))), "atanh": _difference(lambda u: np.arctanh(np.clip(u, -1, 1))),
 }  # fmt: skip

@@ -15,16 +15,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import LawError
+from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.vectors import Expr
-
-
-def complex_atan2(y: Any, x: Any) -> Any:
-    """atan2 that carries imaginary parts to first order, as complex step needs."""
-    real = np.arctan2(np.real(y), np.real(x))
-    if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
-        return real
-    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
-    return real + 1j * slope
 
 
 def _larger(*values: Any) -> Any:

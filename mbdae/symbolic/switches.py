@@ -15,17 +15,11 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.functions import KINDS
 from mbdae.symbolic.law import Force, Joint
 from mbdae.symbolic.outputs import Target, input_symbols, insert
 from mbdae.symbolic.vectors import Expr, Vec
 
-#: how a function of an argument u changes with it; `system.base.Switches` says what the kinds mean
-KINDS = {
-    "tanh": "saturating", "erf": "saturating", "erfc": "saturating", "coth": "arc", "sech": "saturating", "csch": "arc",
-    "atan": "arc", "acot": "arc", "asinh": "arc", "asin": "periodic", "acos": "periodic", "atanh": "periodic", "acosh": "arc",
-    "sin": "periodic", "cos": "periodic", "tan": "periodic", "cot": "periodic", "sec": "periodic", "csc": "periodic",
-    "sinh": "growing", "cosh": "growing", "log": "power", "abs": "kink", "Abs": "kink", "sign": "kink",
-}  # fmt: skip
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
