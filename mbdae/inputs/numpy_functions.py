@@ -40,8 +40,8 @@ def teach() -> None:
     for name, function in known.items():
         if not hasattr(sp.Expr, name):
             setattr(sp.Expr, name, _method(function))
-    sp.Expr.__float__ = _told(sp.Expr.__float__, _NUMBER)
-    Relational.__bool__ = _told(Relational.__bool__, _CONDITION)
+    sp.Expr.__float__ = _with_remedy(sp.Expr.__float__, _NUMBER)
+    Relational.__bool__ = _with_remedy(Relational.__bool__, _CONDITION)
 
 
 def _method(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -55,11 +55,11 @@ def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
     return refuse
 
 
-def _told(method: Callable[[Any], Any], remedy: str) -> Any:
+def _with_remedy(method: Callable[[Any], Any], remedy: str) -> Any:
     """The method, its TypeError for expressions of mb.t with the remedy; it stays a TypeError."""
 
     @wraps(method)
-    def told(self: Any) -> Any:
+    def explained(self: Any) -> Any:
         try:
             return method(self)
         except TypeError as error:
@@ -67,4 +67,4 @@ def _told(method: Callable[[Any], Any], remedy: str) -> Any:
                 raise ExpressionError(f"{shown(self)} has no value before a run ({error}): {remedy}") from error
             raise
 
-    return told
+    return explained

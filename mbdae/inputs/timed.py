@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
-from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, number, shown
 
@@ -113,7 +113,7 @@ def _with_plain_numbers(e: Expr) -> Expr:
 def _canonical(value: Any) -> Expr:
     """An expression with the functions the kernels compile; refuses what has no value or no derivative."""
     if isinstance(value, se.Basic) and _known(value):
-        return tamed(one_sided(value))
+        return without_overflow(one_sided(value))
     import sympy
 
     value = sympy.sympify(value)
@@ -129,7 +129,7 @@ def _canonical(value: Any) -> Expr:
             raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
         raise BadValueError(f"{shown(value)} is not real")
-    return tamed(_rewritten(*_exponents(_without_steps(value))))
+    return without_overflow(_rewritten(*_exponents(_without_steps(value))))
 
 
 def _known(e: Expr) -> bool:

@@ -32,8 +32,8 @@ class Plan:
     def __init__(self, d: Derived, outputs: Outputs) -> None:
         entries = list(outputs(d))
         self.derived, self.targets = d, [target for target, _ in entries]
-        self.stated = [e for _, e in entries]
-        self.inserted = insert(d, self.stated)
+        self.expressions = [e for _, e in entries]
+        self.inserted = insert(d, self.expressions)
         self._unknown = {symbol: target for target, symbol in input_symbols(d)}
 
     def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
@@ -65,7 +65,7 @@ class LinearisedPlan(Plan):
 
     def __init__(self, d: Derived, outputs: Outputs) -> None:
         super().__init__(d, outputs)
-        partials = [derivatives(d, e) for e in self.stated]
+        partials = [derivatives(d, e) for e in self.expressions]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
         values = insert(d, [value for row in partials for value in row.values()])
         symbols = [value.free_symbols for value in values]

@@ -13,7 +13,7 @@ from mbdae.laws.forces.line_load import LineLoad
 from mbdae.scene import reading
 from mbdae.scene.components import Array, Beam, BeamLoad, Connection
 from mbdae.scene.items import SceneItems
-from mbdae.scene.reading import Told, reads
+from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 from mbdae.ties import nearest
@@ -26,19 +26,19 @@ TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
 
-def _curve(told: Told, value: Any) -> Any:
+def _curve(arg: Argument, value: Any) -> Any:
     """A function, or the word "arc"."""
     if callable(value) or (isinstance(value, str) and value == "arc"):
         return value
-    told.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
+    arg.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
     return None
 
 
-def _beam(told: Told, value: Any) -> Any:
+def _beam(arg: Argument, value: Any) -> Any:
     """A beam of the scene, by itself or its name."""
-    before, found = len(told.scene.problems), reading.body(told, value)
-    if not isinstance(found, Beam) and len(told.scene.problems) == before:
-        told.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
+    before, found = len(arg.scene.problems), reading.body(arg, value)
+    if not isinstance(found, Beam) and len(arg.scene.problems) == before:
+        arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
     return found
 
 
@@ -95,7 +95,7 @@ class BeamStatements(SceneItems):
 
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3) and the curve, if it is one."""
-        outline, head = np.array(points).reshape(-1, 3), Told(self, f"beam '{name}'", "curve")
+        outline, head = np.array(points).reshape(-1, 3), Argument(self, f"beam '{name}'", "curve")
         if isinstance(curve, str):  # "arc", the only word there is
             if len(outline) == 3:
                 try:
@@ -113,7 +113,7 @@ class BeamStatements(SceneItems):
             outline = HARMLESS
         return outline, None
 
-    def _sampled(self, head: Told, curve: Any) -> tuple[Array, Any]:
+    def _sampled(self, head: Argument, curve: Any) -> tuple[Array, Any]:
         """Points (k, 3) of a curve and the curve itself; a straight line without curve where it cannot be evaluated."""
         points: list[Array] = []
         for s in np.linspace(0, 1, SAMPLES + 1):

@@ -150,7 +150,7 @@ class Constrained(JointModel):
     penalty: float = 0.0
 
     def __post_init__(self) -> None:
-        _plain(self, "scaling", "penalty")
+        _as_floats(self, "scaling", "penalty")
 
 
 @dataclass(frozen=True)
@@ -187,10 +187,10 @@ class Clearance(JointModel):
     length: float | None = None
 
     def __post_init__(self) -> None:
-        _plain(self, "outer", "inner", "length")
+        _as_floats(self, "outer", "inner", "length")
 
 
-def _plain(model: JointModel, *fields: str) -> None:
+def _as_floats(model: JointModel, *fields: str) -> None:
     """Numbers of every kind become floats; what is none stays as it is, for the scene to tell where the model is used."""
     for key in fields:
         with suppress(BadValueError):

@@ -9,7 +9,7 @@ from mbdae.scene import reading
 from mbdae.scene.beams import check_attachments
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.scene.items import SceneItems
-from mbdae.scene.own_laws import plain_law
+from mbdae.scene.own_laws import own_copy
 from mbdae.scene.reading import reads
 from mbdae.scene.record import statement
 from mbdae.symbolic.law import Force, Joint
@@ -18,7 +18,7 @@ from mbdae.symbolic.law import Force, Joint
 class ConnectionStatements(SceneItems):
     """`add`, and how every joint and force enters the scene."""
 
-    @reads(law=plain_law)
+    @reads(law=own_copy)
     @statement
     def add(self, law: Joint | Force) -> Connection:
         """Add a joint or force law, the package's or the user's own. The scene keeps a copy: what happens to the law afterwards

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.errors import SceneError
 from mbdae.scene import reading
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection
-from mbdae.scene.reading import Told
+from mbdae.scene.reading import Argument
 from mbdae.scene.record import Own, Statement
 
 
@@ -20,13 +20,13 @@ class SceneItems:
     def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
         """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
         self.problems: list[str] = []
-        self.name = reading.name(Told(self, "scene", "name"), name)
+        self.name = reading.name(Argument(self, "scene", "name"), name)
         head = f"scene '{self.name}'"
-        self.space = reading.one_of("auto", "planar", "spatial")(Told(self, head, "space"), space)
+        self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
         self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
-        self.gravity = reading.vector("m/s^2")(Told(self, head, "gravity"), gravity)
+        self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)
         eye, zero = np.eye(3), np.zeros(3)
         self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
         self.bodies: list[Body] = []

@@ -14,7 +14,7 @@ from mbdae.scene import reading
 from mbdae.scene.components import Connection, Kinematic
 from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.models import friction_law, joint_model, law_of
-from mbdae.scene.reading import FEEDS, Told, reads
+from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import statement
 from mbdae.scene.rubbing import Rubbing, rubbing
 from mbdae.symbolic.law import Joint, TwoBodyLaw
@@ -87,7 +87,7 @@ class JointStatements(ConnectionStatements):
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
                start: float | None, rate0: float | None, spring: float | None, damper: float | None,
                load: Any, rubs: Rubbing) -> Connection:  # fmt: skip
-        modelled, extra = law_of(Told(self, f"{kind} '{name}'", "model"), law, model)
+        modelled, extra = law_of(Argument(self, f"{kind} '{name}'", "model"), law, model)
         place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis)}
         unit, what = law.coordinate_unit, ("position" if law is Prismatic else "angle")
         for value, option in ((start, f"{what}0"), (rate0, "rate0")):

@@ -15,7 +15,7 @@ from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.law import Joint
 from mbdae.symbolic.vectors import Expr
 
-_SAID = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
+_ARGUMENTS = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 JUMP = 1e-7  #: of the largest value: less is the rounding of the numbers in an expression
 MOST = 20_000  #: times at which values are looked at
@@ -37,7 +37,7 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
         for key, parameter in law.params.items():
             value = getattr(law, key)
             if value is not None and getattr(se.sympify(value), "free_symbols", None):
-                what = f"{kind} '{name}': {_SAID.get((kind, key), key)} = {value}"
+                what = f"{kind} '{name}': {_ARGUMENTS.get((kind, key), key)} = {value}"
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
 
 

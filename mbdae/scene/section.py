@@ -63,7 +63,7 @@ class Section:
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:
-            return [_told(name, getattr(self, name), unit, refused)]
+            return [_described(name, getattr(self, name), unit, refused)]
         return []
 
     @property
@@ -128,7 +128,7 @@ def _torsion_of_rectangle(width: float, height: float) -> float:
     return a * b**3 * (1 / 3 - 64 * b / (math.pi**5 * a) * series)
 
 
-def _told(name: str, value: Any, unit: str, refused: BadValueError) -> str:
+def _described(name: str, value: Any, unit: str, refused: BadValueError) -> str:
     """What is wrong with a value, its unit after it where it is a number."""
     head, text = shown(value), str(refused)
     return f"{name} = {head} {unit}{text[len(head):]}" if type(value) in (int, float) else f"{name} = {text} ({unit})"
@@ -146,7 +146,7 @@ def _positive(**values: tuple[Any, str]) -> list[float]:
         try:
             found.append(number(value, above=0))
         except BadValueError as refused:
-            wrong.append(_told(name, value, unit, refused))
+            wrong.append(_described(name, value, unit, refused))
     if wrong:
         raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
     return found

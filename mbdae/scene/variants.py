@@ -11,7 +11,7 @@ from mbdae.scene.items import SceneItems
 from mbdae.scene.joints import JointStatements
 from mbdae.scene.models import MODELS
 from mbdae.scene.record import STATEMENTS, Statement, encode
-from mbdae.scene.replay import Known, lost, replay
+from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
@@ -43,7 +43,7 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     found = replay(data, type(scene), Known(own))
-    lost(scene, found)
+    refuse_losses(scene, found)
     return found
 
 

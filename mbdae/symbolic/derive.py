@@ -16,7 +16,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
-from mbdae.symbolic.rebuild import nodes, one_sided, tamed
+from mbdae.symbolic.rebuild import nodes, one_sided, without_overflow
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -221,7 +221,7 @@ class _Derivation:
                 continue
             self._refuse(f"row '{name}'", statement)
             self._refuse_speeds(f"row '{name}'", statement)
-            c = self.variation.name(tamed(one_sided(statement)))
+            c = self.variation.name(without_overflow(one_sided(statement)))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
                 continue
@@ -258,7 +258,7 @@ class _Derivation:
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
             force, torque = law.wrench(k, l) or (ZERO, ZERO)
             parts = law.energy(k, l), law.dissipation(k, l), *force, *torque
-            energy, rayleigh, *applied = (tamed(one_sided(part)) for part in parts)
+            energy, rayleigh, *applied = (without_overflow(one_sided(part)) for part in parts)
             return energy, rayleigh, Vec(*applied[:3]), Vec(*applied[3:])
         wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
         return None if wrench is None else (_ZERO, _ZERO, *wrench)

@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import symengine as se
 
 from mbdae.errors import LawError
+from mbdae.symbolic.class_checks import check_class
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
-from mbdae.symbolic.stated import hold_to_contract
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
@@ -64,7 +64,7 @@ class Law:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        hold_to_contract(cls, ("name", "k", "l", "at", "axis", "at_l"))
+        check_class(cls, ("name", "k", "l", "at", "axis", "at_l"))
 
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name

@@ -141,7 +141,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
     """Derive a law on a line; `mixed` keeps the stresses as unknowns, otherwise their compliance eliminates them."""
     law, x = cls.symbolic(structure), make_point(kind)
     stated = {name: se.sympify(e) for name, e in law.strains(x).items()}
-    s = _Stressed(law, x, {name: e for name, e in stated.items() if e != 0})
+    s = _Strains(law, x, {name: e for name, e in stated.items() if e != 0})
     duals, rows = _with_load(s.forces(), law.load(x), kind), s.rows()
     if not mixed:
         inserted = {se.Symbol(name): e for name, e in s.solved.items()}
@@ -155,7 +155,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
     )  # fmt: skip
 
 
-class _Stressed:
+class _Strains:
     """The strains of a law with their stresses: Pi and its derivatives."""
 
     def __init__(self, law: Any, x: LinePoint, strains: dict[str, Expr]) -> None:
@@ -163,8 +163,8 @@ class _Stressed:
         self.damping = law.damping if strains and "damping" in law.params else None
         self.compliance = {name: getattr(law, f"compliance_{name}") for name in strains}
         self.elastic = {name: e - (getattr(law, f"reference_{name}") or 0) for name, e in strains.items()}
-        self.lag = {name: _ZERO if self.damping is None else self.damping * self._rate(e) for name, e in strains.items()}
-        self.solved = {name: (self.elastic[name] + self.lag[name]) / c for name, c in self.compliance.items()}
+        self.viscous = {name: _ZERO if self.damping is None else self.damping * self._rate(e) for name, e in strains.items()}
+        self.solved = {name: (self.elastic[name] + self.viscous[name]) / c for name, c in self.compliance.items()}
 
     def _rate(self, strain: Expr) -> Expr:
         """Strain rate by the rates of the fields."""
@@ -177,7 +177,7 @@ class _Stressed:
 
     def rows(self) -> list[Expr]:
         """dPi/dstress, with damping."""
-        return [WEIGHT * (self.elastic[n] + self.lag[n] - self.compliance[n] * se.Symbol(n)) for n in self.strains]
+        return [WEIGHT * (self.elastic[n] + self.viscous[n] - self.compliance[n] * se.Symbol(n)) for n in self.strains]
 
     def energy(self) -> Expr:
         """Elastic energy of strains with compliance; a rigid one stores none (evaluate it with compliance inf)."""
@@ -187,7 +187,7 @@ class _Stressed:
         """Strain rate times the part of the stress that damps."""
         if self.damping is None:
             return _ZERO
-        return WEIGHT * sum((self.lag[n] ** 2 / (self.damping * c) for n, c in self.compliance.items()), _ZERO)
+        return WEIGHT * sum((self.viscous[n] ** 2 / (self.damping * c) for n, c in self.compliance.items()), _ZERO)
 
 
 def _with_load(duals: list[tuple[Field, Expr]], load: Vec, kind: NodeKind) -> list[tuple[Field, Expr]]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.symbolic.stated import hold_to_contract
+from mbdae.symbolic.class_checks import check_class
 from mbdae.values import BadValueError, number, shown
 
 T = TypeVar("T")
@@ -46,7 +46,7 @@ def _parameter(name: str, spec: Any) -> Parameter:
     return Parameter(*map(str, words))
 
 
-def stated(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
+def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
     """A value of a law or part as `read` returns it (see `mbdae.values`); LawError with item, name, value and what to give."""
     try:
         return read(value, **bounds)
@@ -103,7 +103,7 @@ class Part:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        hold_to_contract(cls, ())
+        check_class(cls, ())
 
     if TYPE_CHECKING:
 
@@ -112,7 +112,7 @@ class Part:
 
     def _number(self, key: str, value: Any) -> float:
         unit = self.params[key].unit
-        return stated(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
+        return checked_value(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
 
     def number(self, key: str, bound: str = "from 0", why: str = "") -> float:
         """The value of a parameter that must be given and be "from 0" or "above 0"; LawError where it is not.

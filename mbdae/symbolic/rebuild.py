@@ -81,7 +81,7 @@ def _extreme(args: list[Expr], largest: bool) -> Expr:
     return found
 
 
-def tamed(e: Expr) -> Expr:
+def without_overflow(e: Expr) -> Expr:
     """The expression with exponentials in denominators that do not grow without end.
 
     1/cosh(u) and 1/(1 + exp(u)) are small where u is large, but their derivatives are there the quotient of two numbers that no

@@ -105,8 +105,8 @@ class TreeProgram:
         self._arms: list[tuple[Vec, Vec, Vec, Vec]] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
-        self.force = self._pulled("wu", self._members())
-        self.correction = self._pulled("wq", {}) if structure.loaded else {}
+        self.force = self._projected("wu", self._members())
+        self.correction = self._projected("wq", {}) if structure.loaded else {}
         self.size = len(self.program.steps)  #: before it is differentiated
 
     def _input(self, *place: Any) -> Expr:
@@ -271,7 +271,7 @@ class TreeProgram:
 
     # -- inwards
 
-    def _pulled(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
+    def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
         """Rows of the coordinates and of the root: the transpose of the outward velocities (virtual power)."""
         vec = self.program.vec
         total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}

@@ -137,13 +137,13 @@ RETURNS: dict[str, tuple[Check, str]] = {
 # ---- classes ----------------------------------------------------------------------------------------------------------------
 
 
-def hold_to_contract(cls: Any, instance: Sequence[str]) -> None:
+def check_class(cls: Any, instance: Sequence[str]) -> None:
     """Check the names a class declares, and wrap the methods it defines. instance: attributes its objects have anyway."""
     _check_names(cls, instance)
     for name in RETURNS.keys() & vars(cls).keys():
         method = vars(cls)[name]
         if callable(method):
-            setattr(cls, name, _asked(name, method))
+            setattr(cls, name, _checked(name, method))
 
 
 def _check_names(cls: Any, instance: Sequence[str]) -> None:
@@ -166,11 +166,11 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
             known[name] = f"its {what}"
 
 
-def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
 
     @wraps(method)
-    def asked(self: Any, *args: Any, **kwargs: Any) -> Any:
+    def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
         where = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
@@ -183,7 +183,7 @@ def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         except _WrongError as wrong:
             raise LawError(f"{where} returns {wrong}; it must return {wanted}") from wrong.__cause__
 
-    return asked
+    return checked
 
 
 def _line(error: Exception) -> str:
