@@ -19,10 +19,10 @@ from mbdae.scene.section import Section
 from mbdae.ties import nearest
 from mbdae.values import shown
 
-HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
+HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points in place of wrong ones
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
-FOLDED = 1e-6  #: rad, how near to half a turn a corner may come
-TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
+FOLDED = 1e-6  #: rad, smallest difference of a corner from half a turn
+TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
 
@@ -80,7 +80,7 @@ class BeamStatements(SceneItems):
         return body
 
     def _check_mesh(self, beam: Beam) -> None:
-        """Every reason why a beam has no mesh; what is wrong is replaced, so that what follows can be checked too."""
+        """Report every reason why a beam has no mesh; wrong values are replaced, so that the others are checked too."""
         for _ in range(3):
             try:
                 mesh_of(beam)

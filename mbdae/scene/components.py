@@ -20,7 +20,7 @@ from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
-FINE = 2048  #: chords the length along a curve is measured by
+FINE = 2048  #: number of chords by which the length along a curve is measured
 
 
 @dataclass(eq=False)
@@ -43,7 +43,7 @@ class Body:
 
     @property
     def owner(self) -> Body:
-        """What the user named: the body itself, or the beam of one of its nodes."""
+        """The body that the user stated: this one, or the beam of which this is a node."""
         return self
 
     @property
@@ -100,7 +100,7 @@ class Beam(Body):
 
 @dataclass(eq=False)
 class Station(Body):
-    """A node of a beam as a body without mass of its own: what joints and forces attach to."""
+    """A node of a beam, as a body without mass to which joints and forces attach."""
 
     beam: Body | None = None
     turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
@@ -191,7 +191,7 @@ class Clearance(JointModel):
 
 
 def _as_floats(model: JointModel, *fields: str) -> None:
-    """Numbers of every kind become floats; what is none stays as it is, for the scene to tell where the model is used."""
+    """Make floats of numbers of any type; other values stay, and the scene that uses the model reports them."""
     for key in fields:
         with suppress(BadValueError):
             object.__setattr__(model, key, number(getattr(model, key)))
@@ -199,7 +199,7 @@ def _as_floats(model: JointModel, *fields: str) -> None:
 
 @dataclass(eq=False)
 class Connection:
-    """A joint or force element: its laws, and what the user fixed of its start."""
+    """A joint or force element: its laws, and the start values the user stated."""
 
     name: str
     kind: str
@@ -213,11 +213,11 @@ class Connection:
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
-    places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
+    places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property
     def recursive(self) -> bool:
-        """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
+        """Whether the joint's coordinate is to be the only unknown of the body it carries."""
         return isinstance(self.model, Recursive)
 
     @property
@@ -251,5 +251,5 @@ class Connection:
 
     @property
     def joint(self) -> TwoBodyLaw:
-        """The law that carries the constraints."""
+        """The law with the constraints of the joint, or the first law of a force element."""
         return self.laws[0]

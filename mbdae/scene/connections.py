@@ -1,4 +1,4 @@
-"""Joints and forces between two bodies: laws added as objects, and what is wrong with where a law acts."""
+"""Joints and forces between two bodies: laws added as objects, and checks of the points at which they act."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mbdae.symbolic.law import Force, Joint
 
 
 class ConnectionStatements(SceneItems):
-    """`add`, and how every joint and force enters the scene."""
+    """`add`, and the entry of every joint and force into the scene."""
 
     @reads(law=own_copy)
     @statement
@@ -65,5 +65,5 @@ class ConnectionStatements(SceneItems):
 
 
 def point_of(body: Body | Place) -> Array:
-    """Where a joint or force is that names no point: at the place, or the body's centre of mass."""
+    """The point of a joint or force for which none is stated: the place, or the body's centre of mass."""
     return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)

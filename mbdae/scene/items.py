@@ -1,4 +1,4 @@
-"""What every part of a scene's statements works on: its items by name, the statements as they were made, the mistakes found."""
+"""The data of a scene, on which all statements work: its items by name, the statements made, the mistakes found."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class SceneItems:
         self.name = reading.name(Argument(self, "scene", "name"), name)
         head = f"scene '{self.name}'"
         self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
-        self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
+        self.statements: list[Statement] = []  #: as plain data (see `record.py`)
         self.own: Own = {}  #: classes and functions by the names they have in `statements`
         self.recording = True
         self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)
@@ -54,6 +54,7 @@ class SceneItems:
         return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
 
     def _claim(self, name: str) -> None:
+        """Report a name that another item has already."""
         if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
             self.problems.append(f"two items have the name '{name}'; give each its own")
 

@@ -1,4 +1,4 @@
-"""The joints a user states: their laws by model, what acts on their coordinates, what is wrong with them."""
+"""Statements of joints: the law for each joint model, the forces on its coordinate, checks of the arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model of a joint as the user names it: which law it becomes, and what is wrong with it."""
+"""The model of a joint as the user states it: checks of its values, and the law it selects."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mbdae.symbolic.law import Joint
 from mbdae.values import shown
 
 MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
+#: kinematic law -> the law of the same joint with its coordinate as an unknown
 CLASSICAL: dict[type[Joint], type[Joint]] = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}
 a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
@@ -63,7 +64,7 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
 
 
 def law_of(arg: Argument, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
-    """The law of a kinematic joint in another model, and what Eq. 2 adds to it where it is used."""
+    """The law of a joint in the model stated, and scaling and penalty (paper Eq. 2) where they differ from 1 and 0."""
     if isinstance(model, Clearance):
         if law is Revolute:
             return ClearanceRevolute, {"tilting": model.length is not None}

@@ -1,4 +1,4 @@
-"""Laws that are added as objects: the scene's own copy, with plain values."""
+"""Laws that a user adds as objects: the scene keeps a copy with plain values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NEEDED = ("name", "k", "l", "at", "axis", "at_l")
 
 
 def own_copy(arg: Argument, law: Any) -> Joint | Force:
-    """A copy of a law whose bodies, places and parameters are read; a law that does nothing where it is none."""
+    """A copy of a law with checked bodies, places and parameters; a force law without effect where `law` is no law."""
     if not isinstance(law, Joint | Force):
         arg.wrong(f"{shown(law)} is no joint or force law", "give an object of a class derived from mb.Joint or mb.Force, with "
                    "its name, bodies and parameters")  # fmt: skip
@@ -45,7 +45,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force:
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:
-    """Options distinguish derivations, so they must be values that can be compared and kept."""
+    """Derived equations are stored by the options of their law, so options must be hashable."""
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything

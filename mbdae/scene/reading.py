@@ -1,7 +1,7 @@
-"""Reading what the user wrote: every argument of a statement becomes a plain value, every mistake a problem of the scene.
+"""Checks of the arguments of statements: each becomes a plain value, each mistake a problem of the scene.
 
 `@reads(...)` names a reader for every argument of a statement. A reader returns the plain value (float, text, array of its own,
-expression of time); where it cannot, it tells the scene and returns a harmless value, so that what follows can be checked too.
+expression of time); where it cannot, it adds a problem to the scene and returns a harmless value, so that the checks go on.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from mbdae.scene.components import Array, Body, Place
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
-NAMELESS = "without a name"  #: stands for a name that is no text
+NAMELESS = "without a name"  #: in place of a name that is no text
 ORTHOGONAL = 1e-9  #: what rounding may leave of R R^T - 1
 MOST_ELEMENTS = 100_000
-FEEDS = "it would feed energy"  #: what a negative damping does
+FEEDS = "it would feed energy"  #: effect of negative damping, for messages
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument of one statement: where it is read, and where a mistake in it is reported."""
+    """One argument of a statement: its scene, item and name, by which a mistake in it is reported."""
 
     scene: Any
     item: str  #: such as "revolute 'R'"
@@ -38,7 +38,7 @@ class Argument:
         self.scene.problems.append(f"{self.item}: {self.option} = {refused}; {remedy}")
 
     def part(self, option: str) -> Argument:
-        """A part of the argument, such as one of several points."""
+        """A component of the argument, such as one of several points."""
         return Argument(self.scene, self.item, option)
 
 
@@ -46,7 +46,7 @@ Reader = Callable[[Argument, Any], Any]
 
 
 def reads(**readers: Reader) -> Callable[[F], F]:
-    """Let a statement see plain values only. readers: of all its arguments by name; None stays None where it is the default."""
+    """Pass a statement plain values only. readers: of all its arguments by name; None stays where it is the default."""
 
     def decorate(method: F) -> F:
         signature = inspect.signature(method)
@@ -74,7 +74,7 @@ def reads(**readers: Reader) -> Callable[[F], F]:
 
 
 def _plain(arg: Argument, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
-    """A value read; of `*points` every point by its number."""
+    """The plain value of an argument; of `*points` each point by its number."""
     if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
         return reader(arg, value)
     return tuple(reader(arg.part(f"{arg.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
@@ -97,7 +97,7 @@ def name(arg: Argument, value: Any) -> str:
 
 
 def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
-    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: what a negative one would do."""
+    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: consequence of a negative one."""
     kind = {"": "a number", "not negative": "a number from 0", "positive": "a positive number"}[bound]
     measured = kind + (f" in {unit}" if unit not in ("", "1") else "")
 
@@ -142,7 +142,7 @@ def point(arg: Argument, value: Any) -> Array:
 
 
 def direction(arg: Argument, value: Any) -> Array:
-    """A vector (3,) that is not zero, of any length: `unit` makes it one of length 1."""
+    """A vector (3,) that is not zero, of any length."""
     before = len(arg.scene.problems)
     found = np.asarray(vector("")(arg, value))
     if np.any(found):
@@ -186,7 +186,7 @@ def inertia(arg: Argument, value: Any) -> Any:
 
 
 def values(remedy: str, *counts: int) -> Reader:
-    """As many numbers as one of the counts says."""
+    """Numbers, as many as one of the counts."""
 
     def read(arg: Argument, value: Any) -> Array:
         try:
@@ -283,7 +283,7 @@ def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
 
 
 def nobody(scene: Any) -> Body:
-    """A body that stands for one that is not known; it is in no list, and its mistake has been reported."""
+    """A body in place of one that is not known, whose mistake has been reported; it is in no list of the scene."""
     zero, eye = np.zeros(3), np.eye(3)
     return Body("?", 0.0, eye, zero, eye, zero, zero, scene=scene)
 

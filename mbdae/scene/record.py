@@ -1,4 +1,4 @@
-"""The statements of a scene as plain data, recorded as they are made: what is stored as JSON and replayed by `replay`."""
+"""The statements of a scene, recorded as plain data: stored as JSON, repeated by `replay`."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _encode_expression(value: Any) -> Any:
         if not getattr(value, "free_symbols", None):
             return number(value)
         return {"expression": text.written(timed.expression(value))}
-    except Exception:  # the method that was called says what is wrong with it, if it is
+    except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 
 
@@ -88,7 +88,7 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
 
 def stored_name(thing: type | FunctionType, own: Own | None = None) -> str:
     """The name "module:qualname" of a class or function, "mbdae:qualname" of mbdae's own, wherever in the package it is defined;
-    another one of the same name gets a number behind it."""
+    another one of the same name gets a number after it."""
     path = without_module(f"{thing.__module__}:{thing.__qualname__}")
     if own is None:
         return path

@@ -49,12 +49,12 @@ class Known:
     """The classes and functions that stored names may stand for: mbdae's own and those of the caller."""
 
     def __init__(self, own: Own | None = None, loose: bool = False) -> None:
-        """own: by the names that statements give them; loose: of stored names the part behind the last dot is enough."""
+        """own: by the names that statements give them; loose: the last part of a stored name suffices to find one."""
         self.own, self.loose = {**(own or {}), **_built_in()}, loose
 
     @classmethod
     def among(cls, laws: Any, further: Own | None = None) -> Known:
-        """mbdae's own, further ones, and what a caller hands over as `laws`; OptionError where that is no such thing."""
+        """mbdae's own, `further` ones, and a caller's `laws`; OptionError where these are no list of classes and functions."""
         if isinstance(laws, str | Mapping) or not isinstance(laws, Iterable):
             raise OptionError(f"laws = {shown(laws)}: give a list of law classes and of functions of beam curves")
         own: Own = dict(further or {})
@@ -89,7 +89,7 @@ def _is_built_in(thing: Any) -> bool:
 
 
 def _word(name: str) -> str:
-    """A class's name in a remedy; of what is no name, nothing is repeated."""
+    """The name of a class for a remedy; "the class" where the stored text is no name."""
     return name if name.isidentifier() and len(name) <= 60 else "the class"
 
 
@@ -168,12 +168,12 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
 
 
 def _of_part(cls: type[Law], key: str) -> bool:
-    """Whether a value is one of a part of the law, "<option>_<parameter>": it comes with the part."""
+    """Whether a value is named "<option>_<parameter>": it belongs to a part of the law and is set with that."""
     return any(key.startswith(f"{option}_") for option in cls.options)
 
 
 def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """What a constructor makes; SceneError with its reason where it refuses."""
+    """The object a constructor returns; SceneError with the reason where it fails."""
     try:
         return cls(**arguments)
     except MbdaeError:
@@ -184,8 +184,8 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
-    """A law or part with its values: by its constructor or, where that is the user's own and takes or makes other values, by the
-    constructor of its base class, which knows its parameters and options."""
+    """A law or part with its values, made by its constructor. A user's own constructor may take other arguments or set other
+    values: then the constructor of the base class, which takes parameters and options by name."""
     maker = next(c for c in cls.__mro__ if "__init__" in vars(c))
     if maker.__module__.split(".")[0] == "mbdae":
         return _made(cls, arguments)
@@ -229,7 +229,7 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {problem}" for problem in error.problems]) from error
         except MbdaeError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
-        except Exception as error:  # whatever a value that no check foresaw makes a statement raise
+        except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
             told = f"{type(error).__name__}: {shown(error)}"
             raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be made: {told}"]) from error
     return scene

@@ -1,4 +1,4 @@
-"""The scene: what the user says, as data. Nothing is derived or solved here.
+"""The scene as the user states it. Nothing is derived or solved here.
 
 Statements are collected as they come; every mistake found is kept in `problems` and reported together by `check`.
 """
@@ -125,8 +125,6 @@ class SceneData(BeamStatements, JointStatements):
         where = point_of(body) if at is None else at
         load = law(name, self.ground, body, where, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
-
-    # -- variants
 
     def replace(self, *names: str, model: JointModel) -> Any:
         """A new scene with another model of the named revolute or prismatic joints, without names of all of them (a model

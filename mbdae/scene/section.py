@@ -59,7 +59,7 @@ class Section:
             raise OptionError(f"section: {wrong[0]}: give 0 or more; a negative one would feed energy")
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
-        """Make a field a plain number; what is wrong with it."""
+        """Make a field a plain number; a list of the mistake in it, or empty."""
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:
@@ -129,7 +129,7 @@ def _torsion_of_rectangle(width: float, height: float) -> float:
 
 
 def _described(name: str, value: Any, unit: str, refused: BadValueError) -> str:
-    """What is wrong with a value, its unit after it where it is a number."""
+    """Why a value is refused, with its unit."""
     head, text = shown(value), str(refused)
     return f"{name} = {head} {unit}{text[len(head):]}" if type(value) in (int, float) else f"{name} = {text} ({unit})"
 

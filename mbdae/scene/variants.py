@@ -1,4 +1,4 @@
-"""New scenes with other joint models: statements replayed with another argument."""
+"""New scenes with other joint models: the statements repeated with another argument `model`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def with_open_tree(scene: SceneItems) -> Any | None:
 
 
 def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int) -> tuple[list[Any], dict[str, Any]]:
-    """Arguments of a joint's statement with another model, wherever it was given (argument number `place`)."""
+    """Arguments of a joint's statement with another model, by position (`place`) or by name as it was given."""
     if len(args) > place:
         return [*args[:place], model, *args[place + 1 :]], kwargs
     return args, {**kwargs, "model": model}
