@@ -1,8 +1,8 @@
 """NumPy's functions of expressions of time: `np.sin(2*mb.t)` is `sympy.sin(2*mb.t)`.
 
-NumPy asks an object for a method of the function's name before anything of mbdae is called, and an expression such as 2*mb.t is
-SymPy's own object. So SymPy's expressions learn these methods, where they have none, as soon as `mb.t` is used. What needs the
-value of mb.t (math.sin, float, if, np.where, np.maximum) cannot work before a run: SymPy's TypeError says then what to write.
+NumPy calls a method of the function's name on the object, and an expression such as 2*mb.t is an object of SymPy. So SymPy's
+class of expressions gets these methods, where it has none, as soon as `mb.t` is used. Functions that need the value of mb.t
+(math.sin, float, if, np.where, np.maximum) cannot work before a run: the TypeError of SymPy then says what to write.
 """
 
 from __future__ import annotations

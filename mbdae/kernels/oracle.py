@@ -1,4 +1,4 @@
-"""Expressions as NumPy source: what the compiled kernels are compared with, and what the complex step needs.
+"""Expressions as NumPy source: the reference for compiled kernels, and for derivatives by the complex step.
 
 Every node is written with its own parentheses and evaluated by NumPy, in real or complex numbers; LLVM has no part in it.
 """
@@ -55,7 +55,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for a function that is not known here."""
+    """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for an unknown function."""
     shared, reduced = se.cse(expressions)
     names = {symbol: f"x[{i}]" for i, symbol in enumerate(symbols)}
     lines = ["def function(x):"]

@@ -45,7 +45,7 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force:
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:
-    """Derived equations are stored by the options of their law, so options must be hashable."""
+    """Derived equations are cached by the options of their law, so options must be hashable."""
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything

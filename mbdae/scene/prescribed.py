@@ -59,8 +59,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
-    bad = [times[~np.isfinite(v)] for v in values[:1]]
-    poles = np.concatenate([*bad, found.poles])
+    poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
     if len(poles):
         first = f"t = {float(np.min(poles)):.6g} s"
         return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else

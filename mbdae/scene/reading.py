@@ -19,6 +19,7 @@ from mbdae.scene.components import Array, Body, Place
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 NAMELESS = "without a name"  #: in place of a name that is no text
 ORTHOGONAL = 1e-9  #: what rounding may leave of R R^T - 1
 MOST_ELEMENTS = 100_000
@@ -87,13 +88,18 @@ def _named(stated: Any) -> str:
 # ---- readers ----------------------------------------------------------------------------------------------------------------
 
 
+def _read(arg: Argument, value: Any, read: Callable[[Any], T], remedy: str, instead: T) -> T:
+    """`read(value)`; where that raises BadValueError, a problem of the scene and the value `instead`."""
+    try:
+        return read(value)
+    except BadValueError as refused:
+        arg.wrong(refused, remedy)
+        return instead
+
+
 def name(arg: Argument, value: Any) -> str:
     """The name of an item."""
-    try:
-        return text(value)
-    except BadValueError as refused:
-        arg.wrong(refused, "give every item a name of its own, text such as 'rod'")
-        return NAMELESS
+    return _read(arg, value, text, "give every item a name of its own, text such as 'rod'", NAMELESS)
 
 
 def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
@@ -123,17 +129,14 @@ def _with_unit(value: float, unit: str) -> str:
 def vector(unit: str) -> Reader:
     """Two or three numbers (3,); two mean z = 0."""
 
-    def read(arg: Argument, value: Any) -> Array:
-        try:
-            found = array(value)
-            if found.shape not in ((2,), (3,)):
-                raise BadValueError(f"{shown(value)} has shape {found.shape}")
-        except BadValueError as refused:
-            arg.wrong(refused, f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)")
-            return np.zeros(3)
+    def read(value: Any) -> Array:
+        found = array(value)
+        if found.shape not in ((2,), (3,)):
+            raise BadValueError(f"{shown(value)} has shape {found.shape}")
         return np.append(found, np.zeros(3 - len(found)))
 
-    return read
+    remedy = f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)"
+    return lambda arg, value: _read(arg, value, read, remedy, np.zeros(3))
 
 
 def point(arg: Argument, value: Any) -> Array:
@@ -160,15 +163,16 @@ def unit(direction: Any) -> Array:
 
 def rotation(arg: Argument, value: Any) -> Array:
     """A rotation matrix (3, 3)."""
-    try:
-        R = array(value, (3, 3))
-        off = float(np.max(np.abs(R @ R.T - np.eye(3))))
-        if not off < ORTHOGONAL or np.linalg.det(R) < 0:
-            raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
-                                f"{np.linalg.det(R):.3g})")  # fmt: skip
-    except BadValueError as refused:
-        arg.wrong(refused, "give three columns of unit length, each normal to the others, right-handed (body to inertial)")
-        return np.eye(3)
+    remedy = "give three columns of unit length, each normal to the others, right-handed (body to inertial)"
+    return _read(arg, value, _orthogonal, remedy, np.eye(3))
+
+
+def _orthogonal(value: Any) -> Array:
+    R = array(value, (3, 3))
+    off = float(np.max(np.abs(R @ R.T - np.eye(3))))
+    if not off < ORTHOGONAL or np.linalg.det(R) < 0:
+        raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
+                            f"{np.linalg.det(R):.3g})")  # fmt: skip
     return R
 
 
@@ -187,29 +191,17 @@ def inertia(arg: Argument, value: Any) -> Any:
 
 def values(remedy: str, *counts: int) -> Reader:
     """Numbers, as many as one of the counts."""
-
-    def read(arg: Argument, value: Any) -> Array:
-        try:
-            return array(value, *((n,) for n in counts))
-        except BadValueError as refused:
-            arg.wrong(refused, remedy)
-            return np.zeros(counts[0])
-
-    return read
+    return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
 def driven(unit: str) -> Reader:
     """A float, or an expression of time."""
 
-    def read(arg: Argument, value: Any) -> Any:
-        try:
-            found = timed.expression(value)
-            return found if found.free_symbols else float(found)
-        except BadValueError as refused:
-            arg.wrong(refused, f"its unit is {unit}")
-            return 0.0
+    def read(value: Any) -> Any:
+        found = timed.expression(value)
+        return found if found.free_symbols else float(found)
 
-    return read
+    return lambda arg, value: _read(arg, value, read, f"its unit is {unit}", 0.0)
 
 
 def components(unit: str) -> Reader:
@@ -259,15 +251,8 @@ def counts(arg: Argument, value: Any) -> Any:
 
 def integer(least: int, most: int) -> Reader:
     """A whole number between two."""
-
-    def read(arg: Argument, value: Any) -> int:
-        try:
-            return whole(value, least=least, most=most)
-        except BadValueError as refused:
-            arg.wrong(refused, f"give a whole number from {least} to {most}")
-            return least
-
-    return read
+    remedy = f"give a whole number from {least} to {most}"
+    return lambda arg, value: _read(arg, value, lambda v: whole(v, least=least, most=most), remedy, least)
 
 
 def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:

@@ -1,4 +1,4 @@
-"""The contract of laws on a line: stated at one point of interpolated fields, everything else derived.
+"""Laws on a line (beams): stated at one point of interpolated fields, everything else derived.
 
 A line element interpolates the positions of its nodes (spatial: r and the quaternion P, any length; planar: x, y and
 theta) over xi in [0, 1]. A law on it states, at a point,
@@ -51,7 +51,7 @@ class Field:
 
 @dataclass(frozen=True)
 class LinePoint:
-    """A point of a line as a law sees it; s is the length along the reference curve, the section has axes 1, 2, 3."""
+    """A point of a line, from which a law is stated; s is the length along the reference curve, the section has axes 1, 2, 3."""
 
     kind: NodeKind
     r: Vec  #: position, m
@@ -85,7 +85,7 @@ class LineLaw(Law):
     """A law on a line. Parameters of a strain named N: `compliance_N` and, where it has one, `reference_N`."""
 
     def strains(self, x: LinePoint) -> dict[str, Expr]:
-        """Strains by the name of the stress resultant that works on them."""
+        """Strains by the name of their stress resultant."""
         return {}
 
     def load(self, x: LinePoint) -> Vec:
@@ -106,7 +106,7 @@ class LineDerived:
     damped: bool  #: whether it reads their time derivatives too
     stresses: tuple[str, ...]  #: stress unknowns; none in the displacement form
     vanished: tuple[str, ...]  #: strains that are zero for this kind of node
-    duals: tuple[tuple[Field, Expr], ...]  #: what works on each field, left-hand side
+    duals: tuple[tuple[Field, Expr], ...]  #: generalised force dual to each field, left-hand side
     rows: tuple[Expr, ...]  #: compatibility row of every stress
     resultants: tuple[tuple[str, Expr], ...]  #: every stress resultant by its strain (where its compliance is not 0)
     energy: Expr  #: elastic energy of the point, J
@@ -191,7 +191,7 @@ class _Strains:
 
 
 def _with_load(duals: list[tuple[Field, Expr]], load: Vec, kind: NodeKind) -> list[tuple[Field, Expr]]:
-    """Virtual work - load . delta r added to what works on r."""
+    """The load subtracted from the generalised forces of r: its virtual work is load . delta r."""
     n = kind.translations
     return [(f, e if f.slope or f.component >= n else e - WEIGHT * load[f.component]) for f, e in duals]
 

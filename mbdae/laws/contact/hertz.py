@@ -35,7 +35,7 @@ class Hertz(Normal):
 
     @classmethod
     def restitution(cls, stiffness: float, e: float, v: float) -> Self:
-        """The law that returns the fraction e of an impact speed v (m/s), exactly: see `coefficient_of_restitution`."""
+        """The law whose exit speed is e times the impact speed v (m/s), exactly: see `coefficient_of_restitution`."""
         told = "Hertz.restitution"
         kept = checked_value(told, "e", e, number, "give the coefficient of restitution, above 0 and up to 1", above=0, most=1)
         speed = checked_value(told, "v", v, number, "give the impact speed at which e holds, above 0, m/s", above=0)
