@@ -29,12 +29,6 @@ def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
     return k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
 
 
-def on_axis(k: Frame, l: Frame, drive: Expr | None) -> dict[str, Expr]:
-    """Branches of a joint that turns about k.z, its angle prescribed or not."""
-    wanted = {"axes in the same sense": k.z @ l.z}
-    return wanted if drive is None else wanted | {"prescribed angle, not its opposite": near_angle(k, l, drive)}
-
-
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
     """l does not turn relative to k."""
     return {**same_axis(k, l), "twist": k.x @ l.y}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbdae.laws.joints.coincidence import on_axis, same_axis, same_point, turned_by
+from mbdae.laws.joints.coincidence import near_angle, same_axis, same_point, turned_by
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import AUGMENTED, Joint, params
 from mbdae.symbolic.vectors import Expr
@@ -15,7 +15,8 @@ class Turning(Joint):
     coordinate_unit = "rad"
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return on_axis(k, l, self.drive)
+        wanted = {"axes in the same sense": k.z @ l.z}
+        return wanted if self.drive is None else wanted | {"prescribed angle, not its opposite": near_angle(k, l, self.drive)}
 
     def coordinate(self, k: Frame, l: Frame) -> Expr:
         return self.angle(k, l)
