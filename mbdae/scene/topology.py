@@ -1,4 +1,4 @@
-"""The tree of a scene: which joint carries which body, and which joints close loops."""
+"""The tree of a scene: the joint from which the position of each body follows, and the joints that close loops."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Tree:
 
 
 def leader(item: T, leads: Mapping[T, T]) -> T:
-    """The item that stands for the whole group of `item`; leads: whom each item that joined a group follows."""
+    """The representative of the group of `item`; leads: item -> the item of its group to which it was joined."""
     while item in leads:
         item = leads[item]
     return item
