@@ -230,8 +230,8 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
         except MbdaeError as error:
             raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
         except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
-            told = f"{type(error).__name__}: {shown(error)}"
-            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be made: {told}"]) from error
+            reason = f"{type(error).__name__}: {shown(error)}"
+            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be made: {reason}"]) from error
     return scene
 
 

@@ -98,8 +98,8 @@ class Part:
         try:
             hash(tuple(values[key] for key in self.options if key in values))
         except Exception as error:  # a hash of the user's own may raise anything
-            told = {key: shown(values[key]) for key in self.options if key in values}
-            raise LawError(f"{kind}: the options {told} cannot be kept; give numbers, text or tuples of them") from error
+            given = {key: shown(values[key]) for key in self.options if key in values}
+            raise LawError(f"{kind}: the options {given} cannot be hashed; give numbers, text or tuples of them") from error
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
