@@ -3,19 +3,19 @@
 ::
 
     MbdaeError
-    ├── SceneError          what the user described cannot be modelled (all problems at once)
+    ├── SceneError          the scene cannot be modelled (all problems at once)
     │   └── StartError      no consistent start: loops that cannot close, prescribed values that contradict
     ├── LawError            a joint or force law is not well stated
     ├── OptionError         an option has a value that cannot be used (also a ValueError)
     │   └── ExpressionError an expression of mb.t where only a number has a meaning (also a TypeError)
-    ├── SolverError         the integration stopped; carries the time, the culprit and the solution so far
+    ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   └── WallClockError  its wall-clock time was used up
-    ├── EquilibriumError    no state at rest was found; carries the last one that is, and its load factor
-    └── SteadyError         the linearised equations depend on time; carries them as they are at that instant
+    ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
+    └── SteadyError         the linearised equations depend on time; with their coefficients at that instant
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
 
-Ctrl-C comes out of every function as the KeyboardInterrupt that it is. Its text says what was stopped, and its attribute
-`solution` is what was computed until then: a Result of `simulate`, a Sweep of `sweep`.
+Ctrl-C raises KeyboardInterrupt out of every function. Its text says what was stopped, and its attribute `solution` is what
+was computed until then: a Result of `simulate`, a Sweep of `sweep`.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class WallClockError(SolverError):
 def interrupted(error: BaseException, text: str, solution: Any) -> None:
     """Say in a KeyboardInterrupt (or SystemExit) what it stopped, and attach what was computed until then as `solution`.
 
-    The exception stays of its own class: a script that does not catch it ends as Ctrl-C ends any script.
+    The class of the exception stays: a script that does not catch it ends as Ctrl-C ends any script.
     """
     if isinstance(error, KeyboardInterrupt):
         error.args = (text,)
@@ -87,7 +87,7 @@ def interrupted(error: BaseException, text: str, solution: Any) -> None:
 
 @contextmanager
 def keeping(solution: Any, text: str) -> Iterator[None]:
-    """Where Ctrl-C stops what runs inside, `solution` is what was computed; text says what it is."""
+    """Context that attaches `solution` to a KeyboardInterrupt raised inside; text: description of what is kept."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit) as error:
@@ -96,7 +96,7 @@ def keeping(solution: Any, text: str) -> Iterator[None]:
 
 
 def told_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
-    """The function, whose KeyboardInterrupt says that nothing was computed yet, unless it says something already."""
+    """The function; a KeyboardInterrupt without a text gets the text that nothing was computed yet."""
 
     @wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -138,17 +138,17 @@ class AccuracyWarning(UserWarning):
 
 
 class Told:
-    """Base of what users read from: an attribute that does not exist is answered by those that do."""
+    """Base of results: the error for an attribute that does not exist lists those that do."""
 
     @property
     def _called(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
         return f"a {type(self).__name__}"
 
     if not TYPE_CHECKING:  # or every attribute would be one
 
         def __getattr__(self, name: str) -> Any:
-            if hasattr(type(self), name):  # it is there, and failed with such an error of its own, which comes out
+            if hasattr(type(self), name):  # a property that raised AttributeError itself: raise that
                 return object.__getattribute__(self, name)
             if name.startswith("_"):
                 raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

@@ -1,4 +1,4 @@
-"""Files written as a whole: beside their place first, then renamed, so that an old file stays until the new one is complete."""
+"""Files written as a whole: under another name first, then renamed, so that the old file stays until the new one is complete."""
 
 from __future__ import annotations
 

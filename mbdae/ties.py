@@ -1,4 +1,4 @@
-"""The first of what is equal but for rounding: names in messages, meshes, signs of modes hang on no library's last digits."""
+"""The first of values that are equal up to rounding: messages, meshes and signs of modes do not depend on the last digits."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-#: sizes nearer to each other than this share are equal: what is solved for or differentiated carries errors up to about 1e-8,
-#: and which of two rows is called the worst does not matter where they differ by less
+#: relative difference up to which magnitudes count as equal: solved or differentiated values have errors up to about 1e-8, and
+#: which of two rows is named the worst does not matter where they differ by less
 ALIKE = 1e-6
-NEAR = 1e-9  #: of a length: places nearer to each other are one
+NEAR = 1e-9  #: of a length: places closer together count as one
 
 
 def largest(sizes: Any) -> int:

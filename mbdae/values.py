@@ -35,7 +35,7 @@ class BadValueError(ValueError):
 
 
 def shown(value: Any) -> str:
-    """A value in a message: its repr, cut where it is long, and never an error of its own."""
+    """A value in a message: its repr, cut where it is long; never raises."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a repr of the user's own may raise anything
@@ -126,7 +126,7 @@ def file_to_write(value: Any, *, suffixes: Sequence[str] = ()) -> Path:
 
 
 def several(value: Any) -> bool:
-    """Whether a value is a list of others: no text, no mapping, and nothing whose entries cannot be read."""
+    """Whether a value is a list of others: iterable, and neither text nor mapping."""
     if isinstance(value, str | bytes | bytearray | memoryview | Mapping):
         return False
     try:
@@ -160,8 +160,8 @@ def of_class(value: Any, *, base: type[T]) -> T:
 
 
 def instance(value: Any, base: type[T], known: Mapping[str, T]) -> T:
-    """An object of a class, or what stands for one: a class derived from it that needs no arguments, or a name among `known`,
-    whose keys are `plain`."""
+    """An object of a class, from the object itself, a subclass that needs no arguments, or a name among `known`, whose keys are
+    `plain`."""
     if isinstance(value, base):
         return value
     if isinstance(value, str) and plain(value) in known:
@@ -201,7 +201,7 @@ def array(value: Any, *shapes: tuple[int, ...]) -> Array:
 
 
 def entries(value: Any) -> NDArray[Any]:
-    """What the user gave as an array of objects, or his own array; its shape is () where it is no list."""
+    """A value as an array of objects, or the array it is; its shape is () where it is no list."""
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, bytes | bytearray | memoryview):

@@ -224,7 +224,7 @@ class Rest:
             if self._fits(q, u, joint.name):
                 continue
             law: Any = joint.joint
-            rate = 0.0 if joint.prescribed is None or joint.kind != "revolute" else self._starter.held_rate(joint) or 0.0
+            rate = 0.0 if joint.prescribed is None or not joint.turns else self._starter.held_rate(joint) or 0.0
             axis = poses[parent][1] @ parent.rotation.T @ law.axis
             spin[child] = spin[parent] + (rate if joint.l is child else -rate) * axis
             for node in nodes[child]:

@@ -1,6 +1,6 @@
-"""Instants at which an expression of time or one of its derivatives jumps: where a condition changes or a floor rises.
+"""Breaks: instants at which an expression of time or a derivative of it jumps, where a condition or a floor changes.
 
-They are isolated, not sampled: an interval is left out only where interval arithmetic shows that nothing changes in it.
+They are isolated, not sampled: an interval is left out only where interval arithmetic proves that nothing changes in it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]
 
-MOST = 200_000  #: instants, and intervals at a time: an input that switches more often cannot be followed
-#: instants nearer to each other, relative to the times of the run, are one: no step is as short
+MOST = 200_000  #: instants of a run, and intervals searched at a time
+#: instants closer together than this, relative to the times of the run, count as one: no step is that short
 SAME = 1e3 * float(np.finfo(float).eps)
 LEVELS = 60
 
@@ -53,15 +53,14 @@ def switches(e: Expr) -> list[tuple[str, Expr]]:
 
 
 def _merged(edges: Array, found: Array, near: float) -> Array:
-    """Edges with further ones; those that are the same but for round-off once, the ends unchanged."""
+    """Edges and further ones, those that differ by round-off once; the ends stay."""
     inside = np.sort(found[(found > edges[0] + near) & (found < edges[-1] - near)])
     both = np.sort(np.concatenate([edges, inside]))
     keep = np.concatenate([[True], np.diff(both) > near])
     keep[-1] = True
     if len(both) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
-    merged: Array = both[keep]
-    return merged
+    return np.asarray(both[keep])
 
 
 def _zeros(u: Expr, edges: Array) -> Array:
@@ -86,7 +85,7 @@ def _integers(u: Expr, edges: Array) -> Array:
 
 
 def _isolated(u: Expr, edges: Array) -> Array:
-    """Zeros of u between the edges: intervals are halved until u has no zero in them or rises or falls all along."""
+    """Zeros of u between the edges: intervals are halved until u has no zero in them or is monotone."""
     inside = sided(u)
     both = Enclosure(inside, se.diff(inside, TIME))
     low, high = edges[:-1], edges[1:]
@@ -113,7 +112,7 @@ def _isolated(u: Expr, edges: Array) -> Array:
 
 
 def _bisected(u: Enclosure, a: Array, b: Array, side: Array) -> Array:
-    """The zeros in intervals in which u rises or falls; intervals without one are left out."""
+    """The zeros in intervals in which u is monotone; intervals without a zero are left out."""
     (first,), (last,) = u.at(a, side), u.at(b, side)
     crossing = (first <= 0) != (last <= 0)
     a, b, side, rising = a[crossing], b[crossing], side[crossing], (last > 0)[crossing]
@@ -125,7 +124,7 @@ def _bisected(u: Enclosure, a: Array, b: Array, side: Array) -> Array:
 
 
 def jump(e: Expr, t: float, before: float, after: float) -> float:
-    """How much an expression with sides jumps at t, an instant between two stretches that contain `before` and `after`."""
+    """Jump of an expression (see `timed.sided`) at t, between two intervals that contain the times `before` and `after`."""
     (left,) = Enclosure(e).at(np.array([t]), np.array([before]))
     (right,) = Enclosure(e).at(np.array([t]), np.array([after]))
     return float(right[0] - left[0])

@@ -1,7 +1,7 @@
-"""Interval arithmetic: what an expression of time can be within intervals, so that nothing between two samples is missed.
+"""Interval arithmetic: bounds of an expression of time over intervals.
 
-An `Enclosure` takes many intervals at once. Conditions and floors are read at a time inside each interval's own stretch between
-two switching instants (`timed.sided`), where they do not change. Values outside a function's domain are left out.
+An `Enclosure` takes many intervals at once. Conditions and floors are evaluated at one time inside the interval between two
+breaks (`timed.sided`), where they do not change. Values outside a function's domain are left out.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _COMPARE: dict[str, Callable[..., Any]] = {
 
 
 class Node(NamedTuple):
-    """One step of an evaluation: what it is, and the numbers of the steps it takes."""
+    """One subexpression: the name of its class, and the numbers of its arguments."""
 
     expression: Expr
     name: str
@@ -209,5 +209,5 @@ _RULES: dict[str, Callable[[Node, list[Any]], Any]] = {
 
 @lru_cache(maxsize=256)
 def enclosure(e: Expr) -> Enclosure:
-    """Of an expression of time."""
+    """The enclosure of an expression of time."""
     return Enclosure(sided(e))

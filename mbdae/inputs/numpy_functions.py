@@ -1,8 +1,8 @@
 """NumPy's functions of expressions of time: `np.sin(2*mb.t)` is `sympy.sin(2*mb.t)`.
 
-NumPy asks an object for a method of the function's name before anything of mbdae is called, and an expression such as 2*mb.t is
-SymPy's own object. So SymPy's expressions learn these methods, where they have none, as soon as `mb.t` is used. What needs the
-value of mb.t (math.sin, float, if, np.where, np.maximum) cannot work before a run: SymPy's TypeError says then what to write.
+NumPy calls a method of the function's name on the object, and an expression such as 2*mb.t is an object of SymPy. So SymPy's
+class of expressions gets these methods, where it has none, as soon as `mb.t` is used. Functions that need the value of mb.t
+(math.sin, float, if, np.where, np.maximum) cannot work before a run: the TypeError of SymPy then says what to write.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def teach() -> None:
     for name, function in known.items():
         if not hasattr(sp.Expr, name):
             setattr(sp.Expr, name, _method(function))
-    sp.Expr.__float__ = _told(sp.Expr.__float__, _NUMBER)
-    Relational.__bool__ = _told(Relational.__bool__, _CONDITION)
+    sp.Expr.__float__ = _with_remedy(sp.Expr.__float__, _NUMBER)
+    Relational.__bool__ = _with_remedy(Relational.__bool__, _CONDITION)
 
 
 def _method(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -55,11 +55,11 @@ def _refusal(asked: str, remedy: str) -> Callable[..., Any]:
     return refuse
 
 
-def _told(method: Callable[[Any], Any], remedy: str) -> Any:
+def _with_remedy(method: Callable[[Any], Any], remedy: str) -> Any:
     """The method, its TypeError for expressions of mb.t with the remedy; it stays a TypeError."""
 
     @wraps(method)
-    def told(self: Any) -> Any:
+    def explained(self: Any) -> Any:
         try:
             return method(self)
         except TypeError as error:
@@ -67,4 +67,4 @@ def _told(method: Callable[[Any], Any], remedy: str) -> Any:
                 raise ExpressionError(f"{shown(self)} has no value before a run ({error}): {remedy}") from error
             raise
 
-    return told
+    return explained

@@ -1,7 +1,7 @@
-"""How fast expressions of time vary: stretches over which every function in them changes by about its own width at most.
+"""How fast expressions of time vary: the run divided into stretches in which no function changes by more than two widths.
 
 Nothing is sampled: a stretch is accepted where interval arithmetic bounds the change of every function in it, so a pulse of any
-width is found. A function counts only where the input it is part of changes with it.
+width is found. A function counts only while the input that contains it changes with it. Widths: see `symbolic.functions`.
 """
 
 from __future__ import annotations
@@ -18,23 +18,25 @@ from numpy.typing import NDArray
 from mbdae.inputs.breaks import TooManyError, breaks
 from mbdae.inputs.enclosure import Bounds, Enclosure, Node, halves
 from mbdae.inputs.timed import TIME, sided
+from mbdae.symbolic.functions import KINDS, scales
 from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import Expr
 
 Array = NDArray[np.float64]
 
 WIDTHS = 2.0  #: largest change of a function over a stretch, in its own widths
-FLAT = 1e-13  #: change over the largest value of the run below which nothing changes
+FLAT = 1e-13  #: change over the largest value of the run that counts as none
+SATURATED = 18.0  #: argument beyond which tanh is flat
 MOST = 4_000_000  #: stretches of one run
 LEVELS = 52  #: halvings after which an input counts as not finite
-POWERS = 2.0  #: widths of u^n in a change of ln|u|^n by 1
-ROOT = 1e-6  #: part of its largest value below which a root counts as zero
+POWERS = 2.0  #: widths by which u^n changes when ln|u|^n changes by 1
+ROOT = 1e-6  #: share of its largest value below which a root counts as zero
 FAST_POWER = 4.0  #: powers up to this are smooth over the whole run; higher ones rise like an exponential near its end
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Consecutive stretches of time: `edges` (n+1,); poles: times near which an input is not finite."""
+    """Consecutive stretches of time between `edges` (n+1,), s; poles: times near which an input is not finite."""
 
     edges: Array
     poles: tuple[float, ...] = ()
@@ -47,8 +49,8 @@ class Stretches:
         return float(widths[i]), float(self.edges[i])
 
     def longest_step(self, t: float, share: float = 1.0) -> float:
-        """Longest step (s) that may be taken from t: a share of the stretch it begins in, and, where it ends in the next one, the
-        same share of that; it may end behind the run."""
+        """Longest step (s) from t: a share of the stretch in which it begins and, where it reaches into the next one, the same
+        share of that; it may end after the run."""
         i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
         a, b = float(self.edges[i]), float(self.edges[i + 1])
         if i + 2 >= len(self.edges):
@@ -57,7 +59,7 @@ class Stretches:
 
 
 def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:
-    """Of expressions over the intervals between `edges` (from break to break); raises TooManyError."""
+    """The stretches of expressions over the intervals between `edges` (start, breaks, end); raises TooManyError."""
     trees = [tree for tree in map(_Tree, {sided(e) for e in expressions if getattr(e, "free_symbols", None)}) if tree.functions]
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
@@ -89,7 +91,7 @@ def resolved(expressions: tuple[Expr, ...], t0: float, t1: float) -> tuple[Array
 
 
 class _Tree:
-    """One expression: its functions, what they are part of, and the size of everything over the run."""
+    """One expression: its functions, the subexpressions that contain them, and the largest value of each over the run."""
 
     def __init__(self, e: Expr) -> None:
         self.enclosure = Enclosure(e)
@@ -129,7 +131,7 @@ class _Tree:
 
 
 class _Argument:
-    """The argument u of a function: tight bounds of it, and by how many widths of the function it changes."""
+    """The argument u of a function: tight bounds of it, and its change in widths of the function."""
 
     def __init__(self, function: Expr) -> None:
         self.place = 1 if _is_exponential(function) else 0
@@ -152,7 +154,7 @@ class _Argument:
 
     def widths(self, u: Bounds, size: float) -> Array:
         """(k,) change of the function in its own widths while its argument goes through u; size: largest argument of the run.
-        None for a root near 0, where its slope is infinite but its value small."""
+        0 for a root near 0, where its slope is infinite but its value small."""
         with np.errstate(all="ignore"):
             found = np.asarray(self._stretched(*u))
             if self._root:
@@ -182,6 +184,9 @@ def _functions_inside(u: Expr) -> bool:
     return any(len(node.args) == 1 or isinstance(node, se.Piecewise) or _is_exponential(node) for node in nodes(u))
 
 
+_SCALES = scales(SATURATED, np.inf)
+
+
 def _difference(scale: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
     return lambda a, b: np.abs(scale(b) - scale(a))
 
@@ -192,11 +197,10 @@ def _logarithmic(a: Any, b: Any) -> Any:
     return np.where((a <= 0) & (b >= 0) & (a < b), np.inf, np.log(large) - np.log(small))
 
 
-#: function -> change of its argument in widths of the function, from a lower to an upper end
+#: function -> change of its argument in widths of the function, from a lower to an upper end; exact where poles or ends are near
 _STRETCHES: dict[str, Callable[[Any, Any], Any]] = {
-    "sin": _difference(lambda u: u), "cos": _difference(lambda u: u), "sinh": _difference(lambda u: u),
-    "cosh": _difference(lambda u: u), "tanh": _difference(lambda u: np.clip(u, -18, 18)), "atan": _difference(np.arcsinh),
-    "asinh": _difference(np.arcsinh), "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
+    **{name: _difference(_SCALES[KINDS[name]]) for name in ("sin", "cos", "sinh", "cosh", "tanh", "atan", "asinh")},
+    "log": _logarithmic, "tan": lambda a, b: np.where(b - a > 3, np.inf, _tangents(a, b)),
     "asin": _difference(lambda u: np.arcsin(np.clip(u, -1, 1))), "acos": _difference(lambda u: np.arccos(np.clip(u, -1, 1))),
     "acosh": _difference(lambda u: np.arccosh(np.maximum(u, 1))), "atanh": _difference(lambda u: np.arctanh(np.clip(u, -1, 1))),
 }  # fmt: skip

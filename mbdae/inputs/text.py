@@ -1,8 +1,8 @@
 """The language of inputs: expressions of time as text that keeps every digit, and the strict reader of that text.
 
 The text is the notation of Python and SymPy: numbers, + - * / **, comparisons, the functions of `timed`, Piecewise, And, Or, Not,
-Xor, pi, E, and the time t. It may come from a file that anybody wrote, so Python and SymPy evaluate nothing of it: the reader
-knows these words alone, and refuses what would take long or grow beyond bounds before it is calculated.
+Xor, pi, E, and the time t. It may come from a file of unknown origin, so Python and SymPy evaluate nothing of it: the reader
+knows these words only, and refuses expressions that would take long to calculate or produce huge numbers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FUNCTIONS = (
     "floor",
 )  # fmt: skip
 LONGEST, DEEPEST = 100_000, 120  #: characters, brackets inside each other
-MOST_BITS = 100_000  #: of the whole numbers that may arise while a text is read; fractions of doubles have up to 1100
+MOST_BITS = 100_000  #: size of the integers that may arise while a text is read; fractions of doubles have up to 1100
 
 _TOKEN = re.compile(r"\s*(?:(?P<float>\d+\.\d*(?:[eE][+-]?\d+)?|\d+[eE][+-]?\d+)|(?P<integer>\d+)|(?P<name>[A-Za-z]\w*)"
                     r"|(?P<sign>\*\*|<=|>=|==|!=|[-+*/(),<>]))", re.ASCII)  # fmt: skip
@@ -36,7 +36,7 @@ _NUMBERS = ("Integer", "Rational", "RealDouble", "Zero", "One", "NegativeOne", "
 _PARTS = {*FUNCTIONS, *ONE_SIDED, *_NUMBERS, "Pi", "Exp1", "GoldenRatio", "EulerGamma", "Catalan", "Add", "Mul", "Pow", "Symbol"}
 _RELATIONS: dict[str, Any] = {"<": se.Lt, "<=": se.Le, ">": se.Gt, ">=": se.Ge, "==": se.Eq, "!=": se.Ne}
 _SIGNS = {"StrictLessThan": "<", "LessThan": "<=", "Equality": "==", "Unequality": "!="}
-#: how strongly a sign between two numbers binds; one before a number: 4
+#: precedence of a sign between two numbers; of one before a number: 4
 _STRENGTH = {**dict.fromkeys(_RELATIONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "**": 5}
 #: functions with their numbers of arguments (None: two or more)
 _FUNCTIONS: dict[str, tuple[int | None, Callable[..., Any]]] = {
@@ -87,7 +87,7 @@ def _written(node: Expr, args: list[str]) -> str:
 
 
 class _Read(NamedTuple):
-    """A part that was read; bits: bound of the size of the whole numbers in it."""
+    """A part that was read; bits: bound of the size of the integers in it."""
 
     e: Any
     bits: int
@@ -113,7 +113,7 @@ def read(text: Any) -> Expr:
 
 
 class _Reader:
-    """Reads a text from left to right; signs that bind more strongly first."""
+    """Reads a text from left to right by precedence of its signs."""
 
     def __init__(self, text: str) -> None:
         self.tokens, at = list[tuple[str, str]](), 0
@@ -141,7 +141,7 @@ class _Reader:
         self.at += 1
 
     def _expression(self, strength: int) -> _Read:
-        """What stands from here on, up to a sign that does not bind more strongly."""
+        """The expression from here to the next sign of the same or a lower precedence."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise ValueError(f"its brackets are more than {DEEPEST} deep")

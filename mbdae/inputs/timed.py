@@ -1,9 +1,9 @@
 """Inputs: numbers or expressions of the time symbol `mb.t`, in one canonical form.
 
-One-sided functions (Abs, sign, Heaviside, Max, Min) become Piecewise, Mod and ceiling become floor. What switches is then
-either a condition of a Piecewise or a floor. Between two switching instants none of them changes, so `sided` lets them read a
-second symbol, `SIDE`: a time inside the interval that is meant. An instant of switching itself then has two values, one for
-either side of it, and every expression is smooth up to both its ends.
+One-sided functions (Abs, sign, Heaviside, Max, Min) become Piecewise, Mod and ceiling become floor. Only conditions of Piecewise
+and floors then switch, at instants called breaks. Between two breaks they are constant, so `sided` gives them a time of their
+own, the symbol `SIDE`: any time inside the interval of interest. At a break an expression then has two values, one for each
+side of it, and it is smooth on every interval including both ends.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
-from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, tamed
+from mbdae.symbolic.rebuild import LOGIC, ONE_SIDED, is_condition, nodes, one_sided, rebuilt, without_overflow
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import BadValueError, number, shown
 
 SIDE = se.Symbol("t_of_conditions")
-#: functions that are rewritten with those above, and what joins conditions
+#: functions that are rewritten with Piecewise and floor
 REWRITTEN = ("Abs", "sign", "Heaviside", "Max", "Min", "Mod", "ceiling", "frac")
-HUGE = 100.0  #: logarithm of a factor that is kept with its exponential
+HUGE = 100.0  #: logarithm of a factor above which it stays in the exponent
 
 
 @lru_cache(maxsize=1)
@@ -52,7 +52,7 @@ def expression(value: Any) -> Expr:
         e = _canonical(value)
     except BadValueError:
         raise
-    except Exception as error:  # SymPy raises what it likes on what it cannot read
+    except Exception as error:  # SymPy may raise anything
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t") from error
     if not isinstance(e, se.Basic) or isinstance(e, se.DenseMatrix) or is_condition(e):
         raise BadValueError(f"{shown(value)} is neither a number nor an expression of mb.t")
@@ -69,7 +69,7 @@ def expression(value: Any) -> Expr:
 
 
 def _refuse_other_time(value: Any) -> None:
-    """A symbol t of SymPy that is assumed to be more than real: SymPy may have simplified with that already."""
+    """Refuse a symbol t with assumptions beyond real: SymPy may have simplified the expression by them."""
     for symbol in value.free_symbols:
         assumed = getattr(symbol, "_assumptions_orig", {}) if str(symbol) == str(TIME) else {}
         if set(assumed) - {"real", "commutative"}:
@@ -94,7 +94,7 @@ def _plain_number(value: Any) -> Expr:
 
 
 def _with_plain_numbers(e: Expr) -> Expr:
-    """The expression with doubles for numbers of more digits; refuses numbers that no calculation survives."""
+    """The expression with doubles for numbers of more digits; refuses numbers that are not real and finite."""
 
     def rule(node: Expr, _: list[Expr]) -> Expr | None:
         if not getattr(node, "is_Number", False):
@@ -111,9 +111,9 @@ def _with_plain_numbers(e: Expr) -> Expr:
 
 
 def _canonical(value: Any) -> Expr:
-    """An expression with the functions the kernels compile; refuses what has no value or no derivative."""
+    """An expression in functions the kernels compile; refuses expressions without a value or a derivative."""
     if isinstance(value, se.Basic) and _known(value):
-        return tamed(one_sided(value))
+        return without_overflow(one_sided(value))
     import sympy
 
     value = sympy.sympify(value)
@@ -129,7 +129,7 @@ def _canonical(value: Any) -> Expr:
             raise BadValueError(f"{shown(piecewise)} has no value where none of its conditions holds; end it with (value, True)")
     if value.has(sympy.I):
         raise BadValueError(f"{shown(value)} is not real")
-    return tamed(_rewritten(*_exponents(_without_steps(value))))
+    return without_overflow(_rewritten(*_exponents(_without_steps(value))))
 
 
 def _known(e: Expr) -> bool:
@@ -203,7 +203,7 @@ def _complete(piecewise: Any) -> bool:
 
 @lru_cache(maxsize=512)
 def sided(e: Expr) -> Expr:
-    """The expression with `SIDE` for the time in its conditions and floors; unchanged where it has them already."""
+    """The expression with `SIDE` for the time in its conditions and floors; unchanged where that is done already."""
     if not any(isinstance(node, se.Piecewise) or type(node).__name__ == "floor" for node in nodes(e)):
         return e
 
@@ -225,7 +225,7 @@ def derivatives(e: Expr) -> tuple[Expr, Expr, Expr]:
 
 
 def _rate(e: Expr) -> Expr:
-    """The time derivative of an expression with sides: its floors are constant between two instants."""
+    """The time derivative of a `sided` expression, whose floors are constant between two breaks."""
     floors = {node: se.Dummy() for node in nodes(e) if type(node).__name__ == "floor"}
     return se.diff(e.subs(floors), TIME).subs({symbol: node for node, symbol in floors.items()})
 
@@ -241,7 +241,7 @@ def values(e: Expr, times: NDArray[np.float64], sides: NDArray[np.float64] | Non
 
 
 def after(t: Any) -> Any:
-    """Times just after t: where conditions are read at the start of a run, which belongs to what comes after it."""
+    """Times just after t, at which conditions are evaluated at the start t of a run."""
     return t + 4 * np.spacing(np.abs(t))
 
 

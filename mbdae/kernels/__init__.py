@@ -1,4 +1,4 @@
-"""Derivation -> compiled kernel."""
+"""Compiled kernels of derived laws, trees and line elements."""
 
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.plan import LinearisedPlan, Plan, linearised_plan, plan

@@ -134,8 +134,7 @@ class GyroscopicKernel(ElementKernel):
 
     def values(self, x: Array) -> Array:
         W, _, L = self._momenta(x)
-        found: Array = np.einsum("ijk,maj,mak->mai", _cross(), W, L).reshape(len(x), -1)
-        return found
+        return np.asarray(np.einsum("ijk,maj,mak->mai", _cross(), W, L).reshape(len(x), -1))
 
     def full_jacobian(self, x: Array) -> Array:
         W, J, L = self._momenta(x)

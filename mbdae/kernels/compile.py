@@ -1,4 +1,4 @@
-"""Symbolic expressions to numeric kernels: symengine with LLVM, and NumPy as the oracle of the tests."""
+"""Symbolic expressions to numeric kernels: symengine with LLVM, and NumPy as reference in tests."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Kernel:
 
     @cached_property
     def compiled(self) -> Any:
-        """The LLVM function, compiled on first use; of no inputs (a tree whose coordinates are all prescribed) the constants."""
+        """The LLVM function, compiled on first use; without inputs (a tree that is prescribed throughout) the constants."""
         if not self.symbols:
             constants = np.array([float(e) for e in self.expressions])
             return lambda x, out: np.copyto(out, constants)
@@ -51,7 +51,7 @@ class Kernel:
             out[...] = self.once(x)
 
     def bound(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> Callable[[], Any]:
-        """The call for arrays that stay: shapes are checked here, once, instead of for two thirds of a small call."""
+        """The call bound to two arrays: shapes are checked here, once; at every call that would take two thirds of its time."""
         if not self.symbols:
             return partial(self, x, out)
         if x.shape[1] != len(self.symbols) or out.shape != (len(x), self.width):
@@ -71,7 +71,7 @@ class Kernel:
         return out
 
     def once(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Like `values`, without compiling: for constants that are evaluated once."""
+        """Like `values`, interpreted: for constants that are evaluated once."""
         if not self.expressions:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:

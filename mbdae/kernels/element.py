@@ -1,4 +1,4 @@
-"""What the assembly calls for elements of several nodes: values and derivatives of all elements at once."""
+"""Kernels of elements with several nodes: values and derivatives of all elements at once."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ElementKernel(ABC):
         out[:] = self.values(x)
 
     def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call for arrays that stay."""
+        """The call bound to two arrays."""
         return partial(self, x, out)
 
     @property
@@ -65,7 +65,7 @@ class ElementKernel(ABC):
         return self.full_jacobian(x)[:, *self._places]
 
     def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call of `jacobian` for arrays that stay."""
+        """The call of `jacobian` bound to two arrays."""
 
         def evaluate() -> None:
             out[:] = self.jacobian(x)
@@ -83,5 +83,5 @@ class ElementJacobian:
         out[:] = self.kernel.jacobian(x)
 
     def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call for arrays that stay."""
+        """The call bound to two arrays."""
         return self.kernel.bound_jacobian(x, out)

@@ -78,7 +78,7 @@ class LineKernel(ElementKernel):
         self.bound(x, out)()
 
     def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call for arrays that stay; products between kept arrays where the nodes are in the plane."""
+        """The call bound to two arrays; in the plane products of preallocated matrices."""
         if not self.nodes.flat or self.given:
             return partial(self._write, x, out)
         scatter = self._operators[2]
@@ -116,8 +116,8 @@ class LineKernel(ElementKernel):
 
     @cached_property
     def _operators(self) -> tuple[Array, Array, Array]:
-        """In the plane everything but the law itself is linear: one product before it (with what the corners add, per
-        element and point) and one behind it, found by evaluating what `values` does on unit vectors."""
+        """Matrices of planar elements: from inputs to the law's variables at all points, with the constant that rigid corners add
+        per element and point, and from the law's values to outputs. Found by evaluating these linear maps on unit vectors."""
         variables, m, count = len(self.derived.variables), self.elements, len(self.inputs)
 
         def gathered(x: Array) -> Array:
@@ -131,7 +131,7 @@ class LineKernel(ElementKernel):
         return np.array(units).reshape(count, -1), base, np.ascontiguousarray(scatter)
 
     def at_points(self, x: Array, expressions: Sequence[Expr]) -> Array:
-        """(N, points, expressions) values of what the law derives besides, such as `derived.energy`.
+        """(N, points, expressions) values of other expressions of the law, such as `derived.energy`.
 
         Compliance 0 is read as infinite here: a rigid strain stores no energy (its stress is an unknown).
         """
@@ -157,7 +157,7 @@ class LineKernel(ElementKernel):
         return q, u, X.reshape(N * self.points, -1)
 
     def _buffer(self, N: int, is_complex: bool) -> Array:
-        """(N, points, inputs) with the numbers of the law filled in: kept, because they do not change."""
+        """(N, points, inputs) with the numbers of the law filled in; reused by all calls."""
         if (N, is_complex) not in self._buffers:
             X = np.empty((N, self.points, len(self.point.symbols)), dtype=complex if is_complex else float)
             X[:, :, X.shape[2] - self.numbers.shape[2] :] = np.tile(self.numbers, (N // len(self.numbers), 1, 1))
@@ -171,7 +171,7 @@ class LineKernel(ElementKernel):
         return values[:, :, :n].reshape(N, -1), values[:, :, n:].reshape(N, -1)
 
     def _covector(self, duals: Array) -> Array:
-        """What works on the nodes' positions (N, count, nq)."""
+        """Generalised forces of the nodes' positions (N, count, nq)."""
         return self.nodes.back((duals @ self.duals.T).reshape(len(duals), self.nodes.count, self.nodes.nq))
 
     # -- derivatives
@@ -214,7 +214,7 @@ class LineKernel(ElementKernel):
         return np.concatenate([forces, K[a:]]).transpose(2, 0, 1)
 
     def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
-        """In the plane one product with a constant matrix, as long as that is small: it has few zeros only then."""
+        """In the plane one product with a constant matrix, as long as it is small: larger ones are mostly zeros."""
         width = self.points * self.point_jacobian.width
         if not self.nodes.flat or self.given or width * len(self.jacobian_places) > SMALL:
             return super().bound_jacobian(x, out)

@@ -1,7 +1,7 @@
-"""The nodes of a line element: from their unknowns to what is interpolated, and forces back.
+"""The nodes of a line element: from their unknowns to the interpolated fields, and from forces on these back to nodes.
 
-Interpolated are section positions and quaternions, component by component. What works on the interpolated quaternion is
-g at a node; P' = 1/2 Q(P) Omega and the moment 1/2 Q(P)^T g share one constant tensor, and so do their derivatives.
+Section positions and quaternions are interpolated component by component. With g the generalised force of a node's quaternion,
+P' = 1/2 Q(P) Omega and the moment 1/2 Q(P)^T g share one constant tensor, and so do their derivatives.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Expressions as NumPy source: what the compiled kernels are compared with, and what the complex step needs.
+"""Expressions as NumPy source: the reference for compiled kernels, and for derivatives by the complex step.
 
 Every node is written with its own parentheses and evaluated by NumPy, in real or complex numbers; LLVM has no part in it.
 """
@@ -15,16 +15,8 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import LawError
+from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.vectors import Expr
-
-
-def complex_atan2(y: Any, x: Any) -> Any:
-    """atan2 that carries imaginary parts to first order, as complex step needs."""
-    real = np.arctan2(np.real(y), np.real(x))
-    if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
-        return real
-    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
-    return real + 1j * slope
 
 
 def _larger(*values: Any) -> Any:
@@ -63,7 +55,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for a function that is not known here."""
+    """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for an unknown function."""
     shared, reduced = se.cse(expressions)
     names = {symbol: f"x[{i}]" for i, symbol in enumerate(symbols)}
     lines = ["def function(x):"]

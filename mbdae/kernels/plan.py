@@ -1,4 +1,4 @@
-"""What has to be evaluated of a law, and how often: constants once, linear rows by a weight, the rest by a kernel."""
+"""Plans: which outputs of a law are constant, linear or nonlinear, and the kernels that evaluate them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.vectors import Expr
 
-Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: which outputs of a law a form needs
+Outputs = Callable[[Derived], Sequence[tuple[Target, Expr]]]  #: selects outputs of a law, see `symbolic.outputs`
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Plan:
     def __init__(self, d: Derived, outputs: Outputs) -> None:
         entries = list(outputs(d))
         self.derived, self.targets = d, [target for target, _ in entries]
-        self.stated = [e for _, e in entries]
-        self.inserted = insert(d, self.stated)
+        self.expressions = [e for _, e in entries]
+        self.inserted = insert(d, self.expressions)
         self._unknown = {symbol: target for target, symbol in input_symbols(d)}
 
     def inputs(self, expressions: Sequence[Expr], used: set[Expr] | None = None) -> Inputs:
-        """The unknowns and parameters some expressions depend on, in a fixed order; `used`: their symbols, if known."""
+        """The unknowns and parameters on which some expressions depend, in a fixed order; `used`: their symbols, if known."""
         if used is None:
             used = set().union(*(e.free_symbols for e in expressions))
         unknowns = [(s, t) for s, t in self._unknown.items() if s in used]
@@ -59,13 +59,13 @@ class Plan:
 class LinearisedPlan(Plan):
     """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
 
-    A derivative that depends on parameters only is a constant; an output with constant derivatives only and no
-    clock is linear: it needs no kernel.
+    A derivative that depends on parameters only is constant; an output whose derivatives are all constant and that does not
+    depend on time is linear: it needs no kernel.
     """
 
     def __init__(self, d: Derived, outputs: Outputs) -> None:
         super().__init__(d, outputs)
-        partials = [derivatives(d, e) for e in self.stated]
+        partials = [derivatives(d, e) for e in self.expressions]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
         values = insert(d, [value for row in partials for value in row.values()])
         symbols = [value.free_symbols for value in values]
@@ -89,7 +89,7 @@ class LinearisedPlan(Plan):
         self.residual, self.residual_inputs = self._kernel([self.inserted[i] for i in self.nonlinear])
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
-        """Where the offset of a linear output is taken: all unknowns 0, quaternions at (1, 0, 0, 0), where R exists."""
+        """Point at which the offset of a linear output is evaluated: all unknowns 0, quaternions (1, 0, 0, 0), where R exists."""
         first = {f.q[3] for f in d.frames if f.kind is NodeKind.SPATIAL}
         return {symbol: se.Integer(1 if symbol in first else 0) for symbol in self._unknown}
 

@@ -1,4 +1,4 @@
-"""What is evaluated of a tree of recursive joints: its residual, its derivatives, the motion of its bodies."""
+"""Kernels of a tree of recursive joints: its residual, its derivatives, the motion of its bodies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OPTIMISED = 1000  #: steps up to which LLVM optimises in a few hundredths of a s
 
 
 class Piece(NamedTuple):
-    """A kernel with the places of its inputs and what its outputs are."""
+    """A kernel with the meaning of its inputs (see `TreeProgram`) and the targets of its outputs."""
 
     inputs: tuple[tuple[Any, ...], ...]
     targets: tuple[Any, ...]
@@ -69,10 +69,7 @@ class TreePlan:
     @cached_property
     def mass(self) -> list[Piece]:
         """Derivatives of the rows by accelerations."""
-        return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and self._is_row(t)])
-
-    def _is_row(self, target: Target) -> bool:
-        return int(target[1]) <= 0
+        return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
 
     @cached_property
     def motion_of_all(self) -> Piece:

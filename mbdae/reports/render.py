@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mbdae.errors import LawError
 from mbdae.reports.vectors import Atom, Base, NamedVector, Product, Record, Vector
+from mbdae.symbolic.functions import complex_atan2
 from mbdae.symbolic.vectors import Expr
 
 _SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: how tightly a formula holds together
@@ -308,7 +309,7 @@ def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
     if name == "floor":
         return np.floor(np.real(a[0]))
     if name == "atan2":
-        return _atan2(a[0], a[1])
+        return complex_atan2(a[0], a[1])
     return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
 
 
@@ -327,15 +328,6 @@ def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
             values.append(value(result, get))
         shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
         return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
-
-
-def _atan2(y: Any, x: Any) -> Any:
-    """atan2 that carries imaginary parts to first order."""
-    real = np.arctan2(np.real(y), np.real(x))
-    if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
-        return real
-    slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / (np.real(x) ** 2 + np.real(y) ** 2)
-    return real + 1j * slope
 
 
 class Numbers:

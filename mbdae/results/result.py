@@ -17,8 +17,7 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.energy import Energy, energy
 from mbdae.results.reactions import stresses
 from mbdae.results.sensors import ConnectionSensor, body_sensor, placed, split
-from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Body, Connection, Place
+from mbdae.scene.components import BeamLoad, Body, Connection, Place
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array

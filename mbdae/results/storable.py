@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
-from mbdae.scene.replay import Known, lost, replay
+from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.scene import SceneData
 
 
@@ -48,7 +48,7 @@ def _check_name(item: str, name: Any) -> None:
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
     """Laws of a user's own must come back as they are."""
     try:
-        lost(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
+        refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:
         told = "; ".join(error.problems) if isinstance(error, SceneError) else error
         raise OptionError(f"this scene could not be built again from what is stored of it: {told}") from error

@@ -26,7 +26,7 @@ from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
 from mbdae.results.result import Result, RunInfo
-from mbdae.scene.record import encode, homeless, named
+from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
@@ -218,12 +218,12 @@ def _info(info: RunInfo) -> dict[str, Any]:
 def _info_of(solver: Any) -> dict[str, Any]:
     """A solver as its class and options."""
     given = [f.name for f in fields(solver) if f.init] if is_dataclass(solver) else []
-    return {"class": named(type(solver)), "options": {name: encode(getattr(solver, name)) for name in given}}
+    return {"class": stored_name(type(solver)), "options": {name: encode(getattr(solver, name)) for name in given}}
 
 
 def _solver(stored: dict[str, Any], known: Known) -> Any:
     """The solver, with its options checked by itself."""
-    name = homeless(stored["class"])
+    name = without_module(stored["class"])
     own = name.rpartition(":")[2]
     cls = vars(import_module(f"mbdae.integrators.{SOLVERS[name]}"))[own] if name in SOLVERS else known.find(name, Solver)
     given = [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []

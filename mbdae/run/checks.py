@@ -7,7 +7,6 @@ from functools import cached_property
 
 from mbdae.errors import Told
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.laws.forces import SlideFriction
 from mbdae.run.choice import Choice, choose, prepared_by_default
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
@@ -152,7 +151,7 @@ class Check(Told):
         for g, _, instance in self.prepared.model.instances():
             law, own = instance.law, self.prepared.model.groups[g].derived.reactive
             friction = getattr(law, "friction", None)
-            if friction is None or not (own or isinstance(law, SlideFriction)):
+            if friction is None or not (own or getattr(law, "normal_force", None) is not None):
                 continue
             pressed = "its reaction" if own else f"{law.normal_force:g} N"
             states = f", state {', '.join(friction.states)}" if friction.states else ""

@@ -1,1 +1,1 @@
-"""What the user says, as data."""
+"""The scene as the user states it: plain data, nothing derived."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,51 +11,39 @@ from mbdae.laws.elements.line_mesh import LineMesh, arc, curved, polyline
 from mbdae.laws.elements.line_shape import ORDERS, node_positions
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.scene import reading
-from mbdae.scene.components import Array, Beam, Connection
-from mbdae.scene.reading import Told, reads
+from mbdae.scene.components import Array, Beam, BeamLoad, Connection
+from mbdae.scene.items import SceneItems
+from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
 from mbdae.scene.section import Section
 from mbdae.ties import nearest
 from mbdae.values import shown
 
-HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points instead of those that are wrong
+HARMLESS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])  #: points in place of wrong ones
 HARMLESS_SECTION = Section(1, 1, 1, 1, 1, 1, 1, 1)
-FOLDED = 1e-6  #: rad, how near to half a turn a corner may come
-TURNED = 0.9 * np.pi  #: rad between neighbouring nodes
+FOLDED = 1e-6  #: rad, smallest difference of a corner from half a turn
+TURNED = 0.9 * np.pi  #: rad, largest rotation between neighbouring nodes
 SAMPLES = 64  #: pieces of a curve for drawing and for finding the place nearest to a point
 
 
-def _curve(told: Told, value: Any) -> Any:
+def _curve(arg: Argument, value: Any) -> Any:
     """A function, or the word "arc"."""
     if callable(value) or (isinstance(value, str) and value == "arc"):
         return value
-    told.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
+    arg.wrong(f"{shown(value)} is no curve", "give 'arc' and three points, or a function of a parameter from 0 to 1")
     return None
 
 
-def _beam(told: Told, value: Any) -> Any:
+def _beam(arg: Argument, value: Any) -> Any:
     """A beam of the scene, by itself or its name."""
-    before, found = len(told.scene.problems), reading.body(told, value)
-    if not isinstance(found, Beam) and len(told.scene.problems) == before:
-        told.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
+    before, found = len(arg.scene.problems), reading.body(arg, value)
+    if not isinstance(found, Beam) and len(arg.scene.problems) == before:
+        arg.wrong(f"{shown(found.name)} is not a beam of this scene", "give one, or use s.force for a rigid body")
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class BeamLoad:
-    """A load distributed along a beam; its components by name, numbers or expressions of time."""
-
-    name: str
-    beam: Beam
-    law: LineLoad
-
-
-class BeamStatements:
+class BeamStatements(SceneItems):
     """`beam` and its distributed loads."""
-
-    problems: list[str]
-    line_loads: list[BeamLoad]
-    attachments: dict[Beam, tuple[float, ...]]  #: places on beams where something is attached, as `nearest_place` has them
 
     @reads(name=reading.name, points=reading.point, section=reading.instance(Section, "cross-section", "give mb.Section(...)"),
            elements=reading.counts, order=reading.integer(min(ORDERS), max(ORDERS)), curve=_curve, axis2=reading.direction,
@@ -89,10 +76,11 @@ class BeamStatements:
             mesh = mesh_of(body)
             body.mass = section.mass_per_length * mesh.length
             body.position = np.einsum("ma,mai->i", mesh.lumped, mesh.curve) / mesh.length
-        return self._add_body(body)  # type: ignore[attr-defined, no-any-return]
+        self._add_body(body)
+        return body
 
     def _check_mesh(self, beam: Beam) -> None:
-        """Every reason why a beam has no mesh; what is wrong is replaced, so that what follows can be checked too."""
+        """Report every reason why a beam has no mesh; wrong values are replaced, so that the others are checked too."""
         for _ in range(3):
             try:
                 mesh_of(beam)
@@ -107,7 +95,7 @@ class BeamStatements:
 
     def _line(self, name: str, points: Any, curve: Any) -> tuple[Array, Any]:
         """Outline (k, 3) and the curve, if it is one."""
-        outline, head = np.array(points).reshape(-1, 3), Told(self, f"beam '{name}'", "curve")
+        outline, head = np.array(points).reshape(-1, 3), Argument(self, f"beam '{name}'", "curve")
         if isinstance(curve, str):  # "arc", the only word there is
             if len(outline) == 3:
                 try:
@@ -125,7 +113,7 @@ class BeamStatements:
             outline = HARMLESS
         return outline, None
 
-    def _sampled(self, head: Told, curve: Any) -> tuple[Array, Any]:
+    def _sampled(self, head: Argument, curve: Any) -> tuple[Array, Any]:
         """Points (k, 3) of a curve and the curve itself; a straight line without curve where it cannot be evaluated."""
         points: list[Array] = []
         for s in np.linspace(0, 1, SAMPLES + 1):
@@ -144,36 +132,35 @@ class BeamStatements:
             return HARMLESS, None
         return np.array(points), curve
 
-    def _check_attachments(self, item: Connection) -> None:
-        """Attachments to beams must be at their nodes or not too near to them."""
-        law: Any = item.joint
-        for side, beam in (("k", item.k), ("l", item.l)):
-            if isinstance(beam, Beam):
-                at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-                point = item.places.get(side, at)
-                known = self.attachments.setdefault(beam, ())
-                place = nearest_place(beam, point)
-                try:
-                    mesh_of(beam, (*known, place))
-                    self.attachments[beam] = (*known, place)
-                except MbdaeError:
-                    nodes = mesh_of(beam, known).positions
-                    apart = np.linalg.norm(nodes - place_of(beam, place), axis=1)
-                    closest = np.round(nodes[np.argmin(apart)], 12).tolist()
-                    self.problems.append(f"{item.kind} '{item.name}': its place {point.tolist()} m on beam '{beam.name}' is "
-                                         f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
-                                         f"at the node, {closest} m, or move it away from there")  # fmt: skip
-
     @reads(name=reading.name, beam=_beam, per_length=reading.components("N/m"), frame=reading.one_of("inertial", "section"))
     @statement
     def line_load(self, name: str, beam: Beam, per_length: Any, frame: str = "inertial") -> BeamLoad:
         """A force per reference length on the axis of a beam, N/m: dead (frame="inertial"), or following (frame="section")."""
         values = {f"f{i + 1}": v for i, v in enumerate(per_length)}
         law = LineLoad(name, following=frame == "section", **{key: v for key, v in values.items() if v != 0})
-        self._claim(name)  # type: ignore[attr-defined]
+        self._claim(name)
         load = BeamLoad(name, beam, law)
         self.line_loads.append(load)
         return load
+
+
+def check_attachments(scene: SceneItems, item: Connection) -> None:
+    """Attachments to beams must be at their nodes or not too near to them."""
+    for side, beam in (("k", item.k), ("l", item.l)):
+        if isinstance(beam, Beam):
+            point = item.places.get(side, item.joint.point_on(side))
+            known = scene.attachments.setdefault(beam, ())
+            place = nearest_place(beam, point)
+            try:
+                mesh_of(beam, (*known, place))
+                scene.attachments[beam] = (*known, place)
+            except MbdaeError:
+                nodes = mesh_of(beam, known).positions
+                apart = np.linalg.norm(nodes - place_of(beam, place), axis=1)
+                closest = np.round(nodes[np.argmin(apart)], 12).tolist()
+                scene.problems.append(f"{item.kind} '{item.name}': its place {point.tolist()} m on beam '{beam.name}' is "
+                                     f"{apart.min():.3g} m from a node and would leave an element as short as that: attach "
+                                     f"at the node, {closest} m, or move it away from there")  # fmt: skip
 
 
 def mesh_of(beam: Beam, at: tuple[float, ...] = ()) -> LineMesh:

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.laws.contact import Normal
+from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
 from mbdae.laws.joints import Revolute, Spherical, Weld
-from mbdae.symbolic.law import Law
+from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
 
 Array = NDArray[np.float64]
-FINE = 2048  #: chords the length along a curve is measured by
+FINE = 2048  #: number of chords by which the length along a curve is measured
 
 
 @dataclass(eq=False)
@@ -42,7 +43,7 @@ class Body:
 
     @property
     def owner(self) -> Body:
-        """What the user named: the body itself, or the beam of one of its nodes."""
+        """The body that the user stated: this one, or the beam of which this is a node."""
         return self
 
     @property
@@ -99,7 +100,7 @@ class Beam(Body):
 
 @dataclass(eq=False)
 class Station(Body):
-    """A node of a beam as a body without mass of its own: what joints and forces attach to."""
+    """A node of a beam, as a body without mass to which joints and forces attach."""
 
     beam: Body | None = None
     turned: float = 0.0  #: angle of its x axis as drawn, continuous along the beam, rad
@@ -113,6 +114,15 @@ class Station(Body):
     @property
     def heading(self) -> float:
         return self.turned
+
+
+@dataclass(frozen=True, eq=False)
+class BeamLoad:
+    """A load distributed along a beam; its components by name, numbers or expressions of time."""
+
+    name: str
+    beam: Beam
+    law: LineLoad
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +150,7 @@ class Constrained(JointModel):
     penalty: float = 0.0
 
     def __post_init__(self) -> None:
-        _plain(self, "scaling", "penalty")
+        _as_floats(self, "scaling", "penalty")
 
 
 @dataclass(frozen=True)
@@ -177,11 +187,11 @@ class Clearance(JointModel):
     length: float | None = None
 
     def __post_init__(self) -> None:
-        _plain(self, "outer", "inner", "length")
+        _as_floats(self, "outer", "inner", "length")
 
 
-def _plain(model: JointModel, *fields: str) -> None:
-    """Numbers of every kind become floats; what is none stays as it is, for the scene to tell where the model is used."""
+def _as_floats(model: JointModel, *fields: str) -> None:
+    """Make floats of numbers of any type; other values stay, and the scene that uses the model reports them."""
     for key in fields:
         with suppress(BadValueError):
             object.__setattr__(model, key, number(getattr(model, key)))
@@ -189,25 +199,25 @@ def _plain(model: JointModel, *fields: str) -> None:
 
 @dataclass(eq=False)
 class Connection:
-    """A joint or force element: its laws, and what the user fixed of its start."""
+    """A joint or force element: its laws, and the start values the user stated."""
 
     name: str
     kind: str
     k: Any
     l: Any
-    laws: list[Law]
+    laws: list[TwoBodyLaw]
     is_joint: bool = False
     hold: float | None = None  #: start value of the coordinate
     hold_rate: float | None = None
     prescribed: Any = None  #: expression of time, or None
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
-    as_kinematic: list[Law] = field(default_factory=list)  #: its laws as an ideal kinematic joint, where the model may need them
-    places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> where on that body the user put it, as drawn
+    as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
+    places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property
     def recursive(self) -> bool:
-        """Whether the user wants the joint's coordinate as the only unknown of the body it carries."""
+        """Whether the joint's coordinate is to be the only unknown of the body it carries."""
         return isinstance(self.model, Recursive)
 
     @property
@@ -220,6 +230,16 @@ class Connection:
         return (type(law) is Weld and points < 2) or (held and points == 1)
 
     @property
+    def turns(self) -> bool:
+        """Whether its coordinate is an angle whose start may be stated."""
+        return self.kind == "revolute"
+
+    @property
+    def slides(self) -> bool:
+        """Whether its coordinate is a displacement whose start may be stated."""
+        return self.kind == "prismatic"
+
+    @property
     def loose(self) -> bool:
         """Whether pin and race have play."""
         return isinstance(self.model, Clearance)
@@ -230,6 +250,6 @@ class Connection:
         return self.is_joint and getattr(self.laws[0], "friction", None) is not None
 
     @property
-    def joint(self) -> Law:
-        """The law that carries the constraints."""
+    def joint(self) -> TwoBodyLaw:
+        """The law with the constraints of the joint, or the first law of a force element."""
         return self.laws[0]

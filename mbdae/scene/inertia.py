@@ -29,7 +29,7 @@ def matrix(value: Array) -> Array:
 
 
 def problems(name: str, J: Array, planar: bool) -> list[str]:
-    """What is wrong with an inertia matrix, one sentence each."""
+    """Why an inertia matrix is impossible, one sentence each."""
     if not np.allclose(J, J.T, atol=1e-12 * (1 + np.abs(J).max())):
         return [f"body '{name}': inertia matrix is not symmetric (differs by {np.abs(J - J.T).max():.3g} kg m^2)"]
     moments = np.linalg.eigvalsh(J)

@@ -1,9 +1,9 @@
-"""The joints a user states: their laws by model, what acts on their coordinates, what is wrong with them."""
+"""Statements of joints: the law for each joint model, the forces on its coordinate, checks of the arguments."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,25 +12,16 @@ from mbdae.laws.forces import JointDamper, JointForce, JointSpring, JointTorque
 from mbdae.laws.joints import ClearanceRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
 from mbdae.scene import reading
 from mbdae.scene.components import Connection, Kinematic
+from mbdae.scene.connections import ConnectionStatements
 from mbdae.scene.models import friction_law, joint_model, law_of
-from mbdae.scene.reading import FEEDS, Told, reads
+from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import statement
 from mbdae.scene.rubbing import Rubbing, rubbing
-from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.law import Joint, TwoBodyLaw
 
 
-class JointStatements:
+class JointStatements(ConnectionStatements):
     """`revolute`, `prismatic` and the joints without models."""
-
-    problems: list[str]
-
-    if TYPE_CHECKING:
-
-        def add(self, law: Joint | Force) -> Connection:
-            """Add a law."""
-
-        def _connect(self, item: Connection) -> Connection:
-            """Add an item."""
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point, axis=reading.direction, model=joint_model,
            angle=reading.driven("rad"), angle0=reading.quantity("rad"), rate0=reading.quantity("rad/s"),
@@ -85,9 +76,7 @@ class JointStatements:
         if length == 0:
             self.problems.append(f"distance '{name}': the two points coincide (distance 0 m); use s.spherical")
             length = 1.0
-        joint = Distance(name, k, l, at_k, length=length)
-        joint.at_l = at_l  # type: ignore[attr-defined]
-        return self.add(joint)
+        return self.add(Distance(name, k, l, at_k, at_l=at_l, length=length))
 
     @reads(name=reading.name, k=reading.body, l=reading.body)
     @statement
@@ -98,13 +87,13 @@ class JointStatements:
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
                start: float | None, rate0: float | None, spring: float | None, damper: float | None,
                load: Any, rubs: Rubbing) -> Connection:  # fmt: skip
-        modelled, extra = law_of(Told(self, f"{kind} '{name}'", "model"), law, model)
+        modelled, extra = law_of(Argument(self, f"{kind} '{name}'", "model"), law, model)
         place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis)}
         unit, what = law.coordinate_unit, ("position" if law is Prismatic else "angle")
         for value, option in ((start, f"{what}0"), (rate0, "rate0")):
             if value is not None and drive is not None:
                 self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {option} = {value:g}")
-        forces: list[tuple[type[Law], dict[str, Any]]] = []
+        forces: list[tuple[type[TwoBodyLaw], dict[str, Any]]] = []
         if spring is not None:
             turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
             forces.append((JointSpring, {"stiffness": spring, "rest": 0.0, "turns": turns}))
@@ -114,7 +103,7 @@ class JointStatements:
             forces.append((JointTorque, {"torque": load}) if unit == "rad" else (JointForce, {"force": load}))
         forces += rubs.forces
 
-        def laws(cls: type[Joint]) -> list[Law]:
+        def laws(cls: type[Joint]) -> list[TwoBodyLaw]:
             options, own = {"joint": cls}, rubs.values(cls)
             return [rubs.joint(cls)(name, drive=drive, **(extra if cls is modelled else {}), **own, **place),
                     *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]

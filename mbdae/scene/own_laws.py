@@ -1,4 +1,4 @@
-"""Laws that are added as objects: the scene's own copy, with plain values."""
+"""Laws that a user adds as objects: the scene keeps a copy with plain values."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from typing import Any
 import numpy as np
 
 from mbdae.scene import reading
-from mbdae.scene.reading import Told
+from mbdae.scene.reading import Argument
 from mbdae.symbolic.law import Force, Joint
 from mbdae.values import shown
 
-NEEDED = ("name", "k", "l", "at", "axis")
+NEEDED = ("name", "k", "l", "at", "axis", "at_l")
 
 
-def plain_law(told: Told, law: Any) -> Joint | Force:
-    """A copy of a law whose bodies, places and parameters are read; a law that does nothing where it is none."""
+def own_copy(arg: Argument, law: Any) -> Joint | Force:
+    """A copy of a law with checked bodies, places and parameters; a force law without effect where `law` is no law."""
     if not isinstance(law, Joint | Force):
-        told.wrong(f"{shown(law)} is no joint or force law", "give an object of a class derived from mb.Joint or mb.Force, with "
+        arg.wrong(f"{shown(law)} is no joint or force law", "give an object of a class derived from mb.Joint or mb.Force, with "
                    "its name, bodies and parameters")  # fmt: skip
-        return _nothing(told)
+        return _nothing(arg)
     kind = type(law).__name__
     missing = [key for key in (*NEEDED, *law.params, *law.options) if key not in vars(law)]
     if missing:
-        told.wrong(f"a {kind} without {missing[0]}", f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, "
+        arg.wrong(f"a {kind} without {missing[0]}", f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, "
                    f"**parameters)")  # fmt: skip
-        return _nothing(told)
+        return _nothing(arg)
     found: Any = copy.copy(law)
-    found.name = reading.name(Told(told.scene, kind, "name"), law.name)
-    head = Told(told.scene, f"{kind} '{found.name}'", "")
+    found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
+    head = Argument(arg.scene, f"{kind} '{found.name}'", "")
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
-    if getattr(law, "at_l", None) is not None:
+    if law.at_l is not None:
         found.at_l = reading.point(head.part("at_l"), law.at_l)
     for key, parameter in law.params.items():
         value = getattr(law, key)
@@ -44,14 +44,14 @@ def plain_law(told: Told, law: Any) -> Joint | Force:
     return found  # type: ignore[no-any-return]
 
 
-def _refuse_unhashable(told: Told, value: Any) -> None:
-    """Options distinguish derivations, so they must be values that can be compared and kept."""
+def _refuse_unhashable(arg: Argument, value: Any) -> None:
+    """Derived equations are cached by the options of their law, so options must be hashable."""
     try:
         hash(value)
     except Exception:  # a hash of the user's own may raise anything
-        told.wrong(f"{shown(value)} cannot be an option of a law", "give a number, text, a tuple of them, a class, or a part, "
+        arg.wrong(f"{shown(value)} cannot be an option of a law", "give a number, text, a tuple of them, a class, or a part, "
                                                                    "such as mb.Coulomb(mu, v_c)")  # fmt: skip
 
 
-def _nothing(told: Told) -> Force:
-    return Force(reading.NAMELESS, reading.nobody(told.scene), reading.nobody(told.scene), at=np.zeros(3))
+def _nothing(arg: Argument) -> Force:
+    return Force(reading.NAMELESS, reading.nobody(arg.scene), reading.nobody(arg.scene), at=np.zeros(3))

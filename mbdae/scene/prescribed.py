@@ -1,4 +1,4 @@
-"""Inputs of a scene over a run: finite, and for joints without jumps of value or rate."""
+"""Checks of the inputs of a scene over a run: finite, and without jumps of value or rate where a joint is prescribed."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jump
 from mbdae.inputs.resolution import Stretches, resolved
-from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Connection
+from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.law import Joint
 from mbdae.symbolic.vectors import Expr
 
-_SAID = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
+#: (kind of joint, parameter of its law) -> argument of the statement
+_ARGUMENTS = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
-JUMP = 1e-7  #: of the largest value: less is the rounding of the numbers in an expression
-MOST = 20_000  #: times at which values are looked at
+JUMP = 1e-7  #: smallest jump reported, over the largest value: below are the rounding errors of the expression
+MOST = 20_000  #: number of stretches in which values are checked, at most
 
 
 class Input(NamedTuple):
-    """One expression of time in a scene: what it is in words, its unit, and whether a joint prescribes it."""
+    """One expression of time in a scene: its description, its unit, and whether it prescribes the motion of a joint."""
 
     what: str
     expression: Expr
@@ -38,12 +38,12 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
         for key, parameter in law.params.items():
             value = getattr(law, key)
             if value is not None and getattr(se.sympify(value), "free_symbols", None):
-                what = f"{kind} '{name}': {_SAID.get((kind, key), key)} = {value}"
+                what = f"{kind} '{name}': {_ARGUMENTS.get((kind, key), key)} = {value}"
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
 
 
 def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float, continued: bool = False) -> list[str]:
-    """What is wrong with the inputs of a scene in [t0, t_end], one sentence each; continued: a run before ended at t0."""
+    """Mistakes in the inputs of a scene in [t0, t_end], one sentence each; continued: an earlier run ended at t0."""
     return [text for one in inputs(connections, loads) for text in _of_one(one, t0, t_end, continued)]
 
 
@@ -59,8 +59,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
-    bad = [times[~np.isfinite(v)] for v in values[:1]]
-    poles = np.concatenate([*bad, found.poles])
+    poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])
     if len(poles):
         first = f"t = {float(np.min(poles)):.6g} s"
         return [f"{one.what} has no finite value at {first}; the bodies cannot follow{_RAMP}" if one.moves else
@@ -70,7 +69,7 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
 
 
 def _looked_at(edges: Any, found: Stretches) -> tuple[Any, Any]:
-    """Times at the ends and in the middle of stretches, with the sides of the breaks they lie on."""
+    """Times at the ends and in the middle of stretches, and for each a time inside its interval between two breaks."""
     step = len(found.edges) // MOST + 1
     low, high = found.edges[:-1][::step], found.edges[1:][::step]
     middle = (low + high) / 2

@@ -1,7 +1,7 @@
-"""Reading what the user wrote: every argument of a statement becomes a plain value, every mistake a problem of the scene.
+"""Checks of the arguments of statements: each becomes a plain value, each mistake a problem of the scene.
 
 `@reads(...)` names a reader for every argument of a statement. A reader returns the plain value (float, text, array of its own,
-expression of time); where it cannot, it tells the scene and returns a harmless value, so that what follows can be checked too.
+expression of time); where it cannot, it adds a problem to the scene and returns a harmless value, so that the checks go on.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from mbdae.scene.components import Array, Body, Place
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
-NAMELESS = "without a name"  #: stands for a name that is no text
+T = TypeVar("T")
+NAMELESS = "without a name"  #: in place of a name that is no text
 ORTHOGONAL = 1e-9  #: what rounding may leave of R R^T - 1
 MOST_ELEMENTS = 100_000
-FEEDS = "it would feed energy"  #: what a negative damping does
+FEEDS = "it would feed energy"  #: effect of negative damping, for messages
 
 
 @dataclass(frozen=True)
-class Told:
-    """One argument of one statement: where it is read, and where a mistake in it is told."""
+class Argument:
+    """One argument of a statement: its scene, item and name, by which a mistake in it is reported."""
 
     scene: Any
     item: str  #: such as "revolute 'R'"
@@ -37,16 +38,16 @@ class Told:
         """Add a problem: what is wrong (it begins with the value), and what to give."""
         self.scene.problems.append(f"{self.item}: {self.option} = {refused}; {remedy}")
 
-    def part(self, option: str) -> Told:
-        """A part of the argument, such as one of several points."""
-        return Told(self.scene, self.item, option)
+    def part(self, option: str) -> Argument:
+        """A component of the argument, such as one of several points."""
+        return Argument(self.scene, self.item, option)
 
 
-Reader = Callable[[Told, Any], Any]
+Reader = Callable[[Argument, Any], Any]
 
 
 def reads(**readers: Reader) -> Callable[[F], F]:
-    """Let a statement see plain values only. readers: of all its arguments by name; None stays None where it is the default."""
+    """Pass a statement plain values only. readers: of all its arguments by name; None stays where it is the default."""
 
     def decorate(method: F) -> F:
         signature = inspect.signature(method)
@@ -65,7 +66,7 @@ def reads(**readers: Reader) -> Callable[[F], F]:
             item = f"{kind} {_named(found.get('name', getattr(found.get('law'), 'name', None)))}"
             for p in parameters:
                 if p.name in found and not (found[p.name] is None and p.default is None):
-                    found[p.name] = _plain(Told(self, item, p.name), readers[p.name], p, found[p.name])
+                    found[p.name] = _plain(Argument(self, item, p.name), readers[p.name], p, found[p.name])
             return method(*bound.args, **bound.kwargs)
 
         return read  # type: ignore[return-value]
@@ -73,11 +74,11 @@ def reads(**readers: Reader) -> Callable[[F], F]:
     return decorate
 
 
-def _plain(told: Told, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
-    """A value read; of `*points` every point by its number."""
+def _plain(arg: Argument, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
+    """The plain value of an argument; of `*points` each point by its number."""
     if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
-        return reader(told, value)
-    return tuple(reader(told.part(f"{told.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
+        return reader(arg, value)
+    return tuple(reader(arg.part(f"{arg.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
 
 
 def _named(stated: Any) -> str:
@@ -87,28 +88,33 @@ def _named(stated: Any) -> str:
 # ---- readers ----------------------------------------------------------------------------------------------------------------
 
 
-def name(told: Told, value: Any) -> str:
-    """The name of an item."""
+def _read(arg: Argument, value: Any, read: Callable[[Any], T], remedy: str, instead: T) -> T:
+    """`read(value)`; where that raises BadValueError, a problem of the scene and the value `instead`."""
     try:
-        return text(value)
+        return read(value)
     except BadValueError as refused:
-        told.wrong(refused, "give every item a name of its own, text such as 'rod'")
-        return NAMELESS
+        arg.wrong(refused, remedy)
+        return instead
+
+
+def name(arg: Argument, value: Any) -> str:
+    """The name of an item."""
+    return _read(arg, value, text, "give every item a name of its own, text such as 'rod'", NAMELESS)
 
 
 def quantity(unit: str, bound: str = "", why: str = "") -> Reader:
-    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: what a negative one would do."""
+    """A number in a unit; bound: "" for any, "not negative" or "positive"; why: consequence of a negative one."""
     kind = {"": "a number", "not negative": "a number from 0", "positive": "a positive number"}[bound]
     measured = kind + (f" in {unit}" if unit not in ("", "1") else "")
 
-    def read(told: Told, value: Any) -> float:
+    def read(arg: Argument, value: Any) -> float:
         try:
             found = number(value)
         except BadValueError as refused:
-            told.wrong(refused, f"give {measured}")
+            arg.wrong(refused, f"give {measured}")
             return 1.0 if bound == "positive" else 0.0
         if (bound and found < 0) or (bound == "positive" and found == 0):
-            told.wrong(f"{_with_unit(found, unit)} is {'negative' if found < 0 else 'not positive'}{why and f': {why}'}",
+            arg.wrong(f"{_with_unit(found, unit)} is {'negative' if found < 0 else 'not positive'}{why and f': {why}'}",
                        f"give {measured}")  # fmt: skip
             return 1.0 if bound == "positive" else 0.0
         return found
@@ -123,32 +129,29 @@ def _with_unit(value: float, unit: str) -> str:
 def vector(unit: str) -> Reader:
     """Two or three numbers (3,); two mean z = 0."""
 
-    def read(told: Told, value: Any) -> Array:
-        try:
-            found = array(value)
-            if found.shape not in ((2,), (3,)):
-                raise BadValueError(f"{shown(value)} has shape {found.shape}")
-        except BadValueError as refused:
-            told.wrong(refused, f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)")
-            return np.zeros(3)
+    def read(value: Any) -> Array:
+        found = array(value)
+        if found.shape not in ((2,), (3,)):
+            raise BadValueError(f"{shown(value)} has shape {found.shape}")
         return np.append(found, np.zeros(3 - len(found)))
 
-    return read
+    remedy = f"give 2 or 3 numbers{f', {unit}' if unit else ''} (2 mean z = 0)"
+    return lambda arg, value: _read(arg, value, read, remedy, np.zeros(3))
 
 
-def point(told: Told, value: Any) -> Array:
+def point(arg: Argument, value: Any) -> Array:
     """A point (3,), m: coordinates, or a place of a body."""
-    return np.array(value.point, dtype=float) if isinstance(value, Place) else np.asarray(vector("m")(told, value))
+    return np.array(value.point, dtype=float) if isinstance(value, Place) else np.asarray(vector("m")(arg, value))
 
 
-def direction(told: Told, value: Any) -> Array:
-    """A vector (3,) that is not zero, of any length: `unit` makes it one of length 1."""
-    before = len(told.scene.problems)
-    found = np.asarray(vector("")(told, value))
+def direction(arg: Argument, value: Any) -> Array:
+    """A vector (3,) that is not zero, of any length."""
+    before = len(arg.scene.problems)
+    found = np.asarray(vector("")(arg, value))
     if np.any(found):
         return found
-    if len(told.scene.problems) == before:
-        told.wrong(f"{found.tolist()} has length zero", "give a direction")
+    if len(arg.scene.problems) == before:
+        arg.wrong(f"{found.tolist()} has length zero", "give a direction")
     return np.array([0.0, 0.0, 1.0])
 
 
@@ -158,73 +161,62 @@ def unit(direction: Any) -> Array:
     return np.asarray(found / np.linalg.norm(found))
 
 
-def rotation(told: Told, value: Any) -> Array:
+def rotation(arg: Argument, value: Any) -> Array:
     """A rotation matrix (3, 3)."""
-    try:
-        R = array(value, (3, 3))
-        off = float(np.max(np.abs(R @ R.T - np.eye(3))))
-        if not off < ORTHOGONAL or np.linalg.det(R) < 0:
-            raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
-                                f"{np.linalg.det(R):.3g})")  # fmt: skip
-    except BadValueError as refused:
-        told.wrong(refused, "give three columns of unit length, each normal to the others, right-handed (body to inertial)")
-        return np.eye(3)
+    remedy = "give three columns of unit length, each normal to the others, right-handed (body to inertial)"
+    return _read(arg, value, _orthogonal, remedy, np.eye(3))
+
+
+def _orthogonal(value: Any) -> Array:
+    R = array(value, (3, 3))
+    off = float(np.max(np.abs(R @ R.T - np.eye(3))))
+    if not off < ORTHOGONAL or np.linalg.det(R) < 0:
+        raise BadValueError(f"{shown(value)} is not a rotation matrix (R R^T differs from 1 by {off:.2g}, det "
+                            f"{np.linalg.det(R):.3g})")  # fmt: skip
     return R
 
 
-def inertia(told: Told, value: Any) -> Any:
+def inertia(arg: Argument, value: Any) -> Any:
     """One number, 3 values (3,) or a matrix (3, 3), kg m^2."""
     remedy = "give one number (about z), 3 values or 3x3 (kg m^2)"
     try:
         found = array(value)
         if found.shape in ((), (3,), (3, 3)):
             return found if found.ndim else float(found)
-        told.wrong(f"{shown(value)} has shape {found.shape}", remedy)
+        arg.wrong(f"{shown(value)} has shape {found.shape}", remedy)
     except BadValueError as refused:
-        told.wrong("None: it is missing" if value is None else refused, remedy)
+        arg.wrong("None: it is missing" if value is None else refused, remedy)
     return np.zeros((3, 3))
 
 
 def values(remedy: str, *counts: int) -> Reader:
-    """As many numbers as one of the counts says."""
-
-    def read(told: Told, value: Any) -> Array:
-        try:
-            return array(value, *((n,) for n in counts))
-        except BadValueError as refused:
-            told.wrong(refused, remedy)
-            return np.zeros(counts[0])
-
-    return read
+    """Numbers, as many as one of the counts."""
+    return lambda arg, value: _read(arg, value, lambda v: array(v, *((n,) for n in counts)), remedy, np.zeros(counts[0]))
 
 
 def driven(unit: str) -> Reader:
     """A float, or an expression of time."""
 
-    def read(told: Told, value: Any) -> Any:
-        try:
-            found = timed.expression(value)
-            return found if found.free_symbols else float(found)
-        except BadValueError as refused:
-            told.wrong(refused, f"its unit is {unit}")
-            return 0.0
+    def read(value: Any) -> Any:
+        found = timed.expression(value)
+        return found if found.free_symbols else float(found)
 
-    return read
+    return lambda arg, value: _read(arg, value, read, f"its unit is {unit}", 0.0)
 
 
 def components(unit: str) -> Reader:
     """Three numbers or expressions of time; two mean that the third is 0."""
 
-    def read(told: Told, value: Any) -> list[Any]:
+    def read(arg: Argument, value: Any) -> list[Any]:
         try:
             found = entries(value)
             if found.shape not in ((2,), (3,)):
                 raise BadValueError(f"{shown(value)} has shape {found.shape}" if found.ndim else f"{shown(value)} is no list")
         except BadValueError as refused:
-            told.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
+            arg.wrong(refused, f"give 2 or 3 components, numbers or expressions of mb.t, {unit}")
             return [0.0, 0.0, 0.0]
         read_one = driven(unit)
-        return [read_one(told.part(f"{told.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
+        return [read_one(arg.part(f"{arg.option}[{i}]"), v) for i, v in enumerate(found)] + [0.0] * (3 - len(found))
 
     return read
 
@@ -232,17 +224,17 @@ def components(unit: str) -> Reader:
 def one_of(*words: str) -> Reader:
     """One of some words; the first where it is none of them."""
 
-    def read(told: Told, value: Any) -> str:
+    def read(arg: Argument, value: Any) -> str:
         try:
             return word(value, words)
         except BadValueError:
-            told.wrong(f"{shown(value)} is unknown", f"use {' or '.join(repr(w) for w in words)}")
+            arg.wrong(f"{shown(value)} is unknown", f"use {' or '.join(repr(w) for w in words)}")
             return words[0]
 
     return read
 
 
-def counts(told: Told, value: Any) -> Any:
+def counts(arg: Argument, value: Any) -> Any:
     """A whole number, or a tuple of them, each at least 1; None where it is neither."""
     try:
         found = entries(value)
@@ -252,47 +244,40 @@ def counts(told: Told, value: Any) -> Any:
         return many if found.ndim else many[0]
     except BadValueError as refused:
         alone = str(refused).startswith(shown(value))
-        told.wrong(refused if alone else f"{shown(value)}: {refused}",
+        arg.wrong(refused if alone else f"{shown(value)}: {refused}",
                    f"give a whole number from 1 to {MOST_ELEMENTS}, or one for every segment")  # fmt: skip
         return None
 
 
 def integer(least: int, most: int) -> Reader:
     """A whole number between two."""
-
-    def read(told: Told, value: Any) -> int:
-        try:
-            return whole(value, least=least, most=most)
-        except BadValueError as refused:
-            told.wrong(refused, f"give a whole number from {least} to {most}")
-            return least
-
-    return read
+    remedy = f"give a whole number from {least} to {most}"
+    return lambda arg, value: _read(arg, value, lambda v: whole(v, least=least, most=most), remedy, least)
 
 
 def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
     """An object of a class; `instead` where it is none."""
 
-    def read(told: Told, value: Any) -> Any:
+    def read(arg: Argument, value: Any) -> Any:
         if isinstance(value, what):
             return value
-        told.wrong(f"{shown(value)} is no {noun}", remedy)
+        arg.wrong(f"{shown(value)} is no {noun}", remedy)
         return instead
 
     return read
 
 
 def nobody(scene: Any) -> Body:
-    """A body that stands for one that is not known; it is in no list, and its mistake has been told."""
+    """A body in place of one that is not known, whose mistake has been reported; it is in no list of the scene."""
     zero, eye = np.zeros(3), np.eye(3)
     return Body("?", 0.0, eye, zero, eye, zero, zero, scene=scene)
 
 
-def body(told: Told, value: Any) -> Any:
+def body(arg: Argument, value: Any) -> Any:
     """A body of the scene, by itself, its name or a place on it."""
     if isinstance(value, Place):
-        return Place(body(told, value.body), np.array(value.point, dtype=float))
-    scene = told.scene
+        return Place(body(arg, value.body), np.array(value.point, dtype=float))
+    scene = arg.scene
     if isinstance(value, Body) and value.scene is scene:
         return value
     named = [b for b in [scene.ground, *scene.bodies] if isinstance(value, str) and b.name == value]
@@ -302,7 +287,7 @@ def body(told: Told, value: Any) -> Any:
     if isinstance(value, Body) and value.scene is not None:
         other = f"{'another ' if value.scene.name == scene.name else ''}scene '{value.scene.name}', not of this scene"
         what, remedy = ("the ground", "use s.ground") if value.is_ground else (f"body '{value.name}'", f"it has {known}")
-        told.wrong(f"{what} of {other}", remedy)
+        arg.wrong(f"{what} of {other}", remedy)
     else:
-        told.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
+        arg.wrong(f"{shown(value)} is no body of this scene", f"it has {known}")
     return nobody(scene)

@@ -1,4 +1,4 @@
-"""The statements of a scene as plain data, recorded as they are made: what is stored as JSON and replayed by `replay`."""
+"""The statements of a scene, recorded as plain data: stored as JSON, repeated by `replay`."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def encode(value: Any, own: Own | None = None) -> Any:
     if isinstance(value, Law):
         return _encode_law(value, own)
     if isinstance(value, type | FunctionType):
-        return {"class": named(value, own)}
+        return {"class": stored_name(value, own)}
     if isinstance(value, list | tuple):
         return [encode(v, own) for v in value]
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufUS":
@@ -63,11 +63,12 @@ def encode(value: Any, own: Own | None = None) -> Any:
     if isinstance(value, np.ndarray) and value.dtype == object:
         return [encode(v, own) for v in value] if value.ndim else encode(value.item(), own)
     if isinstance(value, Part):
-        given = {key: encode(v, own) for key, v in value.values().items() if v is not None}
-        return {"object": named(type(value), own), "fields": given}
-    if is_dataclass(value):
-        return {"object": named(type(value), own), "fields": {f.name: encode(getattr(value, f.name), own) for f in fields(value)}}
-    return _encode_expression(value)
+        given = {key: v for key, v in value.values().items() if v is not None}
+    elif is_dataclass(value):
+        given = {f.name: getattr(value, f.name) for f in fields(value)}
+    else:
+        return _encode_expression(value)
+    return {"object": stored_name(type(value), own), "fields": {key: encode(v, own) for key, v in given.items()}}
 
 
 def _encode_expression(value: Any) -> Any:
@@ -75,20 +76,20 @@ def _encode_expression(value: Any) -> Any:
         if not getattr(value, "free_symbols", None):
             return number(value)
         return {"expression": text.written(timed.expression(value))}
-    except Exception:  # the method that was called says what is wrong with it, if it is
+    except Exception:  # the statement itself reports it
         return {"unreadable": shown(value)}
 
 
 def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
     values = {key: encode(getattr(law, key), own) for key in (*type(law).params, *type(law).options)}
-    places = {key: encode(getattr(law, key, None), own) for key in ("k", "l", "at", "axis", "at_l")}
-    return {"law": named(type(law), own), "name": law.name, **places, "values": values}
+    places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l")}
+    return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}
 
 
-def named(thing: type | FunctionType, own: Own | None = None) -> str:
+def stored_name(thing: type | FunctionType, own: Own | None = None) -> str:
     """The name "module:qualname" of a class or function, "mbdae:qualname" of mbdae's own, wherever in the package it is defined;
-    another one of the same name gets a number behind it."""
-    path = homeless(f"{thing.__module__}:{thing.__qualname__}")
+    another one of the same name gets a number after it."""
+    path = without_module(f"{thing.__module__}:{thing.__qualname__}")
     if own is None:
         return path
     name, number = path, 1
@@ -98,7 +99,7 @@ def named(thing: type | FunctionType, own: Own | None = None) -> str:
     return name
 
 
-def homeless(name: str) -> str:
+def without_module(name: str) -> str:
     """The name "module:qualname" of a class; of mbdae's own without the module, which older files name."""
     module, _, own = name.partition(":")
     return f"{PACKAGE}:{own}" if module.startswith(f"{PACKAGE}.") else name

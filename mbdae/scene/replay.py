@@ -20,9 +20,9 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, homeless, named
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, stored_name, without_module
 from mbdae.scene.section import Section
-from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.law import Force, Joint, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import array, shown
 
@@ -38,41 +38,41 @@ _KINDS: dict[str, tuple[type, ...]] = {
 
 
 @cache
-def _mbdaes() -> Own:
+def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
     homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
-    return {named(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
+    return {stored_name(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
 
 
 class Known:
     """The classes and functions that stored names may stand for: mbdae's own and those of the caller."""
 
     def __init__(self, own: Own | None = None, loose: bool = False) -> None:
-        """own: by the names that statements give them; loose: of stored names the part behind the last dot is enough."""
-        self.own, self.loose = {**(own or {}), **_mbdaes()}, loose
+        """own: by the names that statements give them; loose: the last part of a stored name suffices to find one."""
+        self.own, self.loose = {**(own or {}), **_built_in()}, loose
 
     @classmethod
     def among(cls, laws: Any, further: Own | None = None) -> Known:
-        """mbdae's own, further ones, and what a caller hands over as `laws`; OptionError where that is no such thing."""
+        """mbdae's own, `further` ones, and a caller's `laws`; OptionError where these are no list of classes and functions."""
         if isinstance(laws, str | Mapping) or not isinstance(laws, Iterable):
             raise OptionError(f"laws = {shown(laws)}: give a list of law classes and of functions of beam curves")
         own: Own = dict(further or {})
         for one in laws:
             if not isinstance(one, type | FunctionType):
                 raise OptionError(f"laws holds {shown(one)}: give law classes themselves, and functions of beam curves")
-            named(one, own)
+            stored_name(one, own)
         return cls(own, loose=True)
 
     def find(self, name: Any, *kinds: type) -> Any:
         """What a stored name stands for; SceneError where there is nothing of that name, or nothing of these kinds."""
         if not isinstance(name, str):
             raise SceneError([f"{shown(name)} is not the name of a class"])
-        name = homeless(name)
+        name = without_module(name)
         short = name.rpartition(":")[2].rpartition(".")[2]
         found = [self.own[name]] if name in self.own else []
         if not found and self.loose:
-            found = list({id(one): one for one in self.own.values() if one.__name__ == short and not _is_mbdaes(one)}.values())
+            found = list({id(one): one for one in self.own.values() if one.__name__ == short and not _is_built_in(one)}.values())
         if len(found) != 1 or (self.loose and f"{name} (2)" in self.own):
             what = f"several of `laws` are called {shown(short)}" if found else f"{shown(name)} is neither mbdae's nor in `laws`"
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
@@ -84,12 +84,12 @@ class Known:
         return one
 
 
-def _is_mbdaes(thing: Any) -> bool:
-    return _mbdaes().get(named(thing)) is thing
+def _is_built_in(thing: Any) -> bool:
+    return _built_in().get(stored_name(thing)) is thing
 
 
 def _word(name: str) -> str:
-    """A class's name in a remedy; of what is no name, nothing is repeated."""
+    """The name of a class for a remedy; "the class" where the stored text is no name."""
     return name if name.isidentifier() and len(name) <= 60 else "the class"
 
 
@@ -161,22 +161,19 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
             raise SceneError([f"{key} = {shown(one)} is not what a law takes there"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
-    base = Joint if issubclass(cls, Joint) else Force
-    sides = {} if base is Joint else {"at_l": at_l}
-    law: Law = _rebuilt(cls, base, {"name": value["name"], **places, **sides, **stated},
+    sides = {} if at_l is None else {"at_l": at_l}
+    law: Law = _rebuilt(cls, TwoBodyLaw, {"name": value["name"], **places, **sides, **stated},
                         lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))  # fmt: skip
-    if base is Joint and at_l is not None:
-        law.at_l = at_l  # type: ignore[attr-defined]
     return law
 
 
 def _of_part(cls: type[Law], key: str) -> bool:
-    """Whether a value is one of a part of the law, "<option>_<parameter>": it comes with the part."""
+    """Whether a value is named "<option>_<parameter>": it belongs to a part of the law and is set with that."""
     return any(key.startswith(f"{option}_") for option in cls.options)
 
 
 def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """What a constructor makes; SceneError with its reason where it refuses."""
+    """The object a constructor returns; SceneError with the reason where it fails."""
     try:
         return cls(**arguments)
     except MbdaeError:
@@ -187,8 +184,8 @@ def _made(cls: Callable[..., Any], arguments: dict[str, Any]) -> Any:
 
 
 def _rebuilt(cls: type, base: type, arguments: dict[str, Any], equal: Callable[[Any], bool]) -> Any:
-    """A law or part with its values: by its constructor or, where that is the user's own and takes or makes other values, by the
-    constructor of its base class, which knows its parameters and options."""
+    """A law or part with its values, made by its constructor. A user's own constructor may take other arguments or set other
+    values: then the constructor of the base class, which takes parameters and options by name."""
     maker = next(c for c in cls.__mro__ if "__init__" in vars(c))
     if maker.__module__.split(".")[0] == "mbdae":
         return _made(cls, arguments)
@@ -225,21 +222,21 @@ def replay(data: Mapping[str, Any], scene_class: Callable[..., Any], known: Know
     """A scene from its data: {"name", "gravity", "space", "statements"}; SceneError where a statement cannot be made."""
     scene = scene_class(data["name"], gravity=data["gravity"], space=data["space"])
     known = known if known is not None else Known()
-    for i, said in enumerate(data["statements"]):
+    for i, entry in enumerate(data["statements"]):
         try:
-            _repeat(scene, said, known)
+            _repeat(scene, entry, known)
         except SceneError as error:
-            raise SceneError([f"statement {i + 1}, {_told(said)}: {problem}" for problem in error.problems]) from error
+            raise SceneError([f"statement {i + 1}, {_described(entry)}: {problem}" for problem in error.problems]) from error
         except MbdaeError as error:
-            raise SceneError([f"statement {i + 1}, {_told(said)}: {error}"]) from error
-        except Exception as error:  # whatever a value that no check foresaw makes a statement raise
-            told = f"{type(error).__name__}: {shown(error)}"
-            raise SceneError([f"statement {i + 1}, {_told(said)}, cannot be made: {told}"]) from error
+            raise SceneError([f"statement {i + 1}, {_described(entry)}: {error}"]) from error
+        except Exception as error:  # a stored value that no check foresaw may make a statement raise anything
+            reason = f"{type(error).__name__}: {shown(error)}"
+            raise SceneError([f"statement {i + 1}, {_described(entry)}, cannot be made: {reason}"]) from error
     return scene
 
 
-def _repeat(scene: Any, said: Statement, known: Known) -> None:
-    method, args, kwargs = said
+def _repeat(scene: Any, entry: Statement, known: Known) -> None:
+    method, args, kwargs = entry
     if method not in STATEMENTS:
         raise SceneError([f"{shown(method)} is no statement; there are {', '.join(STATEMENTS)}"])
     arguments = [_decode(a, scene, known) for a in args], {k: _decode(v, scene, known) for k, v in kwargs.items()}
@@ -265,19 +262,19 @@ def _is_number(value: Any) -> bool:
     return value is None or isinstance(value, int | float | Place) or hasattr(value, "free_symbols")
 
 
-def _told(said: Any) -> str:
+def _described(entry: Any) -> str:
     """A statement in a message: its method and the name of its item."""
-    method, args, kwargs = said
+    method, args, kwargs = entry
     first = args[0] if args else kwargs.get("name")
     name = first.get("name") if isinstance(first, dict) else first
     return f"{shown(method)} of {shown(name)}"
 
 
-def lost(scene: Any, copy: Any) -> None:
+def refuse_losses(scene: Any, copy: Any) -> None:
     """Raise SceneError where a user's own law in a copy of a scene lacks what an instance has beside parameters and options."""
     for old, new in zip(scene.connections, copy.connections, strict=True):
         for law, again in zip(old.laws, new.laws, strict=False):
-            if type(law) is not type(again) or _is_mbdaes(type(law)):
+            if type(law) is not type(again) or _is_built_in(type(law)):
                 continue
             for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l"}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):

@@ -1,4 +1,4 @@
-"""Friction in revolute and prismatic joints: what a user may say, and the laws it becomes."""
+"""Friction in revolute and prismatic joints: checks of its arguments, and the laws that model it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from mbdae.laws.joints import (
     RubbingRevolute,
 )
 from mbdae.scene.components import Clearance, Recursive
-from mbdae.symbolic.law import Joint, Law
+from mbdae.symbolic.law import Joint, TwoBodyLaw
 
-#: joint law -> the same with friction pressed by its own reaction
+#: joint law -> the same with friction whose normal force is the joint's own reaction
 RUBBING: dict[type[Joint], type[Joint]] = {
     Revolute: RubbingRevolute, ClassicalRevolute: RubbingClassicalRevolute,
     Prismatic: RubbingPrismatic, ClassicalPrismatic: RubbingClassicalPrismatic,
@@ -28,7 +28,8 @@ RUBBING: dict[type[Joint], type[Joint]] = {
 
 @dataclass(frozen=True)
 class Rubbing:
-    """Friction of one joint. own: values of the joint's law, where its reaction presses; given: those of a force law."""
+    """Friction of one joint. own: values of the joint's law, where its reaction is the normal force; given: values of a separate
+    force law, where the normal force is stated."""
 
     own: dict[str, Any] = field(default_factory=dict)
     given: dict[str, Any] = field(default_factory=dict)
@@ -38,17 +39,17 @@ class Rubbing:
         return RUBBING.get(law, law) if self.own else law
 
     def values(self, law: type[Joint]) -> dict[str, Any]:
-        """What the joint's law takes beside its other values."""
+        """Values of the joint's law for its friction."""
         return self.own if law in RUBBING else {}
 
     @property
-    def forces(self) -> list[tuple[type[Law], dict[str, Any]]]:
+    def forces(self) -> list[tuple[type[TwoBodyLaw], dict[str, Any]]]:
         """Force laws beside the joint's."""
         return [(SlideFriction, self.given)] if self.given else []
 
 
 def rubbing(problems: list[str], kind: str, name: str, friction: Any, option: str, value: Any, model: Any) -> Rubbing:
-    """The friction of a joint; what is wrong with it is added to `problems`, and then there is none.
+    """The friction of a joint; mistakes are added to `problems`, and then there is no friction.
 
     option: "radius" (m) or "normal_force" (N) with its value."""
     head, unit = f"{kind} '{name}': ", "m" if option == "radius" else "N"

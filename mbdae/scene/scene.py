@@ -1,41 +1,25 @@
-"""The scene: what the user says, as data. Nothing is derived or solved here.
+"""The scene as the user states it. Nothing is derived or solved here.
 
 Statements are collected as they come; every mistake found is kept in `problems` and reported together by `check`.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import SceneError
-from mbdae.laws.forces import (
-    AppliedForce,
-    AppliedTorque,
-    Bushing,
-    JointTorque,
-    PointSpring,
-    RotationalBushing,
-)
+from mbdae.laws.forces import AppliedForce, AppliedTorque, Bushing, PointSpring, RotationalBushing
 from mbdae.scene import inertia as mass_properties
 from mbdae.scene import reading
-from mbdae.scene.beams import BeamLoad, BeamStatements
-from mbdae.scene.components import (
-    Array,
-    Beam,
-    Body,
-    Connection,
-    JointModel,
-    Place,
-)
+from mbdae.scene.beams import BeamStatements
+from mbdae.scene.components import Body, Connection, JointModel
+from mbdae.scene.connections import point_of
 from mbdae.scene.joints import JointStatements
-from mbdae.scene.own_laws import plain_law
-from mbdae.scene.reading import FEEDS, Told, reads
-from mbdae.scene.record import Own, Statement, statement
+from mbdae.scene.reading import FEEDS, reads
+from mbdae.scene.record import statement
 from mbdae.scene.variants import replaced, with_recursive_tree
-from mbdae.symbolic.law import Force, Joint, Law
+from mbdae.symbolic.law import Force, TwoBodyLaw
 
 MASS, SPEED, TURNING = reading.quantity("kg", "not negative"), reading.vector("m/s"), reading.vector("rad/s")
 FRAME = reading.one_of("inertial", "body")
@@ -43,23 +27,6 @@ FRAME = reading.one_of("inertial", "body")
 
 class SceneData(BeamStatements, JointStatements):
     """Bodies, joints and forces by name. Lengths in m, angles in rad, SI throughout; inertial frame, right-handed."""
-
-    def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
-        """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
-        self.problems: list[str] = []
-        self.name = reading.name(Told(self, "scene", "name"), name)
-        head = f"scene '{self.name}'"
-        self.space = reading.one_of("auto", "planar", "spatial")(Told(self, head, "space"), space)
-        self.statements: list[Statement] = []  #: what was said, as plain data (see `record.py`)
-        self.own: Own = {}  #: classes and functions by the names they have in `statements`
-        self.recording = True
-        self.gravity = reading.vector("m/s^2")(Told(self, head, "gravity"), gravity)
-        eye, zero = np.eye(3), np.zeros(3)
-        self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
-        self.bodies: list[Body] = []
-        self.connections: list[Connection] = []
-        self.line_loads: list[BeamLoad] = []
-        self.attachments: dict[Beam, tuple[float, ...]] = {}
 
     # -- bodies
 
@@ -105,12 +72,6 @@ class SceneData(BeamStatements, JointStatements):
         body = Body(name, total, J, center, np.eye(3), np.zeros(3), np.zeros(3), outline=outline)
         return self._add_body(body)
 
-    def _add_body(self, body: Body) -> Body:
-        body.scene = self
-        self._claim(body.name)
-        self.bodies.append(body)
-        return body
-
     # -- forces
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at_k=reading.point, at_l=reading.point,
@@ -143,7 +104,7 @@ class SceneData(BeamStatements, JointStatements):
                 if np.any(part):
                     values |= {letter + axis: float(v) for axis, v in zip("xyz", part, strict=True)}
         own = {law: {p: values[p] for p in law.params if p in values} for law in (Bushing, RotationalBushing)}
-        laws: list[Law] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
+        laws: list[TwoBodyLaw] = [law(name, k, l, at, **numbers) for law, numbers in own.items() if numbers]
         return self._connect(Connection(name, "bushing", k, l, laws or [Bushing(name, k, l, at)]))
 
     @reads(name=reading.name, body=reading.body, value=reading.components("N"), at=reading.point, frame=FRAME)
@@ -161,56 +122,9 @@ class SceneData(BeamStatements, JointStatements):
     def _load(self, kind: str, law: type[Force], names: tuple[str, ...], name: str, body: Any, value: Any, at: Any,
               frame: str) -> Connection:  # fmt: skip
         components = {n: v or None for n, v in zip(names, value, strict=True)}
-        where = _place_of(body) if at is None else at
+        where = point_of(body) if at is None else at
         load = law(name, self.ground, body, where, following=frame == "body", **components)
         return self._connect(Connection(name, kind, self.ground, body, [load]))
-
-    @reads(law=plain_law)
-    @statement
-    def add(self, law: Joint | Force) -> Connection:
-        """Add a joint or force law, the package's or the user's own. The scene keeps a copy: what happens to the law afterwards
-        does not change it."""
-        if law.at is None:
-            law.at = _place_of(law.l)
-        law.axis = reading.unit(law.axis)
-        return self._connect(Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint)))
-
-    def _connect(self, item: Connection) -> Connection:
-        item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
-        item.k, item.l = (b.body if isinstance(b, Place) else b for b in (item.k, item.l))
-        for law in (*item.laws, *item.as_kinematic):
-            law.k, law.l = item.k, item.l  # type: ignore[attr-defined]
-            if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
-                law.at_l = item.l.position  # type: ignore[attr-defined]
-        if item.loose and item.k.is_point:
-            self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
-                                 f"orientation; name it second, or use s.rigid_body")  # fmt: skip
-        if item.k is item.l:
-            self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
-        self._check_point_masses(item)
-        self._check_attachments(item)
-        self._claim(item.name)
-        self.connections.append(item)
-        return item
-
-    def _check_point_masses(self, item: Connection) -> None:
-        """A point mass has no axes and no extent."""
-        for body, side in ((item.k, "k"), (item.l, "l")):
-            for law in item.laws if body.is_point else ():
-                if isinstance(law, JointTorque | AppliedTorque):
-                    self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
-                                         f"use s.rigid_body")  # fmt: skip
-                if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
-                    self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
-                                         f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
-                at: Any = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-                if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
-                    self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
-                                         f"{body.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
-                                         f"attach to it where it is")  # fmt: skip
-                    break
-
-    # -- variants
 
     def replace(self, *names: str, model: JointModel) -> Any:
         """A new scene with another model of the named revolute or prismatic joints, without names of all of them (a model
@@ -221,35 +135,3 @@ class SceneData(BeamStatements, JointStatements):
         """A new scene whose revolute and prismatic joints are recursive where they form a tree; joints that close loops
         become kinematic, joints on point masses stay as they are."""
         return with_recursive_tree(self)
-
-    # -- access
-
-    @property
-    def _items(self) -> list[Any]:
-        return [*self.bodies, *self.connections, *self.line_loads]
-
-    @property
-    def joints(self) -> list[Connection]:
-        """The joints, in the order of their statement."""
-        return [c for c in self.connections if c.is_joint]
-
-    def __getitem__(self, name: str) -> Any:
-        for item in [self.ground, *self._items]:
-            if item.name == name:
-                return item
-        raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
-
-    def _names(self) -> str:
-        names = [item.name for item in self._items]
-        return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
-
-    # -- reading what the user wrote
-
-    def _claim(self, name: str) -> None:
-        if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
-            self.problems.append(f"two items have the name '{name}'; give each its own")
-
-
-def _place_of(body: Body | Place) -> Array:
-    """Where a joint or force is that names no point: at the place, or the body's centre of mass."""
-    return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)

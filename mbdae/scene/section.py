@@ -59,11 +59,11 @@ class Section:
             raise OptionError(f"section: {wrong[0]}: give 0 or more; a negative one would feed energy")
 
     def _read(self, name: str, unit: str, **bounds: float) -> list[str]:
-        """Make a field a plain number; what is wrong with it."""
+        """Make a field a plain number; a list of the mistake in it, or empty."""
         try:
             object.__setattr__(self, name, number(getattr(self, name), **bounds))
         except BadValueError as refused:
-            return [_told(name, getattr(self, name), unit, refused)]
+            return [_described(name, getattr(self, name), unit, refused)]
         return []
 
     @property
@@ -128,8 +128,8 @@ def _torsion_of_rectangle(width: float, height: float) -> float:
     return a * b**3 * (1 / 3 - 64 * b / (math.pi**5 * a) * series)
 
 
-def _told(name: str, value: Any, unit: str, refused: BadValueError) -> str:
-    """What is wrong with a value, its unit after it where it is a number."""
+def _described(name: str, value: Any, unit: str, refused: BadValueError) -> str:
+    """Why a value is refused, with its unit."""
     head, text = shown(value), str(refused)
     return f"{name} = {head} {unit}{text[len(head):]}" if type(value) in (int, float) else f"{name} = {text} ({unit})"
 
@@ -146,7 +146,7 @@ def _positive(**values: tuple[Any, str]) -> list[float]:
         try:
             found.append(number(value, above=0))
         except BadValueError as refused:
-            wrong.append(_told(name, value, unit, refused))
+            wrong.append(_described(name, value, unit, refused))
     if wrong:
         raise OptionError(f"section: {', '.join(wrong)}: give positive numbers")
     return found

@@ -1,4 +1,4 @@
-"""The tree of a scene: which joint carries which body, and which joints close loops."""
+"""The tree of a scene: the joint from which the position of each body follows, and the joints that close loops."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from mbdae.scene.components import Body, Connection
-from mbdae.scene.scene import SceneData
+from mbdae.scene.items import SceneItems
 
 T = TypeVar("T")
 
@@ -22,13 +22,13 @@ class Tree:
 
 
 def leader(item: T, leads: Mapping[T, T]) -> T:
-    """The item that stands for the whole group of `item`; leads: whom each item that joined a group follows."""
+    """The representative of the group of `item`; leads: item -> the item of its group to which it was joined."""
     while item in leads:
         item = leads[item]
     return item
 
 
-def spanning_tree(scene: SceneData, joints: Collection[Connection] | None = None) -> Tree:
+def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = None) -> Tree:
     """Recursive joints come first, then rigid ones, then those whose start is prescribed or held, then the order of the
     scene; joints with clearance come last.
 

@@ -1,24 +1,26 @@
-"""New scenes with other joint models: statements replayed with another argument."""
+"""New scenes with other joint models: the statements repeated with another argument `model`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from inspect import signature
+from typing import Any
 
 from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
-from mbdae.scene.record import Statement, encode
-from mbdae.scene.replay import Known, lost, replay
+from mbdae.scene.items import SceneItems
+from mbdae.scene.joints import JointStatements
+from mbdae.scene.models import MODELS
+from mbdae.scene.record import STATEMENTS, Statement, encode
+from mbdae.scene.replay import Known, refuse_losses, replay
+from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
-if TYPE_CHECKING:
-    from mbdae.scene.scene import SceneData
-
-MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
-#: statements whose joint has models, and the number of the argument that names it
-MODELLED = {"revolute": 5, "prismatic": 11}
+#: statements whose joint has models, and the position of the argument `model` among those that follow self
+MODELLED = {name: list(arguments).index("model") - 1 for name, method in vars(JointStatements).items()
+            if callable(method) and "model" in (arguments := signature(method).parameters) and name in STATEMENTS}
 
 
-def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any:
+def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> Any:
     """The scene with another model of some joints; see `SceneData.replace`."""
     if scene.problems:
         raise SceneError(scene.problems)
@@ -41,14 +43,12 @@ def replaced(scene: SceneData, names: tuple[str, ...], model: JointModel) -> Any
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     found = replay(data, type(scene), Known(own))
-    lost(scene, found)
+    refuse_losses(scene, found)
     return found
 
 
-def with_recursive_tree(scene: SceneData) -> Any:
+def with_recursive_tree(scene: SceneItems) -> Any:
     """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
-    from mbdae.scene.topology import spanning_tree
-
     if scene.problems:
         raise SceneError(scene.problems)
     turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose or c.rubs)]
@@ -58,11 +58,9 @@ def with_recursive_tree(scene: SceneData) -> Any:
     return replaced(variant, tuple(closing), Kinematic()) if closing else variant
 
 
-def with_open_tree(scene: SceneData) -> Any | None:
+def with_open_tree(scene: SceneItems) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
     form a tree in which nothing can stick; None where there is nothing to change, or a statement cannot be repeated."""
-    from mbdae.scene.topology import spanning_tree
-
     joints = [c for c in scene.joints if not c.loose]
     open_ = [c.name for c in joints if c.left_open and not (c.k.is_point or c.l.is_point)]
     sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)
@@ -77,7 +75,7 @@ def with_open_tree(scene: SceneData) -> Any | None:
 
 
 def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int) -> tuple[list[Any], dict[str, Any]]:
-    """Arguments of a joint's statement with another model, wherever it was given (argument number `place`)."""
+    """Arguments of a joint's statement with another model, by position (`place`) or by name as it was given."""
     if len(args) > place:
         return [*args[:place], model, *args[place + 1 :]], kwargs
     return args, {**kwargs, "model": model}

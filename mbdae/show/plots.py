@@ -140,9 +140,7 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
     except SceneError as error:
         raise SceneError([f"there is no place {shown(place)}: {'; '.join(error.problems)}"]) from error
     if isinstance(item, Connection) and quantity == "position":
-        law: Any = item.joint
-        at_l = getattr(law, "at_l", None)
-        return name, np.asarray(result[Place(item.l, law.at if at_l is None else at_l)].position)
+        return name, np.asarray(result[Place(item.l, item.joint.point_on("l"))].position)
     if quantity != "position":
         raise OptionError(f"'{place}' is not a place; name a body, a joint, '{name}.position' or a place such as body.at(point)")
     return name, np.asarray(result.read(f"{name}.position"))

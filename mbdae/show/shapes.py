@@ -17,8 +17,7 @@ import numpy as np
 from mbdae.inputs import timed
 from mbdae.results.beams import polylines
 from mbdae.results.result import Result
-from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Array, BeamLoad, Body, Connection, Place
 from mbdae.show import symbols
 from mbdae.show.geometry import INK, Geometry, Label, Pose, Shape, moved
 from mbdae.show.plots import COLOURS
@@ -307,9 +306,7 @@ class _Builder(_Collected):
 
 def ends(item: Connection) -> tuple[Array, Array]:
     """Points (3,) of k and of l a connection attaches to, as drawn, m."""
-    law: Any = item.joint
-    at_l = getattr(law, "at_l", None)
-    return law.at, law.at if at_l is None else at_l
+    return item.joint.point_on("k"), item.joint.point_on("l")
 
 
 def _pieces(line: Line) -> int:

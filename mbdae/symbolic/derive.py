@@ -1,4 +1,4 @@
-"""From the statement of a law to everything the equations need of it, by one rule: delta a = delta psi x a.
+"""From the statement of a law to its terms in the equations of motion, by one rule: delta a = delta psi x a.
 
 Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 """
@@ -16,7 +16,7 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
-from mbdae.symbolic.rebuild import nodes, one_sided, tamed
+from mbdae.symbolic.rebuild import nodes, one_sided, without_overflow
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -58,7 +58,7 @@ class Derived:
 
     @property
     def row_forces(self) -> list[Expr]:
-        """What multiplies the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
+        """Factors of the rows' gradients: lambda, or scaling lambda + 2 penalty c (paper Eq. 2)."""
         forces = [self.scaled(s) for s in self.multipliers]
         penalty = getattr(self.law, "penalty", None)
         return forces if penalty is None else [f + 2 * penalty * c for f, c in zip(forces, self.g, strict=True)]
@@ -74,7 +74,7 @@ class Derived:
 
     @property
     def reactions(self) -> dict[str, Expr]:
-        """Force of every row by its name, what a joint's `resistance` depends on: scaling lambda, 0 where the row vanishes."""
+        """Force of every row by its name, on which `resistance` depends: scaling lambda, 0 where the row vanishes."""
         return _reactions(self.law, self.rows, self.vanished)
 
     @property
@@ -99,11 +99,13 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
         setattr(law, name, frames[2].q[0])
     return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
-FORCES = ("energy", "dissipation", "wrench")  #: what a force law states, one of them at least
+
+FORCES = ("energy", "dissipation", "wrench")  #: a force law states one of them at least
 _TIME = se.Symbol("t")
 
 
 def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
+    """Symbol -> symbol of its time derivative, for time-dependent parameters and their rates."""
     clock: dict[Expr, Expr] = {}
     for name in sorted(timed):
         p, d, dd = (se.Symbol(name + suffix) for suffix in ("", "_dot", "_ddot"))
@@ -139,13 +141,13 @@ class _Derivation:
         return all(f.kind.oriented for f in self.frames[:2])
 
     def _undefined(self, e: Any) -> list[tuple[Frame, str]]:
-        """What an expression (or vector) reads that a node cannot give, with the node's frame; frames with axes first."""
+        """Quantities in an expression (or vector) that its node does not have, with the frames; frames with axes first."""
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
         return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
     def _refuse_speeds(self, what: str, e: Any) -> None:
-        """Raise LawError where what may depend on positions alone reads a velocity."""
+        """Raise LawError where an expression that may depend on positions only contains a velocity."""
         speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
         places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
         found = se.sympify(e).free_symbols & (speeds - places)
@@ -154,7 +156,7 @@ class _Derivation:
                            f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
     def _refuse(self, what: str, e: Any) -> None:
-        """Raise LawError where an expression reads what its nodes cannot give, or the time itself."""
+        """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
         symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
         if _TIME in symbols and str(_TIME) not in self.law.params:
             raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
@@ -195,7 +197,7 @@ class _Derivation:
                 raise LawError(f"{kind}: '{name}' in params is the symbol of {taken[name]} in derivations; choose another name")
 
     def _refuse_undefined(self) -> None:
-        """Raise LawError where anything but a row of a joint on a point mass is undefined for these nodes."""
+        """Raise LawError where a joint between nodes with axes contains quantities that these nodes do not have."""
         law, sides = self.law, self.frames[:2]
         stated: list[tuple[str, Any]] = []
         if isinstance(law, Joint) and self._oriented():
@@ -221,7 +223,7 @@ class _Derivation:
                 continue
             self._refuse(f"row '{name}'", statement)
             self._refuse_speeds(f"row '{name}'", statement)
-            c = self.variation.name(tamed(one_sided(statement)))
+            c = self.variation.name(without_overflow(one_sided(statement)))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
                 continue
@@ -242,7 +244,7 @@ class _Derivation:
         return max(abs(float(e.subs({s: rng.uniform(0.3, 0.9) for s in symbols}))) for _ in range(3)) < 1e-12
 
     def _in_plane(self, pair: Pair, f: Frame, what: str) -> Pair:
-        """The pair with the structure of the frames inserted; a planar node must feel nothing out of the plane."""
+        """The pair with zeros and ones of the frames inserted; on a planar node it must have no component out of the plane."""
         move, turn = (Vec(*map(self.variation.resolve, part)) for part in pair)
         if not f.kind.flat:
             return move, turn
@@ -258,7 +260,7 @@ class _Derivation:
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
             force, torque = law.wrench(k, l) or (ZERO, ZERO)
             parts = law.energy(k, l), law.dissipation(k, l), *force, *torque
-            energy, rayleigh, *applied = (tamed(one_sided(part)) for part in parts)
+            energy, rayleigh, *applied = (without_overflow(one_sided(part)) for part in parts)
             return energy, rayleigh, Vec(*applied[:3]), Vec(*applied[3:])
         wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
         return None if wrench is None else (_ZERO, _ZERO, *wrench)
@@ -299,7 +301,7 @@ class _Derivation:
         return sign * force, sign * (torque + (self.frames[1].r - f.center).cross(force))
 
     def _states(self, used_in: list[Expr]) -> tuple[tuple[str, ...], tuple[Expr, ...], tuple[Expr, ...]]:
-        """Internal states the statement really uses for these frames, their rates and start values."""
+        """Internal states on which the law depends for these frames, their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
         rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
@@ -324,7 +326,7 @@ def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
 
 
 def _letters(e: Any) -> set[Expr]:
-    """Letters that intermediate results have in reports: they are no symbols of the statement."""
+    """Letters of intermediate results in reports: they are no symbols of the statement."""
     found = (node for part in (e if isinstance(e, Vec) else (e,)) for node in nodes(se.sympify(part)))
     return {n.args[1] for n in found if isinstance(n, se.FunctionSymbol) and n.get_name() == "let" and len(n.args) > 1}
 

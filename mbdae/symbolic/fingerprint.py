@@ -12,7 +12,7 @@ from mbdae.symbolic.vectors import Expr
 
 
 def fingerprint(d: Derived) -> str:
-    """sha256 of the equations a law adds to: rows, their forces, states; the same for the same equations, on any machine."""
+    """sha256 of the terms of a law: rows, their forces, states."""
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
     parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]

@@ -1,4 +1,4 @@
-"""Abstract frames: what a law sees of the two bodies it acts between.
+"""Abstract frames: the quantities of the two bodies from which a law is stated.
 
 A frame is a point with three axes, fixed to a body. Its components are opaque symbols; how they follow
 from the unknowns of the body's node is written once per kind of node:
@@ -108,8 +108,8 @@ class Frame:
     parameters: list[Expr]
     structure: dict[Expr, Expr]  #: symbols that are 0 or +-1 for this kind of node
     meaning: dict[Expr, Expr]  #: symbols as functions of q, u and the parameters
-    attached: list[Vec] = field(default_factory=list)
-    undefined: dict[Expr, str] = field(default_factory=dict)  #: symbols this kind of node cannot give a value, with their names
+    attached: list[Vec] = field(default_factory=list)  #: vectors fixed to the body: they turn with it
+    undefined: dict[Expr, str] = field(default_factory=dict)  #: symbols without a value on this kind of node, with their names
 
     @property
     def symbols(self) -> set[Expr]:
@@ -210,15 +210,10 @@ def axes_pattern(axes: Axes, Q: list[list[Expr]]) -> tuple[list[list[Expr]], lis
     return Q, [entry for column in Q for entry in column]
 
 
-def quaternion_of(frame: Frame) -> list[Expr]:
-    """The quaternion of a spatial frame."""
-    return frame.q[3:]
-
-
 def rotation_columns_of_q(frame: Frame) -> list[list[Expr]]:
     """T with delta psi = T delta q_rotation: (3, 4) for a quaternion, (3, 1) for a heading, (3, 0) otherwise."""
     if frame.kind is NodeKind.SPATIAL:
-        return rotation_per_component(quaternion_of(frame))
+        return rotation_per_component(frame.q[3:])
     if frame.kind is NodeKind.PLANAR:
         return [[0], [0], [1]]
     return [[], [], []]

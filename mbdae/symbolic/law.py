@@ -7,7 +7,7 @@ A law declares its parameters with units and states one or more of
     dissipation(k, l)  -> expression               Rayleigh function (half the dissipated power), W
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
     resistance(k, l, reactions) -> (force, torque) joints only: the same, by the joint's own reactions; it dissipates
-    observed(k, l)     -> {name: expressions}      what a sensor shows of it beside force, torque and power
+    observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
@@ -27,13 +27,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.class_checks import check_class
+from mbdae.symbolic.frames import Frame, angle
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
-from mbdae.symbolic.stated import hold_to_contract
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
-__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "params"]
+__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
 
 #: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
@@ -41,7 +41,7 @@ AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), pe
 
 @dataclass(frozen=True)
 class Structure:
-    """What distinguishes two statements of one law class beside numbers: options, absent and timed parameters."""
+    """What distinguishes two statements of one law class apart from numbers: options, absent and timed parameters."""
 
     absent: frozenset[str] = frozenset()
     timed: frozenset[str] = frozenset()
@@ -55,16 +55,16 @@ class Law:
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags, parts)
     states: Mapping[str, Parameter] = MappingProxyType({})
     coordinates: ClassVar[Mapping[str, Parameter]] = {}  #: massless unknowns of the joint the law belongs to (at most one)
-    axes_of: ClassVar[str] = "axis"  #: what the frames' z follows: the item's "axis", or the axes of body "k" or "l"
+    axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: not said, a law with states then may
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
     sticks: ClassVar[bool | None] = None
-    follows: ClassVar[str] = ""  #: the state that follows the coordinate of the law's joint through whole turns, if any
+    follows: ClassVar[str] = ""  #: name of the state that counts the whole turns of the joint's coordinate, if any
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        hold_to_contract(cls, ("name", "k", "l", "at", "axis", "at_l"))
+        check_class(cls, ("name", "k", "l", "at", "axis", "at_l"))
 
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name
@@ -77,7 +77,7 @@ class Law:
         self.compose()
 
     def compose(self) -> None:
-        """Take over the parameters of the law's parts, named "<option>_<parameter>"."""
+        """Add the parameters of the law's parts, named "<option>_<parameter>", and the states of law and parts."""
         for key in self.options:
             part = getattr(self, key)
             if isinstance(part, Part):
@@ -101,7 +101,7 @@ class Law:
         return own or any(part.may_stick() for part in self.parts)
 
     def state_scales(self) -> Mapping[str, float]:
-        """Typical magnitude of an internal state in its unit, where it is not 1: what its tolerance is relative to."""
+        """Typical magnitude of an internal state in its unit, where it is not 1; tolerances are relative to it."""
         return {name: scale for part in self.parts for name, scale in part.state_scales().items()}
 
     if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class Law:
 
     @classmethod
     def symbolic(cls, structure: Structure) -> Any:
-        """The law with symbols for values: what is derived."""
+        """The law with symbols for values, from which everything is derived."""
         law = object.__new__(cls)
         law.name = cls.__name__
         for key in cls.params:
@@ -147,16 +147,27 @@ class Law:
         return {}
 
 
-class Joint(Law):
+class TwoBodyLaw(Law):
+    """A law between two bodies. k, l: bodies or places; at, at_l: where it acts on both, and on l where that is elsewhere, m;
+    axis: direction of the frames' z; all as drawn."""
+
+    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
+                 **values: Any) -> None:  # fmt: skip
+        super().__init__(name, **values)
+        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
+
+    def point_on(self, side: str) -> Any:
+        """Where it acts on body "k" or "l" as drawn, (3,), m."""
+        return self.at_l if side == "l" and self.at_l is not None else self.at
+
+
+class Joint(TwoBodyLaw):
     """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
 
     coordinate_unit: ClassVar[str] = ""
     #: (travel along, turn about) k.z of l per unit of the coordinate, a one-parameter group: what makes the joint recursive
     twist: ClassVar[tuple[int, int] | None] = None
-
-    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), **values: Any) -> None:
-        super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis = k, l, at, axis
+    welds: ClassVar[bool] = False  #: whether it leaves no relative motion: bodies joined at a node may then share its unknowns
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         """Rows that vanish, by name."""
@@ -173,25 +184,18 @@ class Joint(Law):
         return None
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        """What must be positive on the branch meant, where the rows alone admit another."""
+        """Expressions that must be positive, where the rows alone admit a second solution (a joint half a turn off)."""
         return {}
 
     def angle(self, k: Frame, l: Frame) -> Expr:
         """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
-        from mbdae.symbolic.frames import angle
-
         return angle(k, l)
 
 
-class Force(Law):
+class Force(TwoBodyLaw):
     """A law between two bodies stated by `energy`, `dissipation` or `wrench`."""
 
     external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
-
-    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
-                 **values: Any) -> None:  # fmt: skip
-        super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         """Potential energy, J."""
@@ -210,7 +214,7 @@ class Force(Law):
         return {}
 
     def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        """Its dissipated power by cause ("impact", "friction"), W; what is not named counts as other."""
+        """Its dissipated power by cause ("impact", "friction"), W; the rest counts as "other"."""
         return {}
 
     def gaps(self, k: Frame, l: Frame) -> Sequence[tuple[Expr, Expr]]:

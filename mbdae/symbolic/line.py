@@ -1,4 +1,4 @@
-"""The contract of laws on a line: stated at one point of interpolated fields, everything else derived.
+"""Laws on a line (beams): stated at one point of interpolated fields, everything else derived.
 
 A line element interpolates the positions of its nodes (spatial: r and the quaternion P, any length; planar: x, y and
 theta) over xi in [0, 1]. A law on it states, at a point,
@@ -51,7 +51,7 @@ class Field:
 
 @dataclass(frozen=True)
 class LinePoint:
-    """A point of a line as a law sees it; s is the length along the reference curve, the section has axes 1, 2, 3."""
+    """A point of a line, from which a law is stated; s is the length along the reference curve, the section has axes 1, 2, 3."""
 
     kind: NodeKind
     r: Vec  #: position, m
@@ -85,7 +85,7 @@ class LineLaw(Law):
     """A law on a line. Parameters of a strain named N: `compliance_N` and, where it has one, `reference_N`."""
 
     def strains(self, x: LinePoint) -> dict[str, Expr]:
-        """Strains by the name of the stress resultant that works on them."""
+        """Strains by the name of their stress resultant."""
         return {}
 
     def load(self, x: LinePoint) -> Vec:
@@ -106,7 +106,7 @@ class LineDerived:
     damped: bool  #: whether it reads their time derivatives too
     stresses: tuple[str, ...]  #: stress unknowns; none in the displacement form
     vanished: tuple[str, ...]  #: strains that are zero for this kind of node
-    duals: tuple[tuple[Field, Expr], ...]  #: what works on each field, left-hand side
+    duals: tuple[tuple[Field, Expr], ...]  #: generalised force dual to each field, left-hand side
     rows: tuple[Expr, ...]  #: compatibility row of every stress
     resultants: tuple[tuple[str, Expr], ...]  #: every stress resultant by its strain (where its compliance is not 0)
     energy: Expr  #: elastic energy of the point, J
@@ -141,7 +141,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
     """Derive a law on a line; `mixed` keeps the stresses as unknowns, otherwise their compliance eliminates them."""
     law, x = cls.symbolic(structure), make_point(kind)
     stated = {name: se.sympify(e) for name, e in law.strains(x).items()}
-    s = _Stressed(law, x, {name: e for name, e in stated.items() if e != 0})
+    s = _Strains(law, x, {name: e for name, e in stated.items() if e != 0})
     duals, rows = _with_load(s.forces(), law.load(x), kind), s.rows()
     if not mixed:
         inserted = {se.Symbol(name): e for name, e in s.solved.items()}
@@ -155,7 +155,7 @@ def derive_line(cls: type[LineLaw], structure: Structure, kind: NodeKind, mixed:
     )  # fmt: skip
 
 
-class _Stressed:
+class _Strains:
     """The strains of a law with their stresses: Pi and its derivatives."""
 
     def __init__(self, law: Any, x: LinePoint, strains: dict[str, Expr]) -> None:
@@ -163,8 +163,8 @@ class _Stressed:
         self.damping = law.damping if strains and "damping" in law.params else None
         self.compliance = {name: getattr(law, f"compliance_{name}") for name in strains}
         self.elastic = {name: e - (getattr(law, f"reference_{name}") or 0) for name, e in strains.items()}
-        self.lag = {name: _ZERO if self.damping is None else self.damping * self._rate(e) for name, e in strains.items()}
-        self.solved = {name: (self.elastic[name] + self.lag[name]) / c for name, c in self.compliance.items()}
+        self.viscous = {name: _ZERO if self.damping is None else self.damping * self._rate(e) for name, e in strains.items()}
+        self.solved = {name: (self.elastic[name] + self.viscous[name]) / c for name, c in self.compliance.items()}
 
     def _rate(self, strain: Expr) -> Expr:
         """Strain rate by the rates of the fields."""
@@ -177,7 +177,7 @@ class _Stressed:
 
     def rows(self) -> list[Expr]:
         """dPi/dstress, with damping."""
-        return [WEIGHT * (self.elastic[n] + self.lag[n] - self.compliance[n] * se.Symbol(n)) for n in self.strains]
+        return [WEIGHT * (self.elastic[n] + self.viscous[n] - self.compliance[n] * se.Symbol(n)) for n in self.strains]
 
     def energy(self) -> Expr:
         """Elastic energy of strains with compliance; a rigid one stores none (evaluate it with compliance inf)."""
@@ -187,11 +187,11 @@ class _Stressed:
         """Strain rate times the part of the stress that damps."""
         if self.damping is None:
             return _ZERO
-        return WEIGHT * sum((self.lag[n] ** 2 / (self.damping * c) for n, c in self.compliance.items()), _ZERO)
+        return WEIGHT * sum((self.viscous[n] ** 2 / (self.damping * c) for n, c in self.compliance.items()), _ZERO)
 
 
 def _with_load(duals: list[tuple[Field, Expr]], load: Vec, kind: NodeKind) -> list[tuple[Field, Expr]]:
-    """Virtual work - load . delta r added to what works on r."""
+    """The load subtracted from the generalised forces of r: its virtual work is load . delta r."""
     n = kind.translations
     return [(f, e if f.slope or f.component >= n else e - WEIGHT * load[f.component]) for f, e in duals]
 

@@ -1,7 +1,7 @@
-"""What a derived law contributes to the equations: outputs with the place they belong to, and their derivatives.
+"""Outputs of a derived law: the expressions it adds to the equations, each with its target, and their derivatives.
 
-A target names a place: ("u", side, i) dynamics row i of a node, ("q", side, i) its kinematic row, ("g", row),
-("gd", row), ("gdd", row) a constraint and its rates, ("s", j) an internal state.
+A target says where a value belongs. Of an output: ("u", side, i) dynamics row i of a node, ("q", side, i) its kinematic row,
+("g", row), ("gd", row), ("gdd", row) a constraint and its rates, ("s", j) the row of a state; of an input: the unknown itself.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def covector(d: Derived, f: Frame, row_forces: list[Expr]) -> Pair:
 
 
 def dynamics(d: Derived) -> list[tuple[Target, Expr]]:
-    """Rows of M u' + G^T lambda + ... = 0 this law adds to."""
+    """Terms of this law in the rows M u' + G^T lambda + ... = 0."""
     if isinstance(d.law, Element):
         return _inertia(d)
     return [entry for f in d.frames for entry in scatter_pair(f, covector(d, f, d.row_forces))]
@@ -186,7 +186,7 @@ def state_rows(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
-    """Every unknown a law may see, with where it lives."""
+    """Target and symbol of every unknown on which a law may depend."""
     out: list[tuple[Target, Expr]] = []
     for f in d.frames:
         nq, nu = f.kind.sizes

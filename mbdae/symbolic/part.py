@@ -1,4 +1,4 @@
-"""Parts of a law that may be exchanged: the normal law and the friction law of a contact.
+"""Parts: exchangeable pieces of a law, namely the normal law and the friction law of a contact or joint.
 
 A part is stated on scalars (penetration, sliding velocity), the law it belongs to says where they act. Parameters of a
 part become parameters of the law, named "<option>_<parameter>"; a parameter left at None is absent from the statement.
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.symbolic.stated import hold_to_contract
+from mbdae.symbolic.class_checks import check_class
 from mbdae.values import BadValueError, number, shown
 
 T = TypeVar("T")
@@ -46,7 +46,7 @@ def _parameter(name: str, spec: Any) -> Parameter:
     return Parameter(*map(str, words))
 
 
-def stated(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
+def checked_value(item: str, key: str, value: Any, read: Callable[..., T], remedy: str, **bounds: Any) -> T:
     """A value of a law or part as `read` returns it (see `mbdae.values`); LawError with item, name, value and what to give."""
     try:
         return read(value, **bounds)
@@ -56,7 +56,7 @@ def stated(item: str, key: str, value: Any, read: Callable[..., T], remedy: str,
 
 @dataclass(frozen=True)
 class PartStructure:
-    """What distinguishes two statements of one part beside numbers."""
+    """What distinguishes two statements of one part apart from numbers."""
 
     cls: type[Part]
     absent: frozenset[str]
@@ -84,7 +84,7 @@ class Part:
     params: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself
     states: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})
-    #: whether bodies may stick by it, as by friction: equations are stiff there. None: not said, a part with states then may
+    #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the part has states
     sticks: ClassVar[bool | None] = None
 
     def __init__(self, **values: Any) -> None:
@@ -98,12 +98,12 @@ class Part:
         try:
             hash(tuple(values[key] for key in self.options if key in values))
         except Exception as error:  # a hash of the user's own may raise anything
-            told = {key: shown(values[key]) for key in self.options if key in values}
-            raise LawError(f"{kind}: the options {told} cannot be kept; give numbers, text or tuples of them") from error
+            given = {key: shown(values[key]) for key in self.options if key in values}
+            raise LawError(f"{kind}: the options {given} cannot be hashed; give numbers, text or tuples of them") from error
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        hold_to_contract(cls, ())
+        check_class(cls, ())
 
     if TYPE_CHECKING:
 
@@ -112,12 +112,12 @@ class Part:
 
     def _number(self, key: str, value: Any) -> float:
         unit = self.params[key].unit
-        return stated(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
+        return checked_value(type(self).__name__, key, value, number, f"give a number{f' in {unit}' if unit != '1' else ''}")
 
     def number(self, key: str, bound: str = "from 0", why: str = "") -> float:
         """The value of a parameter that must be given and be "from 0" or "above 0"; LawError where it is not.
 
-        why: what a wrong one would do."""
+        why: consequence of a wrong one."""
         found = getattr(self, key)
         if found is None:
             return self._number(key, found)
@@ -136,7 +136,7 @@ class Part:
         return {key: getattr(self, key) for key in (*self.params, *self.options)}
 
     def may_stick(self) -> bool:
-        """Whether bodies may stick by this part; where it does not say, it may if it has internal states."""
+        """Whether bodies may stick by this part; by default where it has internal states."""
         return bool(self.states) if self.sticks is None else self.sticks
 
     def state_scales(self) -> dict[str, float]:
@@ -149,7 +149,7 @@ class Part:
         return PartStructure(type(self), absent, tuple((key, getattr(self, key)) for key in self.options))
 
     def with_states(self, **symbols: Any) -> Self:
-        """The same part reading other symbols as its states: where a law has it in two places."""
+        """The same part with other symbols for its states: for a law that has it at two points."""
         part = object.__new__(type(self))
         vars(part).update(vars(self) | symbols)
         return part

@@ -11,6 +11,7 @@ from typing import Any
 
 import symengine as se
 
+from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
@@ -35,8 +36,7 @@ class Program:
         return self._names[e]
 
     def _flat(self, e: Expr) -> Expr:
-        """With names for the sums inside products: the search for common subexpressions compares nested ones in depth, which
-        took seconds for a few hundred steps."""
+        """Names for sums inside products: the search for common subexpressions takes seconds for a few hundred nested ones."""
         if e.is_Number or isinstance(e, se.Symbol) or not e.args:
             return e
         args = [self._flat(a) for a in e.args]
@@ -63,7 +63,7 @@ class Program:
     def derivatives(self, outputs: Sequence[Expr], seeds: Sequence[Expr], limit: int | None = None) -> list[dict[Expr, Expr]]:
         """Partial derivatives of every output by the seeds (inputs), named; the zero ones are left out.
 
-        limit: number of steps of the program at which the work is given up (OverflowError)."""
+        limit: number of steps of the program above which it raises OverflowError."""
         tangent: dict[Expr, dict[Expr, Expr]] = {seed: {seed: se.Integer(1)} for seed in seeds}
         for name in self.needed(outputs):
             tangent[name] = self._tangent(self.steps[name], tangent)
@@ -84,6 +84,5 @@ class Program:
         sums are flattened into their users and compilation explodes."""
         table: dict[Expr, Expr] = {}
         for name in self.needed(outputs):
-            e = self.steps[name]
-            table[name] = se.UnevaluatedExpr(e.subs({x: table[x] for x in e.free_symbols if x in table}))
-        return [e.subs({x: table[x] for x in e.free_symbols if x in table}) for e in map(se.sympify, outputs)]
+            table[name] = se.UnevaluatedExpr(substituted(self.steps[name], table))
+        return [substituted(e, table) for e in map(se.sympify, outputs)]

@@ -18,6 +18,12 @@ def rotation_columns(P: Sequence[Expr]) -> tuple[Vec, Vec, Vec]:
     )
 
 
+def product(a: Sequence[Expr], b: Sequence[Expr]) -> list[Expr]:
+    """Quaternion product a o b."""
+    u, v = Vec(*a[1:]), Vec(*b[1:])
+    return [a[0] * b[0] - u @ v, *(v * a[0] + u * b[0] + u.cross(v))]
+
+
 def rate_from_body_spin(P: Sequence[Expr], Omega: Vec) -> list[Expr]:
     """P' = 1/2 P o (0, Omega) with the spin in body components."""
     p0, p = P[0], Vec(*P[1:])
@@ -46,5 +52,3 @@ def rotation_per_component(P: Sequence[Expr]) -> list[list[Expr]]:
         [-s * p2, s * p3, s * p0, -s * p1],
         [-s * p3, -s * p2, s * p1, s * p0],
     ]
-
-

@@ -1,4 +1,4 @@
-"""Expressions taken apart and put together again; functions that stay finite in a denominator."""
+"""Expressions rebuilt with some of their parts replaced: one-sided functions, exponentials that would overflow."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import symengine as se
 
 from mbdae.symbolic.vectors import Expr
 
-LOGIC = ("And", "Or", "Not", "Xor")  #: what joins conditions
-#: name of a relation, or of what joins conditions -> how it is made
+LOGIC = ("And", "Or", "Not", "Xor")  #: connectives of conditions
+#: name of a relation or connective -> function that makes it
 _CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
                                **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
@@ -18,7 +18,7 @@ LARGEST = 300.0  #: argument of an exponential above which its reciprocal and al
 
 
 def nodes(e: Expr) -> list[Expr]:
-    """Every subexpression once, what it contains before itself; conditions included."""
+    """Every subexpression once, after its own parts; conditions included."""
     found: dict[Expr, None] = {}
 
     def visit(node: Expr) -> None:
@@ -29,6 +29,11 @@ def nodes(e: Expr) -> list[Expr]:
 
     visit(e)
     return list(found)
+
+
+def substituted(e: Expr, table: dict[Expr, Expr]) -> Expr:
+    """e with its symbols replaced by their values in a table, where they have one."""
+    return e.subs({x: table[x] for x in e.free_symbols if x in table})
 
 
 def rebuilt(e: Expr, rule: Callable[[Expr, list[Expr]], Expr | None]) -> Expr:
@@ -81,11 +86,11 @@ def _extreme(args: list[Expr], largest: bool) -> Expr:
     return found
 
 
-def tamed(e: Expr) -> Expr:
-    """The expression with exponentials in denominators that do not grow without end.
+def without_overflow(e: Expr) -> Expr:
+    """The expression with bounded exponentials in its denominators.
 
-    1/cosh(u) and 1/(1 + exp(u)) are small where u is large, but their derivatives are there the quotient of two numbers that no
-    double holds. Where the argument is above `LARGEST` in magnitude, the function keeps its value there."""
+    1/cosh(u) and 1/(1 + exp(u)) are small for large u, but their derivatives are then quotients of two numbers that overflow.
+    Where |u| exceeds `LARGEST`, the exponential keeps its value at that limit."""
     e = se.sympify(e)
     if not any(_overflows(node) for node in nodes(e)):
         return e

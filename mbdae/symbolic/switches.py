@@ -1,7 +1,7 @@
-"""What switches or is local in the statement of a law: conditions of a Piecewise, arguments of steep functions.
+"""Switches of a law: the conditions of its Piecewise and the arguments of its steep functions, found in its statement.
 
-A barrier exp(-(x/w)^2) acts within its width w and nowhere else, a Piecewise changes where its conditions do. Solvers that know
-these arguments step over none of them unseen. The statement alone says what they are; a law states nothing more.
+A barrier exp(-(x/w)^2) acts within its width w only, a Piecewise changes where its conditions do. A solver that knows these
+arguments takes no step across which a function of them changes unnoticed.
 """
 
 from __future__ import annotations
@@ -15,26 +15,20 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.functions import KINDS
 from mbdae.symbolic.law import Force, Joint
 from mbdae.symbolic.outputs import Target, input_symbols, insert
 from mbdae.symbolic.vectors import Expr, Vec
 
-#: how a function of an argument u changes with it; `system.base.Switches` says what the kinds mean
-KINDS = {
-    "tanh": "saturating", "erf": "saturating", "erfc": "saturating", "coth": "arc", "sech": "saturating", "csch": "arc",
-    "atan": "arc", "acot": "arc", "asinh": "arc", "asin": "periodic", "acos": "periodic", "atanh": "periodic", "acosh": "arc",
-    "sin": "periodic", "cos": "periodic", "tan": "periodic", "cot": "periodic", "sec": "periodic", "csc": "periodic",
-    "sinh": "growing", "cosh": "growing", "log": "power", "abs": "kink", "Abs": "kink", "sign": "kink",
-}  # fmt: skip
 EQUAL = 1e-12  #: relative difference up to which two branches of a Piecewise count as the same function
 NEARBY = (-1e-2, 0.0, 1e-2)  #: where branches are compared, relative to the place where the condition changes
 ONE = se.Integer(1)
-LOCAL_POWER = 8  #: powers from this on act where their base is largest alone, as cos(x)^2000 does
+LOCAL_POWER = 8  #: from this exponent on a power is noticeable only near the largest base, as cos(x)^2000 is
 TINIEST = se.RealDouble(1e-300)  #: keeps logarithms finite
 
 
 class Switch(NamedTuple):
-    """An argument in the symbols of a statement: its kind, its expression, and the exponent of a power (else 1)."""
+    """An argument in the symbols of a statement: its kind, expression, and the exponent of a power (else 1)."""
 
     kind: str
     argument: Expr
@@ -42,7 +36,7 @@ class Switch(NamedTuple):
 
 
 def switches_of(d: Derived) -> list[Switch]:
-    """Every argument of a law that depends on the motion or on time, once, in unknowns and parameters."""
+    """Every argument in a law that depends on the motion or on time, once."""
     found = list(dict.fromkeys(s for e, damps in _statements(d) for s in _Search(d, damps).inside(e)))
     if not found:
         return []
@@ -59,7 +53,7 @@ def switches_of(d: Derived) -> list[Switch]:
 
 
 def switch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Arguments, and exponents of the powers that are not numbers, of a law."""
+    """Arguments of a law as outputs ("argument", i), in names and unknowns."""
     resolve, name = d.variation.resolve, d.variation.name
     return [(("argument", i), resolve(name(s.argument))) for i, s in enumerate(known_switches(d))]
 
@@ -71,7 +65,7 @@ def known_switches(d: Derived) -> tuple[Switch, ...]:
 
 
 def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
-    """The expressions a law integrates, as stated, and whether they are a Rayleigh function."""
+    """The expressions of a law as stated, and whether they are a Rayleigh function."""
     law = d.law
     if not isinstance(law, Force | Joint):
         return
@@ -90,7 +84,7 @@ def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
 
 
 class _Search:
-    """The arguments in one statement."""
+    """Search for the arguments in one statement."""
 
     def __init__(self, d: Derived, damps: bool) -> None:
         self.damps, self.seen = damps, set[Any]()
@@ -124,7 +118,7 @@ class _Search:
             yield Switch(KINDS[kind], e.args[0])
 
     def _is_angle(self, e: Expr) -> bool:
-        """Whether e is an angle of the motion itself, or a sum of such: its sine has no scale but a turn."""
+        """Whether e is an angle of the motion, or a sum of such: its sine varies on no smaller scale than a turn."""
         if isinstance(e, se.FunctionSymbol) and e.get_name() == "let":
             return self._is_angle(e.args[0])
         if isinstance(e, se.Add):
@@ -142,7 +136,7 @@ class _Search:
         whole = isinstance(exponent, se.Integer)
         if exponent.free_symbols or not whole or int(exponent) < 0:
             falls = not exponent.free_symbols and float(exponent) < 0
-            if (falls and not self.damps) or base.free_symbols & self.own:  # else a length, without a scale of its own
+            if (falls and not self.damps) or base.free_symbols & self.own:  # else a length, which has no width
                 yield Switch("power", base, exponent)
 
 

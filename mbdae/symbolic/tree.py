@@ -1,10 +1,10 @@
 """Trees of recursive joints: the motion of every body as a function of joint coordinates, by one program.
 
-A joint with the twist (travel, turn) carries l from k by the screw motion exp(c (travel, turn)) about k.z; a weld has no
-coordinate, its twist is (0, 0). The tree
-program goes from the root outwards (positions, velocities, accelerations), evaluates the laws between its bodies, and
-returns the forces from the leaves to the root: the residual of the joint coordinates and of a free root. Its Jacobian
-is the derivative of the program, so the geometric stiffness is in it by construction (paper Eqs. 24-33).
+A body is carried where its position follows from another body and a joint coordinate c: a joint with the twist (travel, turn)
+moves l relative to k by the screw exp(c (travel, turn)) about k.z; a weld has no coordinate, its twist is (0, 0). The program
+goes from the root outwards (positions, velocities, accelerations), evaluates the laws between the bodies, and projects their
+forces from the leaves to the root: the residual of the joint coordinates and of a free root. Its Jacobian is the derivative of
+the program, which contains the geometric stiffness (paper Eqs. 24-33).
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.law import Joint, Structure
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.quaternions import rate_from_spatial_spin, rotation_columns, rotation_per_component
+from mbdae.symbolic.quaternions import product, rate_from_spatial_spin, rotation_columns, rotation_per_component
+from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
@@ -57,7 +58,7 @@ class Member:
 
 @dataclass(frozen=True)
 class TreeStructure:
-    """What distinguishes two trees beside numbers. loaded: nodes that laws outside the program act on."""
+    """What distinguishes two trees apart from numbers. loaded: nodes on which laws outside the program act."""
 
     root: NodeKind
     links: tuple[Link, ...]
@@ -105,8 +106,8 @@ class TreeProgram:
         self._arms: list[tuple[Vec, Vec, Vec, Vec]] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
-        self.force = self._pulled("wu", self._members())
-        self.correction = self._pulled("wq", {}) if structure.loaded else {}
+        self.force = self._projected("wu", self._members())
+        self.correction = self._projected("wq", {}) if structure.loaded else {}
         self.size = len(self.program.steps)  #: before it is differentiated
 
     def _input(self, *place: Any) -> Expr:
@@ -136,7 +137,7 @@ class TreeProgram:
         return state
 
     def _frame(self, j: int, link: Link, side: str, node: State, axes: Axes) -> tuple[Vec, tuple[Vec, ...]]:
-        """Offset of the joint's point from a node and the joint's axes, as the node carries them."""
+        """Offset of the joint's point from a node and the joint's axes, inertial."""
         offset, columns = self._in_body(j, link, side, axes)
         return self.program.vec(node.of_body([offset])[0]), tuple(map(self.program.vec, node.of_body(columns)))
 
@@ -198,7 +199,7 @@ class TreeProgram:
         to_joint = [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)]
         from_joint = [self._number(f"link{j}", f"{other}_P{i}", link.numbers) for i in range(4)]
         inverse = [from_joint[0], *(-x for x in from_joint[1:])]
-        child.P = list(map(let, _product(_product(_product(k.P, to_joint), half), inverse)))
+        child.P = list(map(let, product(product(product(k.P, to_joint), half), inverse)))
 
     # -- laws of the tree
 
@@ -209,9 +210,9 @@ class TreeProgram:
             d = derive(*member.law)
             table = self._meaning(m, member, d)
             for name, value in d.variation.values.items():
-                table[name] = self.program.let(_substituted(d.variation.resolve(value), table))
+                table[name] = self.program.let(substituted(d.variation.resolve(value), table))
             for f, node in zip(d.frames, member.nodes, strict=True):
-                rows = {t[2]: _substituted(d.variation.resolve(e), table) for t, e in dynamics(d) if t[1] == f.side}
+                rows = {t[2]: substituted(d.variation.resolve(e), table) for t, e in dynamics(d) if t[1] == f.side}
                 if node is not None and rows:
                     total[node] = _sum(total.get(node), self._wrench(node, rows))
         return total
@@ -224,7 +225,7 @@ class TreeProgram:
             table[symbol] = self._input("timed", f"member{m}", str(symbol))
         for f, node in zip(d.frames, member.nodes, strict=True):
             if node is None:
-                table |= {symbol: _substituted(value, table) for symbol, value in f.meaning.items()}
+                table |= {symbol: substituted(value, table) for symbol, value in f.meaning.items()}
             else:
                 table |= self._frame_meaning(f, self.nodes[node], known)
         return table
@@ -271,7 +272,7 @@ class TreeProgram:
 
     # -- inwards
 
-    def _pulled(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
+    def _projected(self, role: str, wrenches: dict[int, Wrench]) -> dict[tuple[int, int], Expr]:
         """Rows of the coordinates and of the root: the transpose of the outward velocities (virtual power)."""
         vec = self.program.vec
         total = {j: wrenches.get(j, (ZERO, ZERO)) for j in range(len(self.nodes))}
@@ -302,7 +303,7 @@ class TreeProgram:
         return {(0, i): self.program.let(e) for i, e in enumerate(entries)}
 
     def _load(self, role: str, j: int) -> Wrench:
-        """Rows that laws outside add to a node: of its dynamics ("wu"), or corrections of its position rates ("wq")."""
+        """Terms of laws outside the program in the rows of a node: dynamics ("wu"), or corrections of position rates ("wq")."""
         state = self.nodes[j]
         rows = [self._input(role, j, i) for i in range(state.kind.sizes[1 if role == "wu" else 0])]
         if role == "wu" or state.kind is not NodeKind.SPATIAL:
@@ -330,18 +331,8 @@ class TreeProgram:
         return out
 
 
-def _product(a: list[Expr], b: list[Expr]) -> list[Expr]:
-    """Quaternion product a o b."""
-    u, v = Vec(*a[1:]), Vec(*b[1:])
-    return [a[0] * b[0] - u @ v, *(v * a[0] + u * b[0] + u.cross(v))]
-
-
 def _sum(a: Wrench | None, b: Wrench) -> Wrench:
     return b if a is None else (a[0] + b[0], a[1] + b[1])
-
-
-def _substituted(e: Expr, table: dict[Expr, Expr]) -> Expr:
-    return e.subs({x: table[x] for x in e.free_symbols if x in table})
 
 
 @lru_cache(maxsize=64)

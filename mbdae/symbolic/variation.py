@@ -1,8 +1,8 @@
 """Differentiation along motions: the rule delta a = delta psi x a, with named intermediates.
 
 A law may name an intermediate with `let(e)` and ask for a time derivative with `rate(e)`; angles (atan2) and turn
-counts (floor) are named by themselves. Names keep second derivatives small (without them the stiffness of an angle
-is a thousand times larger) and are what a report prints.
+counts (floor) are named automatically. A name is a symbol in place of an expression. Names keep second derivatives
+short (without them the stiffness of an angle is a thousand times longer), and reports print them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 _LET, _RATE = se.Function("let"), se.Function("rate")
@@ -106,7 +107,7 @@ class Variation:
         return Vec(*(self._symbol(self.resolve(c)) for c in v))
 
     def _rate_by_names(self, e: Expr) -> Expr:
-        """`rate` with the rates of the names in e named themselves: keeps the stiffness of a damper small."""
+        """`rate` in which the rates of names are named too: keeps the stiffness of a damper short."""
         total = self._rate_at_fixed_names(e)
         for factor, name in self._chain(e):
             if name not in self._rates:
@@ -188,15 +189,10 @@ class Variation:
             for symbol, value in f.meaning.items():
                 table[symbol] = value.subs(table)
         for name, value in list(self.values.items())[self._inserted[shared] :]:
-            e = _replaced(self.resolve(value), table)
+            e = substituted(self.resolve(value), table)
             table[name] = se.UnevaluatedExpr(e) if shared and not e.is_Number and not isinstance(e, se.Symbol) else e
         self._inserted[shared] = len(self.values)
         return table
-
-
-def _replaced(e: Expr, table: dict[Expr, Expr]) -> Expr:
-    """e with those symbols replaced that it contains."""
-    return e.subs({x: table[x] for x in e.free_symbols if x in table})
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:

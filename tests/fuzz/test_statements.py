@@ -68,7 +68,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }  # fmt: skip
 NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
-LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1)}
+LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
 #: the same of public classes
 CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
@@ -76,7 +76,7 @@ CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "ClassicalRevolute": (LAW, {**LAW_PLACES, "drive": 0.1, **AUGMENTED}),
     "Prismatic": (LAW, {**LAW_PLACES, "drive": 0.1}), "Spherical": (LAW, LAW_PLACES), "Weld": (LAW, LAW_PLACES),
     "FixedOrientation": (LAW, LAW_PLACES), "Distance": ({**LAW, "length": 1.0}, LAW_PLACES), "Joint": (LAW, LAW_PLACES),
-    "Force": (LAW, {**LAW_PLACES, "at_l": (0, 1)}), "Own": ({**LAW, "stiffness": 1.0}, {**LAW_PLACES, "at_l": (0, 1)}),
+    "Force": (LAW, LAW_PLACES), "Own": ({**LAW, "stiffness": 1.0}, LAW_PLACES),
     "Coulomb": ({"mu": 1.0, "v_c": 1.0}, {}), "Friction": ({}, {}), "Normal": ({}, {}), "Recursive": ({}, {}),
     "LuGre": ({"mu_k": 1.0, "mu_s": 1.0, "v_s": 1.0, "sigma0": 1e5, "sigma1": 1.0},
               {"sigma2": 1.0, "gamma": 2, "damping_decay": True}),

@@ -175,3 +175,16 @@ def test_unknowns_are_those_of_the_joints(scene: Callable[[], mb.Scene]) -> None
     found = s.check()
     assert found.unknowns == {"positions": len(free), "velocities": len(free), "states": 0, "multipliers": 0}
     assert found.degrees_of_freedom == len(free)
+
+
+def test_a_model_is_replaced_wherever_it_was_given() -> None:
+    """By position, by name or not at all: the statement of the new scene has one model, the other arguments stay."""
+    s = mb.Scene("three slides")
+    a, b, c = (s.rigid_body(name, 1.0, (1, 1, 1)) for name in "abc")
+    s.revolute("by position", s.ground, a, (0, 0), (0, 0, 1), R, None, 0.25)
+    s.prismatic("by position too", s.ground, b, (0, 0), (1, 0), None, 0.5, None, 2.0, None, None, R)
+    s.prismatic("by name", b, c, (0, 0), (1, 0), model=R, spring=3.0)
+    for item in s.replace(model=mb.Classical()).joints:
+        assert item.model == mb.Classical()
+        assert item.hold == {"by position": 0.25, "by position too": 0.5, "by name": None}[item.name]
+        assert len(item.laws) == (1 if item.name == "by position" else 2)

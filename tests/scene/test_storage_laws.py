@@ -16,7 +16,7 @@ import mbdae as mb
 from mbdae import integrators
 from mbdae.results import archive, storage
 from mbdae.results.storage import SOLVERS
-from mbdae.scene.record import STATEMENTS, homeless
+from mbdae.scene.record import STATEMENTS, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 
@@ -258,7 +258,7 @@ def test_all_public_solvers_are_known() -> None:
     ("own.laws:Revolute", "own.laws:Revolute"), ("mbdaextra:Revolute", "mbdaextra:Revolute"),
 ])  # fmt: skip
 def test_files_that_name_the_module_of_a_law_are_read(old: str, new: str) -> None:
-    assert homeless(old) == new
+    assert without_module(old) == new
     if new.startswith("mbdae:"):
         assert Known().find(old, object) is getattr(mb, new[6:])
     else:

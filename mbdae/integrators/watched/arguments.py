@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.symbolic.functions import limited, scales
 from mbdae.system.base import Array, Switches
 
 #: beyond these arguments a function is flat: exp(-25) = 1e-11; sinh and exp are followed up to e^40, tanh up to 1 - 3e-8
@@ -32,20 +33,12 @@ ROUND_OFF = 1e-10  #: difference of an argument over its magnitude that may be r
 TINIEST = 1e-300  #: keeps logarithms finite
 
 
-def _held(low: float, high: float) -> Callable[[Any], Any]:
-    return lambda u: np.minimum(np.maximum(u, low), high)
-
-
-_between_logarithms = _held(*LOGARITHMS)
+_between_logarithms = limited(*LOGARITHMS)
+#: kind of argument -> PHI
 STRETCHES: dict[str, Callable[[Any], Any]] = {
-    "kink": lambda u: 0.0 * u,
-    "decaying": _held(-FLAT, STEEP),
-    "saturating": _held(-SATURATED, SATURATED),
-    "growing": _held(-STEEP, STEEP),
-    "arc": np.arcsinh,
-    "periodic": lambda u: u,
+    **scales(SATURATED, STEEP), "kink": lambda u: 0.0 * u, "decaying": limited(-FLAT, STEEP),
     "power": lambda u: _between_logarithms(np.log(np.abs(u) + TINIEST)),
-}
+}  # fmt: skip
 
 Inside = Callable[[Array], Array]  #: y (k, n) on the polynomial of a step after parts (k,) of it
 

@@ -9,7 +9,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.laws.contact.normal import Normal
-from mbdae.symbolic.part import params, stated
+from mbdae.symbolic.part import checked_value, params
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import number
 
@@ -35,16 +35,16 @@ class Hertz(Normal):
 
     @classmethod
     def restitution(cls, stiffness: float, e: float, v: float) -> Self:
-        """The law that returns the fraction e of an impact speed v (m/s), exactly: see `coefficient_of_restitution`."""
-        told = "Hertz.restitution"
-        kept = stated(told, "e", e, number, "give the coefficient of restitution, above 0 and up to 1", above=0, most=1)
-        speed = stated(told, "v", v, number, "give the impact speed at which e holds, above 0, m/s", above=0)
-        return cls(stiffness, _damping_of(kept) / speed)
+        """The law whose exit speed is e times the impact speed v (m/s), exactly: see `coefficient_of_restitution`."""
+        item = "Hertz.restitution"
+        ratio = checked_value(item, "e", e, number, "give the coefficient of restitution, above 0 and up to 1", above=0, most=1)
+        speed = checked_value(item, "v", v, number, "give the impact speed at which e holds, above 0, m/s", above=0)
+        return cls(stiffness, _damping_of(ratio) / speed)
 
     def coefficient_of_restitution(self, v: float) -> float:
         """Exit speed over impact speed v (m/s): (1 - d e) exp(d e) = (1 + d) exp(-d), d = damping v; falls with v."""
-        told = "Hertz.coefficient_of_restitution"
-        d = (self.damping or 0.0) * stated(told, "v", v, number, "give the impact speed, above 0, m/s", above=0)
+        item = "Hertz.coefficient_of_restitution"
+        d = (self.damping or 0.0) * checked_value(item, "v", v, number, "give the impact speed, above 0, m/s", above=0)
         if d == 0:
             return 1.0
         low, high = 0.0, min(1.0, 1 / d)

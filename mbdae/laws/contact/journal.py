@@ -23,7 +23,7 @@ RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
 class _Station:
     """A cross-section in which pin and race meet. Expressions of the frames; SI units."""
 
-    penetration: Expr  #: outer radius reached beyond: > 0 in contact
+    penetration: Expr  #: of the pin into the race: > 0 in contact
     rate: Expr
     overlap: Expr  #: penetration where positive, else 0
     normal: Vec  #: from the centre of the race to that of the pin
@@ -43,9 +43,9 @@ class JournalContact(Force):
 
     u = l.r - k.r, d its length normal to k.z, n = u / d, penetration d - (outer - inner). Normal force f_n along -n on l,
     friction force -coefficient(v) f_n along t = k.z x n; both act at one point, outer n from the centre of the race, so that
-    moments balance (on a mass point, which takes no moment, where it is). v is the sliding velocity of the material points
-    there: leaving out the rotation of the race creates energy. With `length` the pin touches at both ends of a bearing that
-    long and may tilt; a friction law with states then acts along t alone.
+    moments balance (a mass point takes no moment: there they act at the mass point). v is the sliding velocity of the
+    material points there: leaving out the rotation of the race creates energy. With `length` the pin touches at both ends of a
+    bearing of that length and may tilt; a friction law with states then acts along t only.
     """
 
     params = params(
@@ -69,7 +69,7 @@ class JournalContact(Force):
     # -- geometry
 
     def _stations(self, k: Frame, l: Frame) -> list[tuple[_Station, str]]:
-        """The planes of contact with the ending of their states; of a pin that cannot tilt both ends do the same."""
+        """The planes of contact with the suffix of their states; one plane stands for both ends of a pin that cannot tilt."""
         if self.length is None or not _tilts(k, l):
             return [(self._station(k, l, ZERO), self._ends[0])]
         return [(self._station(k, l, l.z * (sign * self.length / 2)), end) for sign, end in zip((-1, 1), self._ends, strict=True)]
@@ -103,7 +103,7 @@ class JournalContact(Force):
 
     @staticmethod
     def _inverse(radial: Vec, distance: Expr, core: Expr) -> Expr:
-        """1 / distance, continued with its slope of the product radial / distance inside the core, where nothing touches."""
+        """1 / distance; inside the core, where nothing touches, a parabola that continues it with the same value and slope."""
         square = radial @ radial
         inside = core + CORE
         return let(se.Piecewise((1 / distance, distance > inside), ((3 - square / inside**2) / (2 * inside), True)), r"\beta")
@@ -161,7 +161,7 @@ class JournalContact(Force):
     def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return self._of_states(k, l, "initial")
 
-    # -- what is watched and shown
+    # -- gaps and sensors
 
     def gaps(self, k: Frame, l: Frame) -> list[tuple[Expr, Expr]]:
         return [(-at.penetration, -at.rate) for at, _ in self._stations(k, l)]

@@ -1,4 +1,4 @@
-"""What a normal contact law is: a force between two bodies that overlap, never an attraction."""
+"""Base of normal contact laws: a repulsive force between two bodies that overlap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The coordinate a joint keeps as an unknown of its own."""
+"""The coordinate of a joint as an unknown of its own."""
 
 from __future__ import annotations
 

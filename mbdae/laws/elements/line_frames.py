@@ -37,12 +37,10 @@ def _normal(first: Array, positions: Array) -> Array:
     """Normal of the plane of the line, up (z, else y, else x positive); z or x where it is straight."""
     spread = np.linalg.svd(np.vstack([first, positions - positions[0]]), full_matrices=False)
     if spread[1][1] <= PARALLEL * spread[1][0]:
-        straight: Array = np.eye(3)[2 if np.linalg.norm(first[0, :2]) > PARALLEL else 0]
-        return straight
+        return np.asarray(np.eye(3)[2 if np.linalg.norm(first[0, :2]) > PARALLEL else 0])
     normal = spread[2][2]
     leading = next(c for c in normal[::-1] if abs(c) > PARALLEL)
-    found: Array = normal * np.sign(leading)
-    return found
+    return np.asarray(normal * np.sign(leading))
 
 
 def _carried(first: Array, normal: Array) -> Array:
@@ -66,14 +64,12 @@ def quaternions(axes: Array) -> Array:
     P = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
     first = 1.0 if P[0, 0] >= 0 else -1.0
     flips = np.where(np.einsum("ki,ki->k", P[1:], P[:-1]) < 0, -1.0, 1.0)
-    found: Array = P * np.cumprod(np.r_[first, flips])[:, None]
-    return found
+    return np.asarray(P * np.cumprod(np.r_[first, flips])[:, None])
 
 
 def headings(tangents: Array) -> Array:
     """(k,) angle of the tangents in the plane z = 0, continuous along the line, rad."""
-    found: Array = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
-    return found
+    return np.asarray(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
 
 
 def relative(P: Array, S: Array) -> Array:

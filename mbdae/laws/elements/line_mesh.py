@@ -1,4 +1,4 @@
-"""A line cut into elements: nodes with section axes, and what is constant in them.
+"""A line divided into elements: nodes with section axes, and constants of the elements.
 
 Nodes lie along the line, p per element; neighbours share one. Where the line has a corner, or where a node has axes of
 its own, a constant rotation per element end (`turns`) leads from the node's axes to the section's, so that corners are
@@ -21,7 +21,7 @@ from mbdae.laws.elements.line_shape import Array, Table, mass_points, node_posit
 from mbdae.ties import largest
 
 NEAR = 1e-9  #: of a segment: what counts as the same place
-SHORTEST = 1e-3  #: of a neighbour: elements an attachment may leave
+SHORTEST = 1e-3  #: smallest length of an element cut by an attachment, over its neighbours'
 Curve = Callable[[float], Any]  #: position (3,) by a parameter from 0 to 1
 
 
@@ -41,13 +41,11 @@ class LineMesh:
     @property
     def curve(self) -> Array:
         """(m, p + 1, 3) positions of the nodes of every element."""
-        found: Array = self.positions[self.elements]
-        return found
+        return np.asarray(self.positions[self.elements])
 
     def measure(self, at: Table) -> Array:
         """(m, points) ds/dxi of the interpolated reference curve, m."""
-        lengths: Array = np.linalg.norm(np.einsum("ga,mai->mgi", at.slopes, self.curve), axis=-1)
-        return lengths
+        return np.asarray(np.linalg.norm(np.einsum("ga,mai->mgi", at.slopes, self.curve), axis=-1))
 
     @cached_property
     def length(self) -> float:
@@ -76,15 +74,13 @@ class LineMesh:
 
     def shared(self, at: Table) -> Array:
         """(m, p + 1, p + 1) integrals of products of shape functions over every element, m."""
-        found: Array = np.einsum("mg,g,ga,gb->mab", self.measure(at), at.weights, at.values, at.values)
-        return found
+        return np.asarray(np.einsum("mg,g,ga,gb->mab", self.measure(at), at.weights, at.values, at.values))
 
     @cached_property
     def lumped(self) -> Array:
         """(m, p + 1) integral of every shape function, m: nodal forces of a unit dead load per length."""
         at = mass_points(self.order)
-        found: Array = np.einsum("mg,g,ga->ma", self.measure(at), at.weights, at.values)
-        return found
+        return np.asarray(np.einsum("mg,g,ga->ma", self.measure(at), at.weights, at.values))
 
     @cached_property
     def normal_axis(self) -> int | None:
@@ -206,8 +202,7 @@ def _tangent(curve: Curve, s: float) -> Array:
     stencil = inside + h * np.arange(-2, 3)
     values = _vectors([curve(t) for t in stencil])
     weights = np.linalg.solve(np.vander(stencil - s, 5, increasing=True).T, np.eye(5)[1])
-    found: Array = weights @ values
-    return found
+    return np.asarray(weights @ values)
 
 
 def _mesh(order: int, curve: Array, tangents: Array, axis2: Any, places: Array) -> LineMesh:

@@ -31,8 +31,7 @@ def node_positions(order: int) -> Array:
     if order not in ORDERS:
         raise OptionError(f"order = {order}: a line element has order 1, 2, 3 or 4")
     inner = legendre.Legendre.basis(order).deriv().roots() if order > 1 else np.zeros(0)
-    xi: Array = np.r_[0.0, (np.sort(np.real(inner)) + 1) / 2, 1.0]
-    return xi
+    return np.asarray(np.r_[0.0, (np.sort(np.real(inner)) + 1) / 2, 1.0])
 
 
 def table(order: int, xi: Array, weights: Array | None = None) -> Table:

@@ -1,4 +1,4 @@
-"""What a friction law is: a signed coefficient of the sliding velocity, with internal states where it needs them."""
+"""Base of friction laws: a signed coefficient as a function of the sliding velocity, with internal states if needed."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Friction(Part):
         return {name: se.Integer(0) for name in self.states}
 
     def stored(self, v: Expr) -> Expr:
-        """Energy over normal force that the internal states hold, m: what the law may give back."""
+        """Energy over normal force stored in the internal states, m."""
         return se.Integer(0)
 
     def smallest_velocity(self) -> float | None:
-        """Velocity (m/s) over which the coefficient changes: what the tolerance has to resolve; None where there is none."""
+        """Velocity (m/s) over which the coefficient changes: the tolerance has to resolve it; None where there is none."""
         return None
 
     def feeds_at(self) -> float | None:
@@ -51,7 +51,7 @@ class Friction(Part):
         return None
 
     def doubts(self) -> list[str]:
-        """What a user should know of these parameter values before trusting a result."""
+        """Warnings about these parameter values, one sentence each."""
         return []
 
 

@@ -9,7 +9,7 @@ import symengine as se
 
 from mbdae.errors import AccuracyWarning
 from mbdae.laws.friction.base import Friction, magnitude
-from mbdae.symbolic.part import Parameter, params, stated
+from mbdae.symbolic.part import Parameter, checked_value, params
 from mbdae.symbolic.vectors import Expr
 from mbdae.values import flag, number
 
@@ -33,8 +33,9 @@ class LuGre(Friction):
     def __init__(self, mu_k: float, mu_s: float, v_s: float, sigma0: float, sigma1: float, sigma2: float = 0.0,
                  gamma: float = 2, damping_decay: bool = True) -> None:  # fmt: skip
         values = {"mu_k": mu_k, "mu_s": mu_s, "v_s": v_s, "sigma0": sigma0, "sigma1": sigma1, "sigma2": sigma2}
-        exponent = stated("LuGre", "gamma", gamma, number, "give the Stribeck curve's exponent (2 is usual)", least=0.5, most=4)
-        falls = stated("LuGre", "damping_decay", damping_decay, flag, "give True or False")
+        exponent = checked_value("LuGre", "gamma", gamma, number, "give the Stribeck curve's exponent (2 is usual)",
+                                 least=0.5, most=4)  # fmt: skip
+        falls = checked_value("LuGre", "damping_decay", damping_decay, flag, "give True or False")
         super().__init__(**values, gamma=exponent, damping_decay=falls)
         for key in ("mu_k", "mu_s", "v_s", "sigma0"):
             self.number(key, "above 0")

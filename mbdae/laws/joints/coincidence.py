@@ -1,4 +1,4 @@
-"""Rows several joints share."""
+"""Rows of several joints."""
 
 from __future__ import annotations
 
@@ -20,19 +20,13 @@ def same_axis(k: Frame, l: Frame) -> dict[str, Expr]:
 
 
 def turned_by(k: Frame, l: Frame, angle: Expr) -> Expr:
-    """sin(angle - theta), theta the angle of l about k.z (paper Eqs. 10 and 12): zero there, and half a turn off."""
+    """sin(angle - theta), theta the angle of l about k.z (paper Eqs. 10 and 12): zero where both agree, and half a turn off."""
     return k.x @ (l.x * se.sin(angle) + l.y * se.cos(angle))
 
 
 def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
-    """cos(angle - theta): positive where `turned_by` means the angle and not its opposite."""
+    """cos(angle - theta): positive where theta is the angle, negative half a turn off, where `turned_by` vanishes too."""
     return k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
-
-
-def on_axis(k: Frame, l: Frame, drive: Expr | None) -> dict[str, Expr]:
-    """Branches of a joint that turns about k.z, its angle prescribed or not."""
-    wanted = {"axes in the same sense": k.z @ l.z}
-    return wanted if drive is None else wanted | {"prescribed angle, not its opposite": near_angle(k, l, drive)}
 
 
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
@@ -41,5 +35,5 @@ def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
 
 
 def upright(k: Frame, l: Frame) -> dict[str, Expr]:
-    """Positive where l is not turned by half a turn, which `same_attitude` alone would admit."""
+    """Positive unless l is half a turn off, which `same_attitude` alone would admit."""
     return {"z axes in the same sense": k.z @ l.z, "x axes in the same sense": k.x @ l.x}

@@ -11,7 +11,6 @@ from mbdae.symbolic.vectors import Expr
 class FixedOrientation(Joint):
     """l does not turn relative to k."""
 
-
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_attitude(k, l)
 

@@ -1,4 +1,4 @@
-"""Friction in revolute and prismatic joints, pressed by the joint's own reaction."""
+"""Friction in revolute and prismatic joints whose normal force is the joint's own reaction."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ RADIUS = params(radius=("m", "radius of the pin: lever of the friction force"))
 
 
 class _Rubbing(Joint):
-    """What both joints have in common: a friction law (None: no friction), its states, and the force that presses."""
+    """Both joints: a friction law (None: no friction), its states, and the normal force."""
 
     options = ("friction",)
 
     def pressing(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> Vec:
-        """What presses the surfaces together, of the reactions of the rows, N; its magnitude is the normal force."""
+        """The part of the joint's reaction that presses the surfaces together, N; its magnitude is the normal force."""
         raise NotImplementedError
 
     def sliding(self, k: Frame, l: Frame) -> Expr:
@@ -49,8 +49,8 @@ class _Rubbing(Joint):
 class _Bearing(_Rubbing):
     """Torque -coefficient(v) N radius on l about k.z, v = radius times the rate of the angle.
 
-    N is the magnitude of the joint's reaction normal to k.z; what the bearing carries along its axis, and the moments that
-    keep it upright, do not count.
+    N is the magnitude of the joint's reaction normal to k.z; the force along the axis and the moments about axes normal to it do
+    not count.
     """
 
     def pressing(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> Vec:

@@ -11,6 +11,5 @@ from mbdae.symbolic.vectors import Expr
 class Spherical(Joint):
     """The points of k and l coincide, all rotations are free."""
 
-
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_point(k, l)

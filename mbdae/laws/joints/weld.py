@@ -11,6 +11,7 @@ from mbdae.symbolic.vectors import Expr
 class Weld(Joint):
     """l moves with k."""
 
+    welds = True
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_point(k, l) | same_attitude(k, l)

@@ -16,9 +16,8 @@ from mbdae.kernels.beam import GyroscopicKernel, load_kernel, mass_blocks, strai
 from mbdae.kernels.element import ElementKernel
 from mbdae.kernels.line import LineKernel, merged
 from mbdae.laws.elements.line_mesh import LineMesh
-from mbdae.laws.joints import Weld
-from mbdae.scene.beams import BeamLoad, mesh_of, nearest_place
-from mbdae.scene.components import Array, Beam, Body, Station
+from mbdae.scene.beams import mesh_of, nearest_place
+from mbdae.scene.components import Array, Beam, BeamLoad, Body, Station
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.line import WEIGHT
 from mbdae.system.model.nodes import Node
@@ -42,9 +41,7 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
     for c in scene.connections:
         for side, body in (("k", c.k), ("l", c.l)):
             if isinstance(body, Beam):
-                law: Any = c.joint
-                at = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-                point = c.places.get(side, at)
+                point = c.places.get(side, c.joint.point_on(side))
                 wanted[body].append((c.name, side, nearest_place(body, point), point))
     meshes: dict[Beam, LineMesh] = {}
     nodes: dict[tuple[str, str], int] = {}
@@ -64,7 +61,7 @@ def meshed(scene: SceneData, planar: bool = False) -> tuple[dict[Beam, Meshed], 
 def _give_welded_nodes_equal_axes(scene: SceneData, meshes: dict[Beam, LineMesh], nodes: dict[tuple[str, str], int]) -> None:
     """Nodes of two beams that are welded to each other get the same axes, so that they can share their rotation."""
     settled: set[tuple[Beam, int]] = set()
-    for c in (c for c in scene.connections if isinstance(c.joint, Weld)):
+    for c in (c for c in scene.connections if c.is_joint and c.joint.welds):
         if not (isinstance(c.k, Beam) and isinstance(c.l, Beam)):
             continue
         k, l = (c.k, nodes[c.name, "k"]), (c.l, nodes[c.name, "l"])

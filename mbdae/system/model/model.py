@@ -142,10 +142,9 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
 def scene_length(scene: SceneData) -> float:
     """Largest distance between any two points of the scene along an axis, m (1 m for a single point)."""
     points = [p for b in scene.bodies for p in (b.position, *b.outline)]
-    points += [law.at for c in scene.connections for law in c.laws]
+    points += [law.point_on(side) for c in scene.connections for law in c.laws for side in "kl"]
     races = [(c.joint, c.model.outer) for c in scene.joints if isinstance(c.model, Clearance)]
     points += [joint.at + side for joint, radius in races for side in (-radius * np.ones(3), radius * np.ones(3))]
-    points += [law.at_l for c in scene.connections for law in c.laws if getattr(law, "at_l", None) is not None]
     extent = float(np.max(np.ptp(np.array(points), axis=0))) if points else 0.0
     return extent if extent > 0 else 1.0
 
@@ -174,8 +173,8 @@ def out_of_plane(scene: SceneData) -> str | None:
             return f"load '{load.name}' follows a section whose axis 3 is not z"
     for c in scene.connections:
         for law in c.laws:
-            for point in (law.at, getattr(law, "at_l", None)):
-                if point is not None and abs(point[2]) > tolerance:
+            for point in (law.at, law.point_on("l")):
+                if abs(point[2]) > tolerance:
                     return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
     return None
 
@@ -293,8 +292,7 @@ def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
     for side, body, node in zip("kl", bodies, nodes, strict=True):
         kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
         Q = body.rotation.T @ J
-        point = law.at_l if side == "l" and getattr(law, "at_l", None) is not None else law.at
-        offset = body.rotation.T @ (point - body.position)
+        offset = body.rotation.T @ (law.point_on(side) - body.position)
         sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
         numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
         numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.laws.joints import Weld
 from mbdae.scene.components import Array
 from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
@@ -65,7 +64,7 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
         elif others or len(ends) == 1:
             continue  # held at two points of the ground: the rows say more than sharing could
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
-        if isinstance(instance.law, Weld):
+        if instance.law.welds:
             welded.append((g, i, ends))
     fixed = {n.name: pinned[leader(n, leads)] for n in model.nodes if leader(n, leads) in pinned}
     owner = {n.name: leader(n, leads) for n in model.nodes if n in leads and n.name not in fixed}

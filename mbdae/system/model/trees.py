@@ -67,7 +67,7 @@ def refused(joints: list[Joined]) -> list[str]:
     found = []
     for c, k, l in joints:
         for body in (k, l):
-            if body.is_point and (c.kind == "revolute" or body is k):
+            if body.is_point and (c.turns or body is k):
                 found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
                              f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
         a, b = leader(k, leads), leader(l, leads)

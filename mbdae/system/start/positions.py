@@ -80,7 +80,7 @@ class Closing:
         turn, at = 0.0, body.owner
         while at not in self.tree.roots:
             parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
-            if joint.kind == "revolute":
+            if joint.turns:
                 turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])
             at = parent
         return body.heading + turn
@@ -145,7 +145,7 @@ class Closing:
     def _cannot_close(self, worst: int, g: Array, A: Array) -> str:
         if worst >= self.mechanics.m:
             joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
-            unit = "rad" if joint.kind == "revolute" else "m"
+            unit = "rad" if joint.turns else "m"
             return (f"the held value {self.held_value(joint):.6g} of '{joint.name}' cannot be reached: the loop stays off by "
                     f"{abs(g[worst]):.3g} {unit}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
@@ -176,7 +176,7 @@ class Closing:
         joints = self._held_joints(self.held_value)
         value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), joints)
         off: Array = value - np.array([self.held_value(c) for c in joints], dtype=float)
-        turns = np.array([2 * np.pi if c.kind == "revolute" else 0.0 for c in joints])
+        turns = np.array([2 * np.pi if c.turns else 0.0 for c in joints])
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
@@ -254,9 +254,9 @@ def _largest(g: Array, units: Array) -> float:
 def _motion(joint: Connection, value: float) -> tuple[Array, Array]:
     """Rigid motion (quaternion, displacement) that a joint's coordinate makes of its drawn place."""
     law: Any = joint.joint
-    if value == 0 or joint.kind not in ("revolute", "prismatic"):
+    if value == 0 or not (joint.turns or joint.slides):
         return np.eye(4)[0], np.zeros(3)
-    if joint.kind == "prismatic":
+    if joint.slides:
         return np.eye(4)[0], value * law.axis
     P = turned(np.eye(4)[0], value * law.axis)
     return P, law.at - rotation_matrices(P) @ law.at

@@ -88,12 +88,12 @@ class Starter(Closing):
         point = r + R @ parent.rotation.T @ (law.at - parent.position) if not parent.is_point else r
         axis = R @ parent.rotation.T @ law.axis
         rate = (self.held_rate(joint) or 0.0) * (1 if joint.l is child else -1)
-        slide = rate * axis if joint.kind == "prismatic" else np.zeros(3)
-        spin = w + (rate * axis if joint.kind == "revolute" else np.zeros(3))
+        slide = rate * axis if joint.slides else np.zeros(3)
+        spin = w + (rate * axis if joint.turns else np.zeros(3))
         if np.any(child.angular_velocity):
             spin = child.angular_velocity
         carried = v + np.cross(w, point - r) + np.cross(spin, rc - point) + slide
-        if joint.kind == "prismatic":
+        if joint.slides:
             carried = v + np.cross(w, rc - r) + slide
         return (child.velocity if np.any(child.velocity) else carried), spin
 

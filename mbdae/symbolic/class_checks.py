@@ -1,7 +1,7 @@
-"""What a class of laws or parts states, held against its contract: names when the class is made, results when a method is asked.
+"""Checks of classes of laws and parts: names when the class is defined, results whenever one of its methods is called.
 
 Every method of the contract (see `symbolic/law.py`, friction and normal laws) is wrapped where a class defines it. An exception
-of the user's own code, or a result of another kind than the contract says, becomes a LawError that names class and method.
+in the user's code, or a result of another kind than the contract says, becomes a LawError that names class and method.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from mbdae.values import BadValueError, number, shown
 
 Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
-OF_STATES = ("rate", "rates", "initial")  #: methods that nobody asks where there are no states
+OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
 
 class _WrongError(Exception):
-    """A result of another kind than the contract says; the text says what it is and what is wanted."""
+    """A result of another kind than the contract says; the text describes it."""
 
 
 # ---- what a method must return ----------------------------------------------------------------------------------------------
@@ -137,13 +137,13 @@ RETURNS: dict[str, tuple[Check, str]] = {
 # ---- classes ----------------------------------------------------------------------------------------------------------------
 
 
-def hold_to_contract(cls: Any, instance: Sequence[str]) -> None:
-    """Check the names a class declares, and wrap the methods it defines. instance: attributes its objects have anyway."""
+def check_class(cls: Any, instance: Sequence[str]) -> None:
+    """Check the names a class declares, and wrap the methods it defines. instance: attributes that all its objects have."""
     _check_names(cls, instance)
     for name in RETURNS.keys() & vars(cls).keys():
         method = vars(cls)[name]
         if callable(method):
-            setattr(cls, name, _asked(name, method))
+            setattr(cls, name, _checked(name, method))
 
 
 def _check_names(cls: Any, instance: Sequence[str]) -> None:
@@ -166,11 +166,11 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
             known[name] = f"its {what}"
 
 
-def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
 
     @wraps(method)
-    def asked(self: Any, *args: Any, **kwargs: Any) -> Any:
+    def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
         where = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
@@ -183,7 +183,7 @@ def _asked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         except _WrongError as wrong:
             raise LawError(f"{where} returns {wrong}; it must return {wanted}") from wrong.__cause__
 
-    return asked
+    return checked
 
 
 def _line(error: Exception) -> str:
@@ -194,7 +194,7 @@ def _line(error: Exception) -> str:
 
 
 def _hint(law: Any, error: Exception) -> str:
-    """What to write instead, where the error tells it."""
+    """What to write instead, where the error shows it."""
     text = str(error)
     if isinstance(error, AttributeError) and "'Frame'" in text:
         return f"; a frame has {FRAME}"

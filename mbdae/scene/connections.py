@@ -1,0 +1,69 @@
+"""Joints and forces between two bodies: laws added as objects, and checks of the points at which they act."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbdae.laws.forces import AppliedTorque, JointTorque
+from mbdae.scene import reading
+from mbdae.scene.beams import check_attachments
+from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.items import SceneItems
+from mbdae.scene.own_laws import own_copy
+from mbdae.scene.reading import reads
+from mbdae.scene.record import statement
+from mbdae.symbolic.law import Force, Joint
+
+
+class ConnectionStatements(SceneItems):
+    """`add`, and the entry of every joint and force into the scene."""
+
+    @reads(law=own_copy)
+    @statement
+    def add(self, law: Joint | Force) -> Connection:
+        """Add a joint or force law, the package's or the user's own. The scene keeps a copy: what happens to the law afterwards
+        does not change it."""
+        if law.at is None:
+            law.at = point_of(law.l)
+        law.axis = reading.unit(law.axis)
+        return self._connect(Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint)))
+
+    def _connect(self, item: Connection) -> Connection:
+        item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
+        item.k, item.l = (b.body if isinstance(b, Place) else b for b in (item.k, item.l))
+        for law in (*item.laws, *item.as_kinematic):
+            law.k, law.l = item.k, item.l
+            if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
+                law.at_l = item.l.position
+        if item.loose and item.k.is_point:
+            self.problems.append(f"{item.kind} '{item.name}': the point mass '{item.k.name}' cannot carry the race: it has no "
+                                 f"orientation; name it second, or use s.rigid_body")  # fmt: skip
+        if item.k is item.l:
+            self.problems.append(f"{item.kind} '{item.name}': connects '{item.k.name}' with itself; name two different bodies")
+        self._check_point_masses(item)
+        check_attachments(self, item)
+        self._claim(item.name)
+        self.connections.append(item)
+        return item
+
+    def _check_point_masses(self, item: Connection) -> None:
+        """A point mass has no axes and no extent."""
+        for body, side in ((item.k, "k"), (item.l, "l")):
+            for law in item.laws if body.is_point else ():
+                if isinstance(law, JointTorque | AppliedTorque):
+                    self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
+                                         f"use s.rigid_body")  # fmt: skip
+                if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
+                    self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
+                                         f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
+                at = law.point_on(side)
+                if np.linalg.norm(at - body.position) > 1e-9 * (1 + np.linalg.norm(body.position)):
+                    self.problems.append(f"{item.kind} '{item.name}': the point mass '{body.name}' is at "
+                                         f"{body.position.tolist()} m, not at {np.asarray(at).tolist()} m; "
+                                         f"attach to it where it is")  # fmt: skip
+                    break
+
+
+def point_of(body: Body | Place) -> Array:
+    """The point of a joint or force for which none is stated: the place, or the body's centre of mass."""
+    return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)

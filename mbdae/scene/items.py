@@ -1,0 +1,65 @@
+"""The data of a scene, on which all statements work: its items by name, the statements made, the mistakes found."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import SceneError
+from mbdae.scene import reading
+from mbdae.scene.components import Beam, BeamLoad, Body, Connection
+from mbdae.scene.reading import Argument
+from mbdae.scene.record import Own, Statement
+
+
+class SceneItems:
+    """Bodies, joints, forces and loads of a scene by name."""
+
+    def __init__(self, name: str = "scene", gravity: Any = (0.0, 0.0, 0.0), space: str = "auto") -> None:
+        """`gravity` (3,) in m/s^2; `space` "auto" (planar where that can be proved), "planar" or "spatial"."""
+        self.problems: list[str] = []
+        self.name = reading.name(Argument(self, "scene", "name"), name)
+        head = f"scene '{self.name}'"
+        self.space = reading.one_of("auto", "planar", "spatial")(Argument(self, head, "space"), space)
+        self.statements: list[Statement] = []  #: as plain data (see `record.py`)
+        self.own: Own = {}  #: classes and functions by the names they have in `statements`
+        self.recording = True
+        self.gravity = reading.vector("m/s^2")(Argument(self, head, "gravity"), gravity)
+        eye, zero = np.eye(3), np.zeros(3)
+        self.ground = Body("ground", math.inf, None, zero, eye, zero, zero, is_ground=True, scene=self)
+        self.bodies: list[Body] = []
+        self.connections: list[Connection] = []
+        self.line_loads: list[BeamLoad] = []
+        self.attachments: dict[Beam, tuple[float, ...]] = {}  #: places on beams where something is attached, see `nearest_place`
+
+    @property
+    def _items(self) -> list[Any]:
+        return [*self.bodies, *self.connections, *self.line_loads]
+
+    @property
+    def joints(self) -> list[Connection]:
+        """The joints, in the order of their statement."""
+        return [c for c in self.connections if c.is_joint]
+
+    def __getitem__(self, name: str) -> Any:
+        for item in [self.ground, *self._items]:
+            if item.name == name:
+                return item
+        raise SceneError([f"there is no item '{name}' in scene '{self.name}'; it has {self._names()}"])
+
+    def _names(self) -> str:
+        names = [item.name for item in self._items]
+        return ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+
+    def _claim(self, name: str) -> None:
+        """Report a name that another item has already."""
+        if name == "ground" or (name != reading.NAMELESS and any(item.name == name for item in self._items)):
+            self.problems.append(f"two items have the name '{name}'; give each its own")
+
+    def _add_body(self, body: Body) -> Body:
+        body.scene = self
+        self._claim(body.name)
+        self.bodies.append(body)
+        return body
