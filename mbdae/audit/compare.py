@@ -10,9 +10,9 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.meaning import Env
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement
+from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
 
 SAME = 1e-9  #: relative difference below which two sides are the same

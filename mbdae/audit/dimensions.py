@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, size
-from mbdae.audit.meaning import Env
 from mbdae.audit.notation import Node, Statement
+from mbdae.audit.phrases import Env
 from mbdae.audit.units import BASIC, Unit
 
 FACTOR = 1.25  #: by which a basic unit changes its size

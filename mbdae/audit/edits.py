@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.audit.evaluate import SizeError
-from mbdae.audit.meaning import Env, Scope
 from mbdae.audit.notation import Node, negated, number, symbol
+from mbdae.audit.phrases import Env, Scope
 from mbdae.errors import MbdaeError
 
 Edited = tuple["Edit", Node]

@@ -9,8 +9,8 @@ import symengine as se
 
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.meaning import Env
 from mbdae.audit.motion import VECTORS, Motion
+from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 

@@ -15,7 +15,8 @@ from mbdae.audit.claims import Count, count
 from mbdae.audit.notation import AuditError
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row, audit_text
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.errors import OptionError
 from mbdae.files import write_file
 from mbdae.values import file_to_write, of_class, option, optional, shown

@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mbdae.audit.laws import Own
-from mbdae.audit.meaning import Meaning, Scope, understand
+from mbdae.audit.meaning import understand
 from mbdae.audit.motion import KINDS
 from mbdae.audit.notation import AuditError, Reader, Statement
+from mbdae.audit.phrases import Meaning, Scope
 from mbdae.audit.units import Unit, unit
 
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*:\s*(.+)$")

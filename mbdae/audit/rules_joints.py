@@ -8,8 +8,8 @@ import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.laws import LawState, law_class
-from mbdae.audit.meaning import Env, phrase
 from mbdae.audit.notation import AuditError
+from mbdae.audit.phrases import Env, phrase
 from mbdae.errors import MbdaeError
 
 PARTS = ("move k", "turn k", "move l", "turn l")

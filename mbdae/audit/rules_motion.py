@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.meaning import Env, phrase
 from mbdae.audit.motion import Motion
+from mbdae.audit.phrases import Env, phrase
 
 phrase("number", vanishes=True)(lambda env: env.number("number"))
 

@@ -10,8 +10,8 @@ import numpy as np
 from mbdae.audit.compare import SAME, States, compared, difference
 from mbdae.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.meaning import Env, Scope
 from mbdae.audit.notation import Node, Statement, symbol
+from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdae.documents.document import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.letters import Letter, letters, multiplier, unit_text

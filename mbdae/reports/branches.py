@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.documents.document import Block, Equation, Paragraph
+from mbdae.documents.blocks import Block, Equation, Paragraph
 from mbdae.reports.states import State, random_state
 from mbdae.reports.vectors import Base
 

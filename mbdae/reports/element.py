@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.reports.book import described, provenance, title_of
 from mbdae.reports.letters import Letter, letters, unit_text
 from mbdae.reports.render import Writer

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
+from mbdae.documents.document import Document
 from mbdae.kernels.plan import plan
 from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
 from mbdae.reports.calculus import Dual, Pair

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.reports.book import checks_table, described, joined, provenance, row_name, title_of
 from mbdae.reports.branches import solution_set
 from mbdae.reports.calculus import Motion

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.reports.book import Check, checks_table, described, title_of
 from mbdae.reports.letters import Letter, letters, unit_text
 from mbdae.reports.render import Numbers, Writer, name_vectors, value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbdae.documents.document import Block, Paragraph, Section
+from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.forces import SlideFriction
 from mbdae.laws.friction import Friction

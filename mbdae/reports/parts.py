@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.document import Document
 from mbdae.documents.svg import curve
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
 from mbdae.reports.book import Check, checks_table
 from mbdae.symbolic.law import Joint

@@ -9,7 +9,8 @@ import mbdae.laws.elements
 import mbdae.laws.forces
 import mbdae.laws.friction
 import mbdae.laws.joints
-from mbdae.documents.document import Document, Paragraph, Section
+from mbdae.documents.blocks import Paragraph, Section
+from mbdae.documents.document import Document
 from mbdae.errors import LawError, OptionError
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbdae.documents.document import Block, Equation, Paragraph, Section
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
-from mbdae.documents.document import Block, Document, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
+from mbdae.documents.document import Document
 from mbdae.documents.svg import pattern
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
