@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from mbdae.audit import latex
-from mbdae.audit.claims import Count, count
+from mbdae.audit.claims import Count, Counts, count, counts_something
 from mbdae.audit.notation import AuditError
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row, audit_text
@@ -152,22 +151,31 @@ def _latex(equation: Printed) -> str:
     return r" \\ ".join(latex.statement(s) for s in equation.statements)
 
 
-def audit(source: str | Path, laws: Mapping[str, type] | None = None) -> Audit:
-    """Compare published formulas with their derivation: a file, or its text; `laws` are classes of your own it names.
+def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None) -> Audit:
+    """Compare published formulas with their derivation: those of a file, or of its text.
 
-    The notation and the wordings of meanings are described in docs/reports.md."""
+    laws: classes of your own that the text names, {name: class}. counts: what the numbers the text claims are compared with, by the
+    words of the claim: {words: number, or a function without arguments that returns it}; claims without one are NOT EVALUABLE.
+    The notation and the wordings of meanings are described in docs/reports.md. AuditError names the line that cannot be read."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
-    known = option("laws", laws if laws is not None else {}, of_class, "give {name: class of a law}", base=Mapping)
-    wrong = [name for name, law in known.items() if not (isinstance(name, str) and isinstance(law, type))]
-    if wrong:
-        raise OptionError(f"laws: {shown(wrong[0])} = {shown(known[wrong[0]])}: give {{name: class of a law}}")
+    own = _by_name("laws", laws, lambda law: isinstance(law, type), "give {name: class of a law}")
+    given = _by_name("counts", counts, counts_something, "give {words of the claim: number, or a function that counts}")
     if "\n" not in text:
         if not Path(text).is_file():
             raise AuditError(f"there is no file '{text}'; {remedy}")
         text = _text_of(Path(text))
-    found = read(text, known)
-    return Audit(found.title, tuple(audit_text(found)), tuple(count(c) for c in found.claims))
+    found = read(text, own)
+    return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
+
+
+def _by_name(name: str, value: Any, fits: Callable[[Any], bool], remedy: str) -> Mapping[str, Any]:
+    """An option that is a mapping from names to values that fit; None is an empty one."""
+    found: Mapping[str, Any] = option(name, {} if value is None else value, of_class, remedy, base=Mapping)
+    for key, entry in found.items():
+        if not (isinstance(key, str) and fits(entry)):
+            raise OptionError(f"{name}: {shown(key)} = {shown(entry)}: {remedy}")
+    return found
 
 
 def _text_of(file: Path) -> str:
@@ -175,8 +183,3 @@ def _text_of(file: Path) -> str:
         return file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise AuditError(f"'{file}' cannot be read: {error}; give a text file in UTF-8") from error
-
-
-def audit_paper() -> Audit:
-    """The formulas (1) to (55) and the claimed numbers of the paper whose joint models mbdae has."""
-    return audit(files("mbdae.audit").joinpath("paper.audit").read_text(encoding="utf-8"))

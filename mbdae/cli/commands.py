@@ -94,7 +94,7 @@ def extremes(a: argparse.Namespace) -> int:
 
 def report(a: argparse.Namespace) -> int:
     """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
-    if a.what == "paper" or a.what.endswith(".audit"):
+    if Path(a.what).suffix == ".audit":
         return _report_audit(a)
     from mbdae.reports.report import names
     from mbdae.reports.report import report as make
@@ -105,23 +105,16 @@ def report(a: argparse.Namespace) -> int:
         a.file = a.what
         document = make(_scene(a, _load(a)))
     else:
-        raise UsageError(f"report '{a.what}': neither a file nor one of paper, {', '.join(names())}")
+        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
     holds = "NOT EQUAL" not in document.to_markdown()
-    ending = Path(a.out).suffix if a.out else ".md"
-    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
-    text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
-    if a.out is None:
-        if a.json:
-            _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "text": text()})
-        else:
-            print(text())
-        return 0 if holds else 1
-    path = _report_path(a, format_)
-    document.save(path)
+    format_ = _report_format(a, "md")
+    facts = {"report": a.what, "title": document.title, "holds": holds, "format": format_}
+    path = _saved(a, document, format_)
+    text = "" if path else _report_text(document, format_)
     if a.json:
-        _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "written": [str(path)]})
+        _json(a, facts | ({"written": [path]} if path else {"text": text}))
     else:
-        _list([str(path)])
+        print(f"wrote {path}" if path else text)
     return 0 if holds else 1
 
 
@@ -211,18 +204,33 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 def _report_audit(a: argparse.Namespace) -> int:
     """Verdicts on published formulas; 0 whatever they are."""
-    from mbdae.audit.command import report_audit
+    from mbdae.audit import audit
 
-    if a.what != "paper" and not _is_file(a.what):
-        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")
-    out = None if a.out is None else str(_report_path(a, a.format or "html"))
-    found, text, written = report_audit(a.what, a.format, out)
+    if not _is_file(a.what):
+        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas")
+    found = audit(Path(a.what))
+    path = _saved(a, found.document(), _report_format(a, "html"))
     if a.json:
-        _json(a, found.to_dict() | ({"written": [written]} if written else {}))
+        _json(a, found.to_dict() | ({"written": [path]} if path else {}))
     else:
-        print(text)
-        _list([written] if written else [])
+        print(_report_text(found.document(), a.format) if a.format and not path else found.table())
+        _list([path] if path else [])
     return 0
+
+
+def _report_format(a: argparse.Namespace, printed: str) -> str:
+    """The format that --format or the ending of --out says; else html in a folder, and `printed` on the terminal."""
+    ending = Path(a.out).suffix if a.out else ""
+    return str(a.format or (ending[1:] if ending in REPORTS else "html" if a.out else printed))
+
+
+def _report_text(document: Any, format_: str) -> str:
+    return str({"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]())
+
+
+def _saved(a: argparse.Namespace, document: Any, format_: str) -> str | None:
+    """Write a document where --out names a place; returns the name of its file."""
+    return None if a.out is None else str(document.save(_report_path(a, format_)))
 
 
 def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:

@@ -61,10 +61,10 @@ def make_parser() -> argparse.ArgumentParser:
 def _report(commands: Any, action: Any) -> None:
     text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
-    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; paper: its formulas "
-            "audited; a Python file with scene(); a file of formulas (.audit)")  # fmt: skip
+    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; a Python file with "
+            "scene(); a file of printed formulas (.audit), which are compared with their derivation")  # fmt: skip
     formats = [ending[1:] for ending in REPORTS]
-    p.add_argument("what", metavar="NAME|paper|FILE", help=what)
+    p.add_argument("what", metavar="NAME|FILE", help=what)
     p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
     p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     _always(p, action)
