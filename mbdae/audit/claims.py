@@ -41,7 +41,8 @@ def count(claimed: Claimed, counts: Counts) -> Count:
     """The number given for the words of a claim, or what the function given for them returns."""
     words = claimed.words
     if words not in counts:
-        return Count(claimed, None, f"nothing counts this: give audit(..., counts={{{words!r}: number, or a function that counts}})")
+        remedy = f"audit(..., counts={{{words!r}: number, or a function that counts}})"
+        return Count(claimed, None, f"nothing counts this: give {remedy}")
     given = counts[words]
     found = given() if callable(given) else given
     number, remark = found if isinstance(found, tuple) and len(found) == 2 else (found, "")

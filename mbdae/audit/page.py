@@ -154,8 +154,8 @@ def _latex(equation: Printed) -> str:
 def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None) -> Audit:
     """Compare published formulas with their derivation: those of a file, or of its text.
 
-    laws: classes of your own that the text names, {name: class}. counts: what the numbers the text claims are compared with, by the
-    words of the claim: {words: number, or a function without arguments that returns it}; claims without one are NOT EVALUABLE.
+    laws: classes of your own that the text names, {name: class}. counts: what numbers that the text claims are compared with,
+    {words of the claim: number, or a function without arguments that returns it}; claims without one are NOT EVALUABLE.
     The notation and the wordings of meanings are described in docs/reports.md. AuditError names the line that cannot be read."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))

@@ -48,18 +48,18 @@ def clearance() -> tuple[int, str]:
     return len(rows), ", ".join(rows)
 
 
-#: what the paper counts, by its words; and what the scenes give
+#: by the words of the paper: what counts it, the number found by hand, the verdict on that of the paper
 COUNTS = {
-    "unknowns fewer when the five revolutes of the rotor become recursive": (fewer_unknowns, 20),
-    "multipliers of the flapping wing with kinematic revolutes": (multipliers, 42),
-    "constraints of the revolute joint with clearance": (clearance, 3),
+    "unknowns fewer when the five revolutes of the rotor become recursive": (fewer_unknowns, 20, "RIGHT"),
+    "multipliers of the flapping wing with kinematic revolutes": (multipliers, 42, "RIGHT"),
+    "constraints of the revolute joint with clearance": (clearance, 3, "MISPRINT"),
 }
 
 
 @lru_cache(maxsize=1)
 def audited() -> Audit:
     """The audit, its numbers counted."""
-    return mb.audit(Path(__file__).with_name("paper.audit"), counts={words: c for words, (c, _) in COUNTS.items()})
+    return mb.audit(Path(__file__).with_name("paper.audit"), counts={words: c for words, (c, *_) in COUNTS.items()})
 
 
 def by_hand(number: str) -> str:
@@ -98,10 +98,9 @@ def numbers() -> list[Found]:
     """The claimed numbers against those counted in scenes, and the verdicts."""
     found = []
     for c in audited().claims:
-        expected = COUNTS[c.claimed.words][1]
-        right = c.verdict == ("RIGHT" if c.claimed.count == expected else "MISPRINT")
+        _, expected, verdict = COUNTS[c.claimed.words]
         said = f"claimed {c.claimed.count}, counted {c.counted}{f' ({c.remark})' if c.remark else ''}: {c.verdict}"
-        found.append(Found(abs((c.counted or 0) - expected) + (not right), quantity=c.claimed.name, note=said))
+        found.append(Found(abs((c.counted or 0) - expected) + (c.verdict != verdict), quantity=c.claimed.name, note=said))
     return found
 
 
