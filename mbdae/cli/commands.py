@@ -120,30 +120,31 @@ def report(a: argparse.Namespace) -> int:
 
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
-    from mbdae import validation
+    from mbdae.cli.checkout import find, runner_of
     from mbdae.run.progress import bar
 
     out, shown = _folder(a.out), bar()
-    folder = validation.find(a.root)
-    checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]
+    folder = find(a.root)
+    runner = runner_of(folder)
+    checks = [runner.load(folder, name) for name in dict.fromkeys(a.claims or runner.claims(folder))]
     measured: list[Any] = []
     with closing(shown):
         for i, found in enumerate(checks):
             shown.show(i / len(checks), "validate", found.claim.name)
             try:
-                measured.append(validation.Measured(found.claim, found.run()))
+                measured.append(runner.Measured(found.claim, found.run()))
             except KeyboardInterrupt as stop:
                 stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is "
                              f"said of them above is all; nothing is written",)  # fmt: skip
                 raise
             shown.close()
             if not a.json:
-                print(validation.text(measured[-1]), flush=True)
-    a.written += [str(path) for path in validation.write(measured, out)] if out else []
+                print(runner.text(measured[-1]), flush=True)
+    a.written += [str(path) for path in runner.write(measured, out)] if out else []
     if a.json:
-        _json(a, validation.to_dict(measured) | {"written": a.written})
+        _json(a, runner.to_dict(measured) | {"written": a.written})
     else:
-        print(validation.verdict(measured))
+        print(runner.verdict(measured))
         _list(a.written)
     return 0 if all(m.holds for m in measured) else 1
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from clearance_scenes import free_pair, limit, momenta, slider_crank, turn
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("clearance_slider_crank", "soft contact in joints with clearance converges over a turn; contact tends to the ideal "
               "joint; free bodies keep their momentum", 1e-8, "m", "the same scene by another method and at a tighter "

@@ -8,8 +8,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from runner import Case, Claim, Found, Row, measure
+
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("extremes", "at extreme masses, stiffnesses, speeds, clearances, steps and near singular positions no run is "
               "silently wrong", 0.0, "silent misses",

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("flapping_wing", "the flapping wing turns through with rigid and with elastic links, equal with every joint model",
               1e-7, "rad", "rigid: three intersections of two circles in closed form; elastic: the kinematic joint model of the "

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import flexible_rotor
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("flexible_ground_resonance", "four elastic blades of three cubic elements: growth, recursive joints", 1e-2,
               "relative", "growth rates of linearised equations in modes of the blades, computed independently of mbdae; "

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from flapping_wing.check import multipliers
 from flexible_ground_resonance.check import fewer_unknowns
+from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
 from mbdae.audit import Audit
 from mbdae.audit.notation import Reader
 from mbdae.audit.verdicts import audit_equation
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("paper", "published formulas of revolute joints: verdicts, repairs and counted numbers are those found by hand", 0,
               "differences", "the 55 formulas compared with their derivation by hand, equation by equation")  # fmt: skip

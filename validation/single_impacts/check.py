@@ -6,9 +6,9 @@ from itertools import product
 from typing import Any
 
 from contact_scenes import ball
+from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 SPEEDS, WAYS, DAMPING, STIFFNESS = (1e-3, 1e-2, 0.1, 1.0, 10.0), (1e-3, 0.1, 10.0, 1e3), 0.3, 1e9
 

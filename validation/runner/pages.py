@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from mbdae.files import write_file
-from mbdae.validation.claim import Claim, Row
+from runner.claim import Claim, Row
 
 COLUMNS = ("case", "solver", "error", "tolerance", "unit", "holds", "CPU s")
 STYLE = """body { font: 15px/1.45 sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; color: #222 }
