@@ -11,11 +11,12 @@ from typing import Any
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
-from mbdae.reports.letters import Letter, letters, multiplier, unit_text
-from mbdae.reports.render import Numbers, Writer, name_scalars, name_vectors
+from mbdae.reports.evaluate import Numbers
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.vectors import Base
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force

@@ -13,7 +13,7 @@ from mbdae.errors import LawError
 from mbdae.kernels.plan import plan
 from mbdae.reports.book import Book, Check, row_name
 from mbdae.reports.calculus import Dual, Motion, Pair
-from mbdae.reports.render import Numbers
+from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, State, random_state, residual
 from mbdae.reports.vectors import Base, Vector

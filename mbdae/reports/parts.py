@@ -14,10 +14,11 @@ from mbdae.documents.svg import curve
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
 from mbdae.reports.book import Book, Check, described
+from mbdae.reports.evaluate import value
 from mbdae.reports.letters import Letter, of_name, unit_text
-from mbdae.reports.render import Writer, value
 from mbdae.reports.statement import Statement
 from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.part import Part, PartStructure
 
 POINTS = 200

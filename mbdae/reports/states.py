@@ -8,7 +8,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.reports.render import Values, value
+from mbdae.reports.evaluate import Values, value
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
