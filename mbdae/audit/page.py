@@ -1,4 +1,4 @@
-"""The result of an audit: rows, a table, JSON and a document."""
+"""`audit` and its result: rows, a table, JSON and a document."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from mbdae.values import path as path_of
 VERDICTS = {
     "RIGHT": "both sides agree in random states of motion, and are defined wherever the text speaks of",
     "MISPRINT": "the sides differ; the repair is the smallest change after which they agree",
-    "INCOMPLETE": "right as far as it goes: a term with a quantity the text names nowhere, or a case, is missing",
+    "INCOMPLETE": "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
     "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
     "NOT EVALUABLE": "there is nothing to compare with",
 }
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
-    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in free states, then in "
-    "those of the joint the text speaks of; formulas that are polynomials in free vectors also in symbols. The file of the "
-    "formulas holds no verdicts and no repairs."
+    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
+    "then in states of bodies connected by the joint the text speaks of; formulas that are polynomials in free vectors also in "
+    "symbols. The file of the formulas holds no verdicts and no repairs."
 )
 
 

@@ -31,9 +31,9 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    signed: bool  #: whether the text leaves the side of the equation open on which it stands (a force, its virtual work)
+    signed: bool  #: whether texts leave open on which side of the equations of motion it stands (a force, its virtual work)
     wording: str
-    needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of what the derivation has and a text may not name
+    needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
 
 
 PHRASES: list[Phrase] = []
@@ -41,7 +41,7 @@ PHRASES: list[Phrase] = []
 
 def phrase(wording: str, vanishes: bool = False, signed: bool = False,
            needs: tuple[tuple[str, str, str], ...] = ()) -> Callable[[Rule], Rule]:  # fmt: skip
-    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} a figure, {...} any words."""
+    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} a number, {name} a word, {...} any words."""
     pattern = re.escape(wording).replace(r"\ ", " ")
     kinds = {"side": "(k|l)", "i": r"(\d+)", "name": r"(\w+)"}
     pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
@@ -85,7 +85,7 @@ class Scope:
     own: Own = ()
 
     def widened(self, names: Iterable[str]) -> Scope:
-        """With what the derivations of those symbols need and the text does not name."""
+        """The scope with the quantities that the derivations of some symbols contain and the text does not name."""
         table, known = dict(self.symbols), {m.text for m in self.symbols.values()}
         for name in names:
             for new, units, text in self.symbols[name].found.needs:
@@ -96,7 +96,7 @@ class Scope:
         return replace(self, symbols=table)
 
     def printed_side(self, name: str, number: str) -> Node:
-        """What an earlier equation prints for a symbol."""
+        """The formula an earlier equation prints for a symbol."""
         for statement in self.printed.get(number, ()):
             if str(statement.sides[0]) == name:
                 return statement.sides[-1]
@@ -105,14 +105,14 @@ class Scope:
 
 @dataclass
 class Env:
-    """Values of the symbols of a scope in one state: what formulas are evaluated in."""
+    """Values of the symbols of a scope in one state; formulas are evaluated in it."""
 
     motion: Motion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
     side: int = 1  #: 1: signed quantities are what is applied to the bodies, -1: what stands on the left-hand side
     scale: Mapping[str, float] | None = None  #: sizes of the basic units
-    zero: str | None = None  #: a symbol that is put to zero
+    zero: str | None = None  #: a symbol that is set to zero
     shift: Mapping[str, Value] = field(default_factory=dict)
     known: dict[str, Value] = field(default_factory=dict)
 
@@ -146,19 +146,19 @@ class Env:
 
     @cached_property
     def plain(self) -> Env:
-        """In SI units, nothing put to zero: what rules compute in."""
+        """The same in SI units and with no symbol set to zero: the rules compute in this."""
         return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, known={})
 
     def moved(self, how: str) -> Env:
-        """In the state moved by an imaginary step."""
+        """The same in the state after an imaginary step: "virtual", "time" or "linear"."""
         return replace(self, motion=self.motion.moved(how), known={})
 
     def at_base(self) -> Env:
-        """In the state without the increments of a complex step."""
+        """The same in the state before the complex step."""
         return replace(self, motion=self.motion.base, known={}) if self.motion.stepped else self
 
     def shifted(self, name: str) -> Env:
-        """With one number moved by an imaginary step."""
+        """The same with one number increased by an imaginary step."""
         if name not in self.scope.symbols:
             raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
         meaning = self.scope.symbols[name]
@@ -166,24 +166,24 @@ class Env:
         return replace(self, shift={meaning.text: 1j * STEP / size}, known={})
 
     def number(self, key: str) -> Value:
-        """A number of either sign by its wording."""
+        """A random number of either sign, the same for the same wording."""
         return self.motion.number(key) + self.shift.get(key, 0.0)
 
     def positive(self, key: str) -> Value:
-        """A positive number by its wording."""
+        """A random positive number, the same for the same wording."""
         return self.motion.positive(key) + self.shift.get(key, 0.0)
 
     def printed(self, name: str, number: str) -> Value:
-        """What an earlier equation prints for a symbol, evaluated in this state."""
+        """The value of the formula an earlier equation prints for a symbol."""
         return evaluate(self.scope.printed_side(name, number), self)
 
     def of(self, text: str) -> Value:
-        """The value of a phrase."""
+        """The value of a quantity by its wording."""
         return understand(text, ()).value(self)
 
 
 def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) -> Any:
-    """Factors of a value when the basic units change their size."""
+    """Factors by which a value of those units changes with the sizes of the basic units."""
     factors = np.array([u.size(scale) for u in units])
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]

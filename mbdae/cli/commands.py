@@ -75,25 +75,25 @@ def compare(a: argparse.Namespace) -> int:
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
     w = compare_file(module, scene, t_end, accuracies=a.accuracies, resume=_resume(a))
-    _tell(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
+    _write_and_print(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     return 0 if reached and not w.failures and w.reference.trusted else 1
 
 
 def extremes(a: argparse.Namespace) -> int:
-    """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
+    """Every joint model, form and solver at the extreme values in `vary` of FILE; 1 where a run was wrong without saying so."""
     from mbdae.cli.comparison import map_of_file
 
     out, module = _folder(a.out), _load(a)
     t_end = _t_end(a, module)
     _scene(a, module)
     m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=_resume(a))
-    _tell(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
+    _write_and_print(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
     return 1 if m.silent else 0
 
 
 def report(a: argparse.Namespace) -> int:
-    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
+    """The report of a law, a joint model or a scene, 1 where a check of it does not hold; or the audit of a file of formulas."""
     if Path(a.what).suffix == ".audit":
         return _report_audit(a)
     from mbdae.reports.report import names
@@ -134,8 +134,7 @@ def validate(a: argparse.Namespace) -> int:
             try:
                 measured.append(runner.Measured(found.claim, found.run()))
             except KeyboardInterrupt as stop:
-                stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is "
-                             f"said of them above is all; nothing is written",)  # fmt: skip
+                stop.args = (f"interrupted in claim '{found.claim.name}', {i} of {len(checks)} measured; no pages are written",)
                 raise
             shown.close()
             if not a.json:
@@ -204,7 +203,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 
 def _report_audit(a: argparse.Namespace) -> int:
-    """Verdicts on published formulas; 0 whatever they are."""
+    """Verdicts on the formulas of a file; 0 whatever they are."""
     from mbdae.audit import audit
 
     if not _is_file(a.what):
@@ -235,7 +234,7 @@ def _saved(a: argparse.Namespace, document: Any, format_: str) -> str | None:
 
 
 def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:
-    """Write what was asked for, the result first; returns the last value of the measure."""
+    """Write the result and a picture of the measure, where there is a folder; returns the last value of the measure."""
     if out is not None:
         stem = Path(a.file).stem
         r.save(out / f"{stem}.npz")
@@ -246,8 +245,8 @@ def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path 
     return r.read(measure)[-1].tolist() if measure else None
 
 
-def _tell(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
-    """Write what has a folder, and print the table or the JSON."""
+def _write_and_print(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
+    """Write the files where there is a folder, and print the table or the JSON."""
     stem = f"{Path(a.file).stem}_{name}"
     for ending, write in writers.items() if out else ():
         write(out / (stem + ending))  # type: ignore[operator]
@@ -321,7 +320,7 @@ def _report_path(a: argparse.Namespace, format_: str) -> Path:
 
 
 def _resume(a: argparse.Namespace) -> str | None:
-    """The name of the file, where the system takes it for one."""
+    """The file of --resume; UsageError where the system does not accept its name."""
     try:
         Path(a.resume or ".").exists()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A document as one HTML page: MathML, no network, for a desk, a hand and paper."""
+"""A document as one HTML page that loads nothing: formulas as MathML, a layout for screens, phones and print."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _text(text: str) -> str:
 
 
 class _Writer:
-    """Writes blocks and remembers the places of sections."""
+    """Writes blocks, and collects the sections for the table of contents."""
 
     def __init__(self) -> None:
         self.places: list[tuple[str, str]] = []

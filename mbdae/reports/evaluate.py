@@ -17,7 +17,7 @@ Values = dict[str, NDArray[Any]]
 
 
 def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """A scalar in numbers, real or complex; `get` gives symbols."""
+    """Value of a scalar, real or complex; `get` gives the values of symbols."""
     if isinstance(e, se.Symbol):
         return get(e)
     if e.is_Number or e == se.pi or e == se.E:
@@ -53,7 +53,7 @@ def _raised(base: Any, exponent: Any) -> Any:
 
 
 def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """The first case whose condition holds; branches may be invalid elsewhere."""
+    """Value of a Piecewise; cases whose condition does not hold may be undefined."""
     conditions, values = [], []
     with np.errstate(all="ignore"):
         for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
@@ -64,7 +64,7 @@ def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
 
 
 def _atan2(y: Any, x: Any) -> Any:
-    """atan2 that carries imaginary parts to first order."""
+    """atan2 of complex numbers, to first order in the imaginary parts."""
     real = np.arctan2(np.real(y), np.real(x))
     if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
         return real
@@ -81,7 +81,7 @@ class Numbers:
         self._known: dict[Any, Any] = dict(known or {})
 
     def scalar(self, e: Expr) -> Any:
-        """A scalar."""
+        """Value of a scalar."""
         return value(se.sympify(e), self._symbol)
 
     def _symbol(self, symbol: Expr) -> Any:
@@ -96,7 +96,7 @@ class Numbers:
         return self._known[symbol]
 
     def atom(self, atom: Atom) -> NDArray[Any]:
-        """An atom."""
+        """Value of an atom."""
         if atom not in self._known:
             if isinstance(atom, Base):
                 axis = atom.kind == "E"
@@ -109,7 +109,7 @@ class Numbers:
         return found
 
     def vector(self, a: Vector) -> NDArray[Any]:
-        """A vector."""
+        """Value of a vector."""
         total: NDArray[Any] = np.zeros(3)
         for atom, c in a.terms.items():
             total = total + np.asarray(self.scalar(c))[..., None] * self.atom(atom)

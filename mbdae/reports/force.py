@@ -55,7 +55,7 @@ class ForceReport:
         )
 
     def statement(self) -> Section:
-        """V, R, F and T as stated."""
+        """Energy, dissipation function, force and torque as the law states them."""
         w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
         if self.energy != 0:
             blocks += [Paragraph("Potential energy, J:"), Equation(f"V = {w.scalar(self.energy)}")]
@@ -74,7 +74,7 @@ class ForceReport:
         return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
     def total(self) -> dict[str, Pair]:
-        """Left-hand side on both bodies, at their points."""
+        """Forces and moments on both bodies at their points, as they stand on the left-hand side."""
         added = self.wrench_pairs
         out = {}
         for side in "kl":
@@ -88,7 +88,7 @@ class ForceReport:
         return resistance_pairs(self.s)
 
     def forces(self) -> Section:
-        """Forces and moments the bodies feel."""
+        """Forces and moments that act on the bodies."""
         w, mark = self.book.writer, self.book.mark()
         total = self.total()
         self.book.refresh()
@@ -99,11 +99,11 @@ class ForceReport:
         for name, e in self.coordinate_rows().items():
             lines.append(f"h_{{{name}}} = {w.scalar(e)}")
         text = (
-            "What the bodies feel at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated"
-            " force; carried to the centre of a body the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+            "Forces and moments on the bodies at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the"
+            " stated force; about the centre of a body the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
         )
         if self.s.coordinates:
-            text += " $h$ is what the law adds to the left-hand side of the row of the joint's own coordinate."
+            text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
         named = self.book.definitions(mark)
         blocks = [Paragraph(text), *_equations(lines), *([Paragraph("with"), *named] if named else [])]
         if not external(self.s):
@@ -111,7 +111,7 @@ class ForceReport:
         return Section("Forces on both bodies", blocks)
 
     def coordinate_rows(self) -> dict[str, Expr]:
-        """What the law adds to rows of joint coordinates."""
+        """Contributions of the law to the equations of joint coordinates."""
         return {name: self.elastic[1][symbol] + self.drag[1][self.s.clock[symbol]] for name, symbol in self.s.coordinates.items()}
 
     def balance(self, total: dict[str, Pair]) -> str:
@@ -158,7 +158,7 @@ class ForceReport:
             Section(
                 "Gap",
                 [
-                    Paragraph("The law acts where the gap is negative; no step of a solver passes over that."),
+                    Paragraph("The law acts where the gap is negative; no step of a solver passes over a change of its sign."),
                     *_equations(lines),
                     *([Paragraph("with"), *named] if named else []),
                 ],

@@ -23,18 +23,17 @@ from mbdae.symbolic.vectors import Expr
 
 STEP = 1e-30
 CONVENTION = (
-    "Body k carries the frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$, body l the frame $\\mathbf{x}_l, \\mathbf{y}_l,"
-    " \\mathbf{z}_l$; both are equal as drawn, right-handed, all vectors are inertial. Coordinates are those of l relative to k,"
-    " positive about or along $\\mathbf{z}_k$. A vector $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} ="
-    " \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
-    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: what is listed as dual to a virtual"
-    " displacement stands on the left-hand side, the force a body feels is its opposite."
+    "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
+    " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
+    " Coordinates are those of l relative to k, positive about or along $\\mathbf{z}_k$. A vector $\\mathbf{a}$ fixed to"
+    " a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
+    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
+    " displacement stand on the left-hand side, the force that acts on a body is the opposite."
 )
 
 
 class JointReport(JointChecks):
-    """The rows of one joint law with everything that follows from them."""
-
+    """The report of one joint law: its rows, and forces, rates and stiffness that follow from them."""
 
     # -- sections
 
@@ -110,13 +109,13 @@ class JointReport(JointChecks):
         return Section("Variation", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
     def work(self) -> Section:
-        """delta W collected by virtual displacements."""
+        """Virtual work, sorted by virtual displacements."""
         coordinates = "".join(
             f" + h_{{{name}}}\\,\\delta {self.book.known[str(symbol)].latex}" for name, symbol in self.s.coordinates.items()
         )
         text = (
-            "Virtual work of the rows, with the forces collected at the points of the joint. Carried to the centre of a body the"
-            " force stays and the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+            "Virtual work of the rows, with forces that act at the points of the joint. About the centre of a body the"
+            " force is the same and the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
         )
         return Section(
             "Virtual work",
@@ -131,7 +130,7 @@ class JointReport(JointChecks):
         )
 
     def forces(self) -> Section:
-        """Rows of forces, zero ones included."""
+        """The forces of every row on both bodies, zero ones included."""
         w = self.book.writer
         head = ["row", r"$\mathbf{f}_k$", r"$\mathbf{m}_k$", r"$\mathbf{f}_l$", r"$\mathbf{m}_l$"]
         head += [f"$h_{{{name}}}$" for name in self.s.coordinates]
@@ -150,7 +149,7 @@ class JointReport(JointChecks):
         if self.s.coordinates:
             blocks.append(
                 Paragraph(
-                    "The massless coordinate has the row "
+                    "The equation of the massless coordinate is "
                     + " and ".join(
                         f"$h_{{{name}}} + \\text{{(spring, damper, torque)}} = 0$, the sum over its column"
                         for name in self.s.coordinates
@@ -172,9 +171,9 @@ class JointReport(JointChecks):
             rows.append([row_name(row), *(f"${c}$" for c in cells)])
         head = ["row", r"$\bar{\mathbf{f}}_k$", r"$\bar{\mathbf{m}}_k$", r"$\bar{\mathbf{f}}_l$", r"$\bar{\mathbf{m}}_l$"]
         text = (
-            "The same in the joint axes of the body that feels them: $\\mathbf{J} = [\\mathbf{x}\\ \\mathbf{y}\\ \\mathbf{z}]$,"
-            " $\\mathbf{A} = \\mathbf{J}_k^{\\mathsf{T}}\\mathbf{J}_l$, unit triples $\\mathbf{e}_x, \\mathbf{e}_y,"
-            " \\mathbf{e}_z$, a bar and the letter of the body over what is resolved there: $\\bar{\\mathbf{a}} ="
+            "The same in the joint axes of the body they act on: $\\mathbf{J} = [\\mathbf{x}\\ \\mathbf{y}\\ \\mathbf{z}]$,"
+            " $\\mathbf{A} = \\mathbf{J}_k^{\\mathsf{T}}\\mathbf{J}_l$, $\\mathbf{e}_x, \\mathbf{e}_y,"
+            " \\mathbf{e}_z$ the columns of the unit matrix; a bar marks components in these axes: $\\bar{\\mathbf{a}} ="
             " \\mathbf{J}^{\\mathsf{T}}\\mathbf{a}$."
         )
         self._check_body_frame()
@@ -194,10 +193,10 @@ class JointReport(JointChecks):
             all_balance &= not moment.terms
             rows.append([row_name(row), f"${w.vector(force)}$", f"${w.vector(moment)}$"])
         told = (
-            "Forces and moments balance at every attitude, on the constraint or off it."
+            "Forces and moments balance at every attitude, whether the constraint is satisfied or not."
             if all_balance
             else (
-                "Forces balance at every attitude; where a moment is left it vanishes on the constraint, where the points"
+                "Forces balance at every attitude; the remaining moment vanishes where the constraint is satisfied and the points"
                 " coincide: rows along inertial axes do not turn with the bodies."
             )
         )
@@ -213,7 +212,7 @@ class JointReport(JointChecks):
         )
 
     def rates(self, rate: Motion, rates: dict[str, Expr]) -> Section:
-        """c' and c'' without accelerations."""
+        """First and second time derivative of the rows, the latter without accelerations."""
         w, mark = self.book.writer, self.book.mark()
         second = {name: rate.scalar(e) for name, e in rates.items()}
         self.book.refresh()
@@ -239,9 +238,8 @@ class JointReport(JointChecks):
         ]
         return Section("Jacobian and its rate", blocks)
 
-
     def stiffness(self) -> Section:
-        """Change of the forces at constant multipliers."""
+        """Change of the forces in a virtual displacement at constant multipliers."""
         rule, w, mark = self.s.variation(), self.book.writer, self.book.mark()
         changes = {
             row: {side: [rule.vector(part * self.weights[row]) for part in pairs[side]] for side in "kl"}

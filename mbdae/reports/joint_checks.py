@@ -1,4 +1,4 @@
-"""A joint law beside its derived equations: every formula of its report is compared with what is integrated."""
+"""Numeric checks of a joint's report: every formula is compared with the compiled or derived equations of the law."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class JointChecks:
         self.weights = {row: se.Symbol(f"lambda_{row}") for row in self.s.rows}
 
     def check(self, what: str, got: Any, wanted: Any) -> None:
-        """Compare formula and integrated equation."""
+        """Compare the values of a formula with those of the derived equation."""
         self.book.checks.append(Check(what, residual(got, wanted)))
 
     def compiled(self, state: State) -> dict[Any, Any]:
@@ -50,7 +50,7 @@ class JointChecks:
         return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
     def total(self) -> dict[str, Pair]:
-        """G^T lambda on both sides."""
+        """G^T lambda: force and moment on both bodies, at their points."""
         zero = self.s.record.zero()
         out = dict.fromkeys("kl", (zero, zero))
         for row, (pairs, _) in self.duals.items():
@@ -104,7 +104,7 @@ class JointChecks:
             self.check(f"row of {name}, with the compiled kernel", n.scalar(total), kernel[("u", "c", 0)])
 
     def _check_motion(self, rates: dict[str, Expr]) -> None:
-        """dg/dt by moving the bodies (complex step through the quaternions) against G u; the same for forces."""
+        """Rates, variations and geometric stiffness against complex steps through the quaternions of the bodies."""
         st = self.state
         moved = st.changed(
             1j * STEP, {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in "kl"}, self._clock()
@@ -135,7 +135,7 @@ class JointChecks:
         return {str(s): self.state.symbol(str(ds)) for s, ds in self.s.clock.items() if str(s) in self.state.given}
 
     def _check_body_frame(self) -> None:
-        """J^T of products equals products of J^T: the substitution the table makes."""
+        """Forces in joint axes, as the table has them, against J^T times the inertial ones."""
         st = self.state
         for side in "kl":
             J = np.stack([st.atom(Base(a, side)) for a in "xyz"], axis=-1)
@@ -147,7 +147,7 @@ class JointChecks:
                 self.check(f"{what} on the side of {side} in joint axes", resolved.vector(part), wanted)
 
     def _rate_proof(self, rates: dict[str, Expr]) -> float:
-        """G u from the table of forces against the rates."""
+        """G u from the table of forces against the rates of the rows; the largest relative difference."""
         n, worst = self.book.numbers(self.state), 0.0
         for row, (pairs, partial) in self.duals.items():
             Gu: Any = np.zeros(POINTS)
@@ -169,7 +169,7 @@ class JointChecks:
         return worst
 
     def _clocked(self, row: str, a: Vector) -> Expr:
-        """What a row changes by the clock inside a named vector."""
+        """Rate of a row through the time that a named vector contains."""
         record = self.s.record
         numbers = [n for n, value in record.vectors.items() if value is a and n not in record.changes]
         total: Expr = se.Integer(0)
@@ -190,7 +190,7 @@ def _resolved(state: State, J: Any, base: Base) -> Any:
 
 
 def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
-    """What a joint adds to the equations, rows with both rates."""
+    """What a joint contributes to the equations: rows, their first and second rates, forces."""
     return [*position(d), *velocity(d), *acceleration(d), *dynamics(d)]
 
 

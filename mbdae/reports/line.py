@@ -32,7 +32,7 @@ _BASES = {
 
 
 class LineWriter(Writer):
-    """Letters of a line."""
+    """Writes the vectors of a line."""
 
     @staticmethod
     def plain(base: Base) -> str:
@@ -113,7 +113,7 @@ class LineReport:
                 f"{self._letter(f'compliance_{name}')}\\,{self.known[name].latex} = \\gamma_{{{name}}}{reference}{lag}"
             )
         further = (
-            "Stress resultants are unknowns of their own; the row of each is its compatibility. A compliance of zero is legal:"
+            "Stress resultants are unknowns, each with the equation above as its row. A compliance of zero is allowed:"
             " the strain is then a constraint and the resultant its multiplier."
         )
         return [
@@ -126,7 +126,7 @@ class LineReport:
         return self.known[name].latex
 
     def variations(self) -> dict[str, tuple[Vector, Vector, Vector]]:
-        """Of every strain: what multiplies delta r', delta psi and delta psi'."""
+        """For every strain the vectors that multiply delta r', delta psi and delta psi' in its variation."""
         found = {}
         for name, e in self.strains.items():
             move, turn, slope = self.record.zero(), self.record.zero(), self.record.zero()
@@ -235,7 +235,7 @@ class LineReport:
         ]
 
     def plane(self) -> Section:
-        """What remains in the plane."""
+        """Stress resultants that remain in the plane."""
         kept, gone = ", ".join(self.flat.stresses) or "none", ", ".join(self.flat.vanished) or "none"
         return Section(
             "Planar form",
@@ -245,7 +245,7 @@ class LineReport:
     # -- checks
 
     def check_strains(self) -> None:
-        """Formulas against the derived rows: strains, and their variation by a complex step through quaternions."""
+        """Strains against the derived rows, their variation against a complex step through the quaternions."""
         if not self.strains:
             return
         state = LineState(np.random.default_rng(9), self.law)

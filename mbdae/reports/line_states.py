@@ -14,7 +14,7 @@ STEP = 1e-30  #: of the complex step
 
 
 class LineState:
-    """Random fields of a line: positions, quaternions and their slopes."""
+    """Positions, quaternions and their derivatives along the line at random points, parameters and stress resultants."""
 
     def __init__(self, rng: Any, law: Any, given: dict[str, Any] | None = None, template: LineState | None = None) -> None:
         names = ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
@@ -30,14 +30,14 @@ class LineState:
             self.dr, self.dpsi, self.dpsi_s = (rng.normal(size=(POINTS, 3)) for _ in range(3))
 
     def get(self, symbol: Expr) -> Any:
-        """A symbol of the derivation."""
+        """Value of a symbol of the derived law."""
         return self.given[str(symbol)]
 
     def _fields(self, end: str = "") -> tuple[Any, Any]:
         return tuple(np.stack([self.given[f"{n}{i}{end}"] for i in range(1, k)], axis=-1) for n, k in (("r", 4), ("P", 5)))  # type: ignore[return-value]
 
     def atom(self, base: Base) -> Any:
-        """Vectors of the section."""
+        """Vectors of the cross-section, (points, 3)."""
         _, P = self._fields()
         slope, _ = self._fields("_xi")
         if base.kind == "rs":
@@ -45,7 +45,7 @@ class LineState:
         return _columns(P)[..., "xyz".index(base.kind)]
 
     def symbol(self, name: str) -> Any:
-        """Curvatures, parameters."""
+        """Value of a curvature, parameter or stress resultant by its name."""
         if name.startswith("kappa"):
             return self._curvature()[:, int(name[-1]) - 1]
         return self.given[name]
@@ -57,7 +57,7 @@ class LineState:
         return 2 * vector / np.sum(P * P, axis=-1, keepdims=True) / self.given["ds"][:, None]
 
     def changed(self) -> LineState:
-        """After a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope accordingly."""
+        """The state after a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope likewise."""
         _, P = self._fields()
         _, dP = self._fields("_xi")
         slope, _ = self._fields("_xi")
@@ -73,6 +73,7 @@ class LineState:
 
 
 def _spun(w: Any, P: Any) -> Any:
+    """(0, w) o P / 2."""
     scalar = -np.sum(w * P[:, 1:], axis=-1, keepdims=True)
     return np.concatenate([scalar, P[:, :1] * w + np.cross(w, P[:, 1:])], axis=-1) / 2
 

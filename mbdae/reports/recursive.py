@@ -1,4 +1,4 @@
-"""Joints as recursive ones: the coordinate is the only unknown of the body they carry; reduction map and transformed matrices."""
+"""Recursive joints: the coordinate is the only unknown of the outer body l; reduction map and transformed matrices."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SYMBOLS = Table(
 
 
 def recursive_sections(r: JointChecks) -> list[Section]:
-    """Where a joint states a twist: that it may be recursive, and how."""
+    """The section on a joint as a recursive one; none for a joint without a twist."""
     law = type(r.s.law)
     if law.twist is None:
         return []
@@ -56,7 +56,7 @@ def recursive_report() -> Document:
     blocks: list[Block] = [
         Paragraph(
             "A recursive joint has no rows and no multipliers: its coordinate $c$ is the only unknown of body l, whose state"
-            " follows from that of k. What is stated is one twist per joint, (travel, turn) about $\\mathbf{z}_k$ per unit of the"
+            " follows from that of k. The joint states one twist, (travel, turn) about $\\mathbf{z}_k$ per unit of the"
             " coordinate; the rows of the classical model name the reactions. Elements, forces and contacts on l stay what they"
             " are: their residual is transformed."
         )
@@ -120,8 +120,8 @@ def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> l
             r" \end{bmatrix} \\ " + _bias(travel, turn)
         ),
         Paragraph(
-            "The residual assembled at l, and its mass, come back to k and to the row of the coordinate by the transpose; a"
-            " spring, damper or torque of the joint adds to that row:"
+            "The residual assembled at l, and its mass, are transformed to k and the equation of the coordinate by the transpose;"
+            " a spring, damper or torque of the joint adds to that equation:"
         ),
         Equation(
             r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} ="
@@ -147,7 +147,7 @@ def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> l
 
 
 def _bias(travel: int, turn: int) -> str:
-    """Accelerations of l without accelerations of the unknowns."""
+    """LaTeX of a0 and alpha0, the accelerations of l where those of the unknowns are zero."""
     alpha = r"\dot c\,\boldsymbol{\omega}_k\times\mathbf{b}" if turn else r"\mathbf{0}"
     slide = (
         r" + 2\,\dot c\,\boldsymbol{\omega}_k\times\mathbf{z}_k"
@@ -168,7 +168,7 @@ def _bias(travel: int, turn: int) -> str:
 
 
 def _geometric(travel: int, turn: int) -> str:
-    """Change of B^T r at constant r, row by row."""
+    """LaTeX of the change of B^T r at constant r, row by row."""
     moment = r"\mathbf{m}\cdot(\delta\boldsymbol{\psi}_k\times\mathbf{b})" if turn else ""
     force = r"\mathbf{f}\cdot\delta\mathbf{t}"
     row = " + ".join(part for part in (force, moment) if part)
@@ -234,7 +234,7 @@ def _transformed(twist: tuple[int, int]) -> list[Check]:
 
 
 class _Case:
-    """A linear residual r = M a + C v + K x + r0 at l, seen through the joint."""
+    """A linear residual r = M a + C v + K x + r0 at l, transformed by the joint."""
 
     def __init__(self, rng: Any, twist: tuple[int, int]) -> None:
         self.twist = twist
@@ -289,7 +289,7 @@ class _Case:
 
 
 def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
-    """B against the map the compiled program of a tree uses: two bodies, the first free."""
+    """B against the velocity map of the compiled program of a tree of two bodies, the first free."""
     from mbdae.scene.components import Recursive
     from mbdae.scene.scene import SceneData
     from mbdae.system.model.rotations import rotation_matrices

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def resistance_section(r: JointChecks) -> Section | None:
-    """What the joint states besides its rows, its states and the sign of its power."""
+    """The section on friction: force and torque, internal states, sign of the power; None without friction."""
     s, w = r.s, r.book.writer
     if s.wrench is None:
         return None
@@ -25,7 +25,7 @@ def resistance_section(r: JointChecks) -> Section | None:
     mark = r.book.mark()
     blocks: list[Block] = [
         Paragraph(
-            "Besides, the reactions themselves cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
+            "The reactions of the joint cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
             " opposite acts on k at the same point."
         ),
         Equation(f"\\mathbf{{F}} = {w.vector(force)} \\\\ \\mathbf{{T}} = {w.vector(torque)}"),
@@ -48,7 +48,7 @@ def resistance_section(r: JointChecks) -> Section | None:
         -np.broadcast_to(power, (POINTS,)),
         st.scalar(r.d.dissipated_power),
     )
-    sign = "never positive" if np.all(power <= 1e-12) else "of either sign: internal states store energy and may give it back"
+    sign = "never positive" if np.all(power <= 1e-12) else "of either sign: internal states store energy and may release it"
     blocks.append(
         Paragraph(
             "Power on the bodies $\\mathbf{F}\\cdot(\\mathbf{v}_l - \\mathbf{v}_k -"

@@ -22,14 +22,14 @@ _RELATIONS = {"LessThan": r"\le", "StrictLessThan": "<", "Equality": "=", "Unequ
 
 
 class Writer:
-    """LaTeX of the formulas of one record; remembers which symbols it wrote."""
+    """LaTeX of the formulas of one record; remembers the symbols, frame vectors and named vectors it wrote."""
 
     def __init__(self, record: Record, letters: Mapping[str, str], names: Mapping[int, str] | None = None) -> None:
         self.record, self.letters, self.names = record, letters, dict(names or {})
         self.used: set[str] = set()  #: scalar symbols
         self.bases: set[Base] = set()
         self.vectors: set[int] = set()
-        self.frame: Callable[[Base], str] | None = None  #: another way to write frame vectors
+        self.frame: Callable[[Base], str] | None = None  #: how frame vectors are written, where not as usual
 
     @staticmethod
     def plain(base: Base) -> str:

@@ -33,7 +33,7 @@ class Measured:
 
     @property
     def cpu_s(self) -> float:
-        """CPU seconds; quantities of one run share its time."""
+        """CPU seconds of all runs; several quantities of one run count once."""
         return sum({(row.case.split(":")[0], row.solver): row.cpu_s for row in self.rows}.values())
 
 
@@ -69,12 +69,12 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def notes(m: Measured) -> list[str]:
-    """What rows add in words."""
+    """The remarks of the rows."""
     return [f"{row.case}, {row.solver}: {row.note}" for row in m.rows if row.note]
 
 
 def made_with() -> str:
-    """Versions behind the numbers."""
+    """Versions of the packages the numbers were measured with."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("mbdae", "scikit-sundae", "numpy", "scipy", "symengine"))
     return f"{packages}, Python {platform.python_version()} on {platform.system()} {platform.machine()}"
 
