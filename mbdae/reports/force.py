@@ -100,7 +100,8 @@ class ForceReport:
             lines.append(f"h_{{{name}}} = {w.scalar(e)}")
         text = (
             "Forces and moments on the bodies at their points, from $-\\delta V$,"
-            " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+            " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
+            " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
         )
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
