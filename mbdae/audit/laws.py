@@ -91,7 +91,7 @@ class LawState:
         for name in e.free_symbols - self.values.keys():
             self.values[name] = se.sympify(self.number(names[name], raw=True))
         e = e.subs({x: self.values[x] for x in e.free_symbols})
-        if self.motion.letters:
+        if self.motion.symbolic:
             return e
         if isinstance(e, se.atan2 | se.floor):  # always intermediates with a name of their own
             numbers = [float(a.n(real=True)) for a in e.args]

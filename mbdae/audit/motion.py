@@ -45,7 +45,7 @@ class Motion:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
         self.memory: dict[Any, Any] = {}
-        self.letters = False  #: whether its quantities are symbols
+        self.symbolic = False  #: whether its quantities are symbols
         self.Q = {s: turned(self.vector(f"attitude {s}")) + 0j for s in "kl"}
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}

@@ -124,7 +124,7 @@ class Env:
 
     def _value(self, name: str) -> Value:
         if name == "I":
-            return np.eye(3, dtype=int).astype(object) if self.motion.letters else np.eye(3) + 0j
+            return np.eye(3, dtype=int).astype(object) if self.motion.symbolic else np.eye(3) + 0j
         if name not in self.scope.symbols:
             raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
         meaning = self.scope.symbols[name]
@@ -140,7 +140,7 @@ class Env:
 
     def constant(self, number: float) -> Value:
         """A number of a formula."""
-        if not self.motion.letters:
+        if not self.motion.symbolic:
             return complex(number)
         return se.Integer(int(number)) if number == int(number) else se.RealDouble(number)
 

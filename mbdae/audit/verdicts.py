@@ -19,12 +19,12 @@ import numpy as np
 from mbdae.audit.compare import SAME, States, compared
 from mbdae.audit.dimensions import faults
 from mbdae.audit.evaluate import SizeError, evaluate
-from mbdae.audit.letters import identical
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.rules_joints import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
+from mbdae.audit.symbolic import identical
 from mbdae.errors import MbdaeError
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, NOT_EVALUABLE = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "NOT EVALUABLE"

@@ -18,7 +18,7 @@ STARTS = 60  #: random attitudes from which the rows are solved
 
 def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
     """Derivatives (points, rows, 6) of the rows by displacement and rotation of l."""
-    n, out = r.book.numbers(state), []
+    n, out = r.formulas.numbers(state), []
     for pairs, _ in r.duals.values():
         parts = [np.broadcast_to(n.vector(part), (state.points, 3)) for part in pairs["l"]]
         out.append(np.concatenate(parts, axis=-1))
@@ -28,7 +28,7 @@ def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
 def solved(r: JointChecks, state: State) -> State:
     """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a row is not defined l stays."""
     for _ in range(60):
-        n = r.book.numbers(state)
+        n = r.formulas.numbers(state)
         c = np.stack([np.broadcast_to(n.scalar(e), (state.points,)) for e in r.s.rows.values()], axis=-1)
         if np.max(np.abs(c)) < 1e-13:
             break
@@ -45,7 +45,7 @@ def solved(r: JointChecks, state: State) -> State:
 def solution_set(r: JointChecks) -> list[Block]:
     """Rank and degrees of freedom on the solution set, and the unwanted solutions of the rows."""
     state = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
-    n = r.book.numbers(state)
+    n = r.formulas.numbers(state)
     c = np.max([np.abs(np.broadcast_to(n.scalar(e), (STARTS,))) for e in r.s.rows.values()], axis=0)
     reached = c < 1e-9
     with np.errstate(all="ignore"):
@@ -69,7 +69,7 @@ def solution_set(r: JointChecks) -> list[Block]:
     for name, e in r.s.branches.items():
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
         blocks.append(
-            Equation(f"{r.book.writer.scalar(e)} > 0", note=f"{name}: required, as the rows alone allow the opposite too")
+            Equation(f"{r.formulas.writer.scalar(e)} > 0", note=f"{name}: required, as the rows alone allow the opposite too")
         )
     ended = int((wrong & reached).sum())
     blocks.append(

@@ -6,7 +6,7 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
-from mbdae.reports.book import described, provenance, title_of
+from mbdae.reports.common import described, provenance, title_of
 from mbdae.reports.letters import Letter, letters, unit_text
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer

@@ -11,8 +11,8 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.kernels.plan import plan
-from mbdae.reports.book import Book, Check, row_name
 from mbdae.reports.calculus import Dual, Motion, Pair
+from mbdae.reports.common import Check, LawFormulas, row_name
 from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, State, random_state, residual
@@ -31,7 +31,7 @@ class JointChecks:
     def __init__(self, law: type[Joint], structure: Structure) -> None:
         self.s = Statement(law, structure)
         _ = self.s.rows, self.s.branches
-        self.book = Book(self.s)
+        self.formulas = LawFormulas(self.s)
         self.d = self.s.derived
         self.state = random_state(self.d)
         self.duals: dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]] = {}
@@ -41,7 +41,7 @@ class JointChecks:
 
     def check(self, what: str, got: Any, wanted: Any) -> None:
         """Compare the values of a formula with those of the derived equation."""
-        self.book.checks.append(Check(what, residual(got, wanted)))
+        self.formulas.checks.append(Check(what, residual(got, wanted)))
 
     def compiled(self, state: State) -> dict[Any, Any]:
         """Outputs of the compiled kernel (LLVM) at states, by target."""
@@ -67,7 +67,7 @@ class JointChecks:
 
     def run_checks(self, rate: Motion, rates: dict[str, Expr]) -> None:
         """Every displayed formula against the compiled equations."""
-        n, kernel = self.book.numbers(self.state), self.compiled(self.state)
+        n, kernel = self.formulas.numbers(self.state), self.compiled(self.state)
         order = list(self.s.rows)
         for target, values in kernel.items():
             if target[0] in ("g", "gd", "gdd"):
@@ -109,7 +109,7 @@ class JointChecks:
         moved = st.changed(
             1j * STEP, {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in "kl"}, self._clock()
         )
-        n, got = self.book.numbers(st), self.book.numbers(moved)
+        n, got = self.formulas.numbers(st), self.formulas.numbers(moved)
         for row, e in self.s.rows.items():
             change = np.imag(np.broadcast_to(got.scalar(e), (POINTS,))) / STEP
             self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
@@ -139,7 +139,7 @@ class JointChecks:
         st = self.state
         for side in "kl":
             J = np.stack([st.atom(Base(a, side)) for a in "xyz"], axis=-1)
-            plain = self.book.numbers(st)
+            plain = self.formulas.numbers(st)
             axes = {Base("E", a): J[:, i] for i, a in enumerate("xyz")}
             resolved = Numbers(self.s.record, functools.partial(_resolved, st, J), st.symbol, axes)
             for part, what in zip(self.total()[side], ("force", "moment"), strict=True):
@@ -148,7 +148,7 @@ class JointChecks:
 
     def _rate_proof(self, rates: dict[str, Expr]) -> float:
         """G u from the table of forces against the rates of the rows; the largest relative difference."""
-        n, worst = self.book.numbers(self.state), 0.0
+        n, worst = self.formulas.numbers(self.state), 0.0
         for row, (pairs, partial) in self.duals.items():
             Gu: Any = np.zeros(POINTS)
             for side in "kl":
@@ -165,7 +165,7 @@ class JointChecks:
                 of_time += self._clocked(row, a)
             error = residual(Gu + n.scalar(of_time), n.scalar(rates[row]))
             worst = max(worst, error)
-            self.book.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
+            self.formulas.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
         return worst
 
     def _clocked(self, row: str, a: Vector) -> Expr:

@@ -9,7 +9,7 @@ import symengine as se
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
-from mbdae.reports.book import Check, checks_table, described, title_of
+from mbdae.reports.common import Check, checks_table, described, title_of
 from mbdae.reports.evaluate import Numbers, value
 from mbdae.reports.letters import Letter, letters, name_vectors, unit_text
 from mbdae.reports.line_states import STEP, LineState

@@ -11,7 +11,7 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Picture, Section,
 from mbdae.documents.document import Document
 from mbdae.documents.svg import curve
 from mbdae.laws.friction import Friction
-from mbdae.reports.book import Book, described
+from mbdae.reports.common import LawFormulas, described
 from mbdae.reports.evaluate import value
 from mbdae.reports.letters import Letter, of_name, unit_text
 from mbdae.reports.statement import Statement
@@ -199,7 +199,7 @@ class PartReport:
         return [Section("Law", law), Section("Limits and power", blocks)]
 
 
-def part_sections(s: Statement, book: Book) -> list[Section]:
+def part_sections(s: Statement, formulas: LawFormulas) -> list[Section]:
     """The friction and normal laws a law contains, each with its own symbols."""
     out = []
     for key, structure in s.structure.options:

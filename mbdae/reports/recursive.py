@@ -9,7 +9,7 @@ import numpy as np
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
-from mbdae.reports.book import Check, checks_table
+from mbdae.reports.common import Check, checks_table
 from mbdae.symbolic.law import Joint
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def recursive_sections(r: JointChecks) -> list[Section]:
         return []
     checks: list[Check] = []
     found = sections(law.twist, law, checks)
-    r.book.checks += checks
+    r.formulas.checks += checks
     return [Section("As a recursive joint", [SYMBOLS, *found])]
 
 

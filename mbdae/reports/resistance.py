@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 def resistance_section(r: JointChecks) -> Section | None:
     """The section on friction: force and torque, internal states, sign of the power; None without friction."""
-    s, w = r.s, r.book.writer
+    s, w = r.s, r.formulas.writer
     if s.wrench is None:
         return None
     force, torque = s.wrench
     rates = s.states("rates")
-    r.book.refresh()
-    mark = r.book.mark()
+    r.formulas.refresh()
+    mark = r.formulas.mark()
     blocks: list[Block] = [
         Paragraph(
             "The reactions of the joint cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
@@ -32,11 +32,11 @@ def resistance_section(r: JointChecks) -> Section | None:
     ]
     for name, rate in rates.items():
         blocks.append(
-            Equation(f"\\dot {r.book.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
+            Equation(f"\\dot {r.formulas.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
         )
-    named = r.book.definitions(mark)
+    named = r.formulas.definitions(mark)
     blocks += [Paragraph("with"), *named] if named else []
-    n, st = r.book.numbers(r.state), r.state
+    n, st = r.formulas.numbers(r.state), r.state
     relative = (
         st.atom(Base("v", "l"))
         - st.atom(Base("v", "k"))

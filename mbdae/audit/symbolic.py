@@ -15,12 +15,12 @@ from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
 
-class Letters(Motion):
+class SymbolicMotion(Motion):
     """Two free bodies, their quantities symbols. What needs a complex step or the relative angle has no value (SizeError)."""
 
     def __init__(self) -> None:
         self.seed, self.kind, self.absent = 0, "free", frozenset()
-        self.stepped, self.origin, self.memory, self.letters = False, None, {}, True
+        self.stepped, self.origin, self.memory, self.symbolic = False, None, {}, True
         self.Q = {s: self.matrix(f"attitude {s}") for s in "kl"}
         self.R0 = self.matrix("reference attitude")
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
@@ -48,7 +48,7 @@ class Letters(Motion):
 
 def identical(equation: Printed, inner: str, side: int = 1) -> bool:
     """Whether all sides are the same polynomials in the components of free vectors; False where that cannot be said."""
-    env = Env(Letters(), equation.scope, inner, side)
+    env = Env(SymbolicMotion(), equation.scope, inner, side)
     try:
         return all(_identical(equation, i, env) for i in range(len(equation.statements)))
     except (SizeError, MbdaeError, TypeError, ValueError, AttributeError, RuntimeError, IndexError):

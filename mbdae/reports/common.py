@@ -53,7 +53,7 @@ class Check:
 
 
 @dataclass
-class Book:
+class LawFormulas:
     """Formulas of one law in LaTeX, the letters of their symbols, and the numeric checks made so far."""
 
     statement: Statement
