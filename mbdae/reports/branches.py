@@ -59,7 +59,7 @@ def solution_set(r: JointChecks) -> list[Block]:
     free, motions = 6 - rank, ("motion", "motions")
     text = (
         f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution."
-        f" There the {count} rows that depend on the position of l have rank {rank}: {free} relative {motions[free != 1]} of the"
+        f" There the {count} rows that depend on the motion of l have rank {rank}: {free} relative {motions[free != 1]} of the"
         f" bodies {'is' if free == 1 else 'are'} left."
     )
     blocks: list[Block] = [Paragraph(text)]
