@@ -9,7 +9,7 @@ from typing import Any
 from mbdae.audit.reading import Claimed
 from mbdae.values import BadValueError, option, whole
 
-#: by the words of a claim: a number, or a function that returns one, or one and a text that says what was counted
+#: by the words of a claim: a number, or a function that returns one or (number, remark)
 Counts = Mapping[str, int | Callable[[], int | tuple[int, str]]]
 
 

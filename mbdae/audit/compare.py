@@ -78,8 +78,8 @@ def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> floa
     for env in envs:
         count += 1
         values = [_value(side, env) for side in sides]
-        if equation.said is not None and statement is equation.statements[0]:
-            values.append(equation.said.value(env))
+        if equation.quantity is not None and statement is equation.statements[0]:
+            values.append(equation.quantity.value(env))
         if any(v is None for v in values):
             return INFINITE
         largest_here: Value = values[0]
@@ -92,7 +92,7 @@ def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> floa
             return worst
     if statement.relation == "<=":
         return worst if 2 * reached >= count else INFINITE  # a bound counts if half of the states reach it
-    return worst if largest > 1e-9 else INFINITE  # 0 = 0 says nothing
+    return worst if largest > 1e-9 else INFINITE  # 0 = 0 proves nothing
 
 
 def _excess(values: list[Value], reached: bool = False) -> float:

@@ -200,7 +200,7 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
     if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
         factors = node.parts if node.kind == "product" else (node,)
         for name in candidates.numbers():
-            inverse = () if candidates.scope.symbols[name].found.vanishes else (Node("inverse", None, (symbol(name),)),)
+            inverse = () if candidates.scope.symbols[name].phrase.vanishes else (Node("inverse", None, (symbol(name),)),)
             for extra in (symbol(name), *inverse):
                 yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
     if node.kind in ("symbol", "cross"):

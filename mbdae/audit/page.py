@@ -55,7 +55,7 @@ class Audit:
         """One line per equation: number, verdict, residual, repair or remark."""
         lines = [f"{'equation':>8}  {'verdict':<13}  {'residual':>8}  repair or remark"]
         for row in self.equations:
-            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_told(row)}".rstrip())
+            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_repair_and_remark(row)}".rstrip())
         lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
                   for c in self.claims]  # fmt: skip
         return "\n".join(lines)
@@ -88,7 +88,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), _plain(_told(r))] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), _plain(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -103,7 +103,7 @@ class Audit:
         return self.document().save(path)
 
 
-def _told(row: Row) -> str:
+def _repair_and_remark(row: Row) -> str:
     return "; ".join(text for text in (row.repair, row.remark) if text)
 
 
@@ -128,7 +128,7 @@ def _blocks(row: Row) -> list[Block]:
     how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        out.append(Paragraph(_plain(_told(row)) + "."))
+        out.append(Paragraph(_plain(_repair_and_remark(row)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))

@@ -59,12 +59,12 @@ class Meaning:
 
     text: str
     units: tuple[Unit, ...]
-    found: Phrase
+    phrase: Phrase
     words: tuple[str, ...]
 
     def value(self, env: Env) -> Value:
         """Its value in a state, in SI units."""
-        return self.found.rule(env, *self.words)
+        return self.phrase.rule(env, *self.words)
 
 
 def understand(text: str, units: tuple[Unit, ...], line: int = 0) -> Meaning:
@@ -88,7 +88,7 @@ class Scope:
         """The scope with the quantities that the derivations of some symbols contain and the text does not name."""
         table, known = dict(self.symbols), {m.text for m in self.symbols.values()}
         for name in names:
-            for new, units, text in self.symbols[name].found.needs:
+            for new, units, text in self.symbols[name].phrase.needs:
                 if text not in known:
                     while new in table:
                         new += "_"
@@ -128,7 +128,7 @@ class Env:
         if name not in self.scope.symbols:
             raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
         meaning = self.scope.symbols[name]
-        value = meaning.value(self.plain) * (self.side if meaning.found.signed else 1)
+        value = meaning.value(self.plain) * (self.side if meaning.phrase.signed else 1)
         if self.scale is not None:
             value = value * scaled(meaning.units, value, self.scale)
         return value * 0 if name == self.zero else value

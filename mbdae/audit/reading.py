@@ -38,7 +38,7 @@ class Printed:
     section: str = ""
     states: str = "free"
     only: bool = False  #: whether the text speaks of no other states
-    said: Meaning | None = None
+    quantity: Meaning | None = None  #: what the sides of the first statement are said to be, if that has no symbol
     inner: str | None = None
 
     @property

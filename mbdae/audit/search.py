@@ -119,7 +119,7 @@ def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> F
 
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
-    said = states.equation.said if statement is states.equation.statements[0] else None
+    said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
     order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
     for envs in [states.free] if states.equation.only else [states.free, states.joint]:

@@ -58,8 +58,8 @@ def identical(equation: Printed, inner: str, side: int = 1) -> bool:
 def _identical(equation: Printed, i: int, env: Env) -> bool:
     statement = equation.statements[i]
     values = [evaluate(s, env) for s in statement.sides if not notation.is_zero(s)]
-    if i == 0 and equation.said is not None:
-        values.append(equation.said.value(env))
+    if i == 0 and equation.quantity is not None:
+        values.append(equation.quantity.value(env))
     if statement.relation != "=" or len(values) < 2:
         return False
     first, *others = values

@@ -64,8 +64,8 @@ class Row:
 
 def meanings(equation: Printed) -> str:
     """The quantities the equation was compared with, in words."""
-    if equation.said is not None:
-        return equation.said.text
+    if equation.quantity is not None:
+        return equation.quantity.text
     names = [str(s.sides[0]) for s in equation.statements]
     known = equation.scope.symbols
     return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
@@ -112,14 +112,14 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _signed(equation: Printed) -> bool:
-    return any(equation.scope.symbols[name].found.signed for name in _used(equation))
+    return any(equation.scope.symbols[name].phrase.signed for name in _used(equation))
 
 
 def _unbalanced(equation: Printed, states: States) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
-             if n in equation.scope.symbols and equation.scope.symbols[n].found.signed}  # fmt: skip
+             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.signed}  # fmt: skip
     if set(sides) != {"k", "l"}:
         return ""
     for side, name in sides.items():
@@ -178,7 +178,7 @@ def _undefined_at(equation: Printed, states: States) -> str:
     """A quantity that may vanish, and where it does a side of the equation is not finite; empty where there is none."""
     for statement in equation.statements:
         for name in sorted(statement.symbols() - {"I"}):
-            if not equation.scope.symbols[name].found.vanishes:
+            if not equation.scope.symbols[name].phrase.vanishes:
                 continue
             for side in statement.sides:
                 if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):

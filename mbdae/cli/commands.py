@@ -21,7 +21,7 @@ from mbdae.errors import OptionError, SolverError
 
 
 def check(a: argparse.Namespace) -> int:
-    """Say what the scene is before solving."""
+    """Print what `check()` finds in the scene, without solving it."""
     found = _scene(a, _load(a)).check()
     if not a.json:
         print(found)
@@ -163,7 +163,7 @@ def _scene(a: argparse.Namespace, module: ModuleType) -> Any:
 
 @contextmanager
 def _partial_kept(a: argparse.Namespace, out: Path | None, t_end: float) -> Iterator[None]:
-    """Where a run is stopped or fails, keep what was computed until then, and say so."""
+    """Save what was computed of a run that is stopped or fails, and print where."""
     try:
         yield
     except (SolverError, KeyboardInterrupt) as error:
@@ -219,7 +219,7 @@ def _report_audit(a: argparse.Namespace) -> int:
 
 
 def _report_format(a: argparse.Namespace, printed: str) -> str:
-    """The format that --format or the ending of --out says; else html in a folder, and `printed` on the terminal."""
+    """The format of --format, or of the ending of --out; else html in a folder, and `printed` on the terminal."""
     ending = Path(a.out).suffix if a.out else ""
     return str(a.format or (ending[1:] if ending in REPORTS else "html" if a.out else printed))
 

@@ -39,7 +39,7 @@ def user_file(file: str) -> Iterator[ModuleType]:
     sys.modules.update(dict.fromkeys(RUN_AS, module))
     sys.path.append(folder)  # last, so that a random.py there replaces no module that others need
     try:
-        with _mistakes_told(file, path, f"'{file}' cannot be read"):
+        with _mistakes_as_usage(file, path, f"'{file}' cannot be read"):
             exec(code, module.__dict__)
         _check_function(module, file)
         yield module
@@ -57,7 +57,7 @@ def scene_of(module: ModuleType, file: str) -> Any:
     """The scene of FILE; a mistake in its code becomes a UsageError that names the line."""
     from mbdae.api import Scene
 
-    with _mistakes_told(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
+    with _mistakes_as_usage(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
         scene = module.scene()
     if not isinstance(scene, Scene):
         raise UsageError(f"scene() of '{file}' returns {_a(scene)}, not a mb.Scene; end it with `return s`")
@@ -96,16 +96,16 @@ def _compiled(file: str) -> tuple[Path, Any]:
     except (OSError, ValueError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise UsageError(f"'{file}' cannot be read: {why}; give a Python file with a function scene()") from None
-    with _mistakes_told(file, path, f"'{file}' is not a Python file"):
+    with _mistakes_as_usage(file, path, f"'{file}' is not a Python file"):
         tree = ast.parse(source, str(path))
         code = compile(source, str(path), "exec", dont_inherit=True)
     linecache.checkcache(str(path))
-    _tell_hidden(tree, path, file)
+    _warn_of_hidden(tree, path, file)
     return path, code
 
 
 @contextmanager
-def _mistakes_told(file: str, path: Path, what: str) -> Iterator[None]:
+def _mistakes_as_usage(file: str, path: Path, what: str) -> Iterator[None]:
     """Turn an error in the code of FILE into a UsageError that names the line."""
     try:
         yield
@@ -135,7 +135,7 @@ def _check_function(module: ModuleType, file: str) -> None:
         pass
 
 
-def _tell_hidden(tree: ast.Module, path: Path, file: str) -> None:
+def _warn_of_hidden(tree: ast.Module, path: Path, file: str) -> None:
     """Warn where `import x` in FILE imports another module than the x.py beside it."""
     named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     named |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module and not node.level}

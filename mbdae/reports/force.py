@@ -181,7 +181,7 @@ class ForceReport:
         if np.any(dissipated != 0):
             least = float(np.min(dissipated))
             sign = (
-                "never negative" if least >= -1e-12 else "of either sign, because internal states store energy and give it back"
+                "never negative" if least >= -1e-12 else "of either sign, because internal states store and release energy"
             )
             blocks.append(Paragraph(f"Dissipated power: {sign} at {POINTS} random states."))
         else:
