@@ -45,7 +45,7 @@ def spaces() -> list[Found]:
 def envelope(clearance: float, stiffness: float) -> Found:
     """Largest deviation of the slider from ideal joints over clearance + static penetration."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mb.AccuracyWarning)  # a penetration above the clearance is meant here
+        warnings.simplefilter("ignore", mb.AccuracyWarning)  # a penetration above the clearance is intended here
         found = limit(clearance, stiffness)
     note = f"a = {found.depth:.1e} m, {found.contacts} contacts, {found.result.stats.steps} steps"
     return Found(found.deviation, ENVELOPE, "c + a", note=note)

@@ -1,4 +1,4 @@
-"""Six scenes at the extremes of their parameters: no run is silently wrong."""
+"""Six scenes at extreme parameters: no run is wrong without a warning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two ways to integrate the bristle of LuGre friction inside the 2 stages of Radau IIA, its sliding velocity given."""
+"""Two methods to integrate the bristle of LuGre friction inside the 2 stages of Radau IIA, its sliding velocity given."""
 
 from __future__ import annotations
 

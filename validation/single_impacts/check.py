@@ -1,4 +1,4 @@
-"""Speeds 1e-3 to 10 m/s, ways 1e-3 to 1e3 m, accuracies 1e-3 to 1e-8: no exit speed is silently wrong."""
+"""Speeds 1e-3 to 10 m/s, paths 1e-3 to 1e3 m, accuracies 1e-3 to 1e-8: no exit speed is wrong without a warning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A beam spun up about its root: tip displacements on the way, and its extension in steady rotation."""
+"""A beam spun up about its root: tip displacements during spin-up, and its extension in steady rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verdicts counted: in all, and by scene, kind of input or law, decade of width, and way of solving."""
+"""Counts of verdicts: of all runs, and by scene, kind of input or law, decade of width, and solver."""
 
 from __future__ import annotations
 
