@@ -14,6 +14,8 @@ from mbdae.audit.evaluate import Value
 from mbdae.audit.motion import Motion
 from mbdae.laws import forces, joints
 from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.laws.forces import joint_spring
+from mbdae.laws.joints.clearance import ClearanceRevolute
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Law
@@ -25,9 +27,6 @@ Own = tuple[tuple[str, type[Law]], ...]  #: laws of the user by name
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
     """The class of a law by its name."""
-    from mbdae.laws.forces import joint_spring
-    from mbdae.laws.joints.clearance import ClearanceRevolute
-
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
     known |= {"ClearanceRevolute": ClearanceRevolute, "JointSpring": joint_spring.JointSpring,
               "JointDamper": joint_spring.JointDamper, "JournalContact": JournalContact} | dict(own)  # fmt: skip

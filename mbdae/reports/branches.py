@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.documents.blocks import Block, Equation, Paragraph
+from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.states import State, random_state
-
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
 
 STARTS = 60  #: random attitudes from which the rows are solved
 

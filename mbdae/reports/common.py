@@ -15,6 +15,7 @@ from mbdae.reports.evaluate import Numbers
 from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
+from mbdae.reports.units import row_unit
 from mbdae.reports.vectors import Base
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
@@ -134,8 +135,6 @@ def _base_row(base: Base, what: str) -> list[str]:
 
 def _unit_of_row(row: str, s: Statement) -> str:
     """Unit of the multiplier of a row: N for a row in m, N m for a row that is a pure number or an angle."""
-    from mbdae.reports.units import row_unit
-
     return row_unit(s, s.rows[row])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from mbdae.reports.line_states import STEP, LineState
 from mbdae.reports.states import POINTS, residual
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
+from mbdae.symbolic.fingerprint import canonical
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, LineLaw, LinePoint, derive_line
@@ -269,10 +271,6 @@ class LineReport:
 
     def origin(self) -> Section:
         """Hash of the derived equations."""
-        import hashlib
-
-        from mbdae.symbolic.fingerprint import canonical
-
         parts = [f"{field.symbol}: {canonical(e)}" for field, e in self.d.duals] + [canonical(e) for e in self.d.rows]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         blocks: list[Block] = [

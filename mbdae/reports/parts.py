@@ -14,6 +14,7 @@ from mbdae.laws.friction import Friction
 from mbdae.reports.common import LawFormulas, described
 from mbdae.reports.evaluate import value
 from mbdae.reports.letters import Letter, of_name, unit_text
+from mbdae.reports.origin import part_origin
 from mbdae.reports.statement import Statement
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
@@ -213,8 +214,6 @@ def part_sections(s: Statement, formulas: LawFormulas) -> list[Section]:
 
 def part_report(cls: type[Part], structure: PartStructure) -> Document:
     """The report of a friction or normal law."""
-    from mbdae.reports.origin import part_origin
-
     r = PartReport(structure)
     sections = r.sections()
     what = "friction" if issubclass(cls, Friction) else "normal law"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +10,14 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
 from mbdae.reports.common import Check, checks_table
+from mbdae.reports.joint_checks import JointChecks
+from mbdae.reports.statement import derived, structure_of
+from mbdae.scene.components import Recursive
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Joint
-
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
+from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.prepare import prepare
 
 STEP = 1e-30
 POINTS = 20
@@ -72,9 +76,6 @@ def recursive_report() -> Document:
 
 
 def _origin(laws: tuple[type[Joint], ...]) -> Section:
-    from mbdae.reports.statement import derived, structure_of
-    from mbdae.symbolic.fingerprint import fingerprint
-
     rows = [
         [f"`{law.__name__}`", f"({law.twist[0]}, {law.twist[1]})", f"`{fingerprint(derived(law, structure_of(law, {})))[:32]}…`"]
         for law in laws
@@ -290,11 +291,6 @@ class _Case:
 
 def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
     """B against the velocity map of the compiled program of a tree of two bodies, the first free."""
-    from mbdae.scene.components import Recursive
-    from mbdae.scene.scene import SceneData
-    from mbdae.system.model.rotations import rotation_matrices
-    from mbdae.system.prepare import prepare
-
     at, axis, centre = np.array([0.3, -0.2, 0.5]), np.array([0.36, 0.48, 0.8]), np.array([0.7, 0.4, 1.1])
     scene = SceneData("pair", space="spatial")
     first = scene.rigid_body("k", 1.0, (1.0, 1.2, 1.4), at=(0, 0, 0))

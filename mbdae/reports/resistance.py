@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section
+from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base
-
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
 
 
 def resistance_section(r: JointChecks) -> Section | None:
