@@ -5,23 +5,25 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
 import pytest
+import runner
+from runner import Case, Claim, Found, Row, measure
 
-from mbdae import validation
 from mbdae.cli import main
-from mbdae.validation import Case, Claim, Found, Row, measure
+from mbdae.cli.checkout import find
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDER = validation.find(ROOT)
-NAMES = validation.claims(FOLDER)
-CHECKS = {name: validation.load(FOLDER, name) for name in NAMES}
+FOLDER = find(ROOT)
+NAMES = runner.claims(FOLDER)
+CHECKS = {name: runner.load(FOLDER, name) for name in NAMES}
 CASES = [pytest.param(check.claim, case, id=f"{name}: {case.name}, {case.solver}", marks=[pytest.mark.slow] * case.slow)
          for name, check in CHECKS.items() for case in check.cases()]  # fmt: skip
 STATED = """
-from mbdae.validation import Case, Claim, Found, measure
+from runner import Case, Claim, Found, measure
 
 claim = Claim("{name}", "a statement < with signs", 1e-3, "m", "made up | for the test")
 
@@ -42,6 +44,7 @@ def checkout(tmp_path, monkeypatch):
         folder = tmp_path / "validation" / name
         folder.mkdir(parents=True)
         (folder / "check.py").write_text(STATED.format(name=name, error=error))
+    shutil.copytree(FOLDER / "runner", tmp_path / "validation" / "runner")
     (tmp_path / "below").mkdir()
     monkeypatch.chdir(tmp_path / "below")
     return tmp_path
@@ -125,6 +128,12 @@ def test_outside_a_checkout_it_says_what_to_do(tmp_path, monkeypatch, capsys):
     assert f"no validation/ with claims in {tmp_path}" in capsys.readouterr().err
 
 
+def test_claims_without_their_runner_are_told(checkout, capsys):
+    shutil.rmtree(checkout / "validation" / "runner")
+    assert main(["validate", "right"]) == 2
+    assert f"{checkout / 'validation'} has claims, but no runner/" in capsys.readouterr().err
+
+
 def test_root_names_another_checkout(checkout, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir("/")
     assert main(["validate", "right", "--root", str(checkout)]) == 0
@@ -139,16 +148,16 @@ def test_a_case_that_fails_is_a_row_with_its_reason():
     assert (first.met, second.met) == (False, True)
     assert first.note == "failed: ZeroDivisionError: no"
     assert first.to_dict()["error"] is None
-    assert validation.Measured(claim, [second]).holds
-    assert not validation.Measured(claim, [first, second]).holds
-    assert not validation.Measured(claim, []).holds
+    assert runner.Measured(claim, [second]).holds
+    assert not runner.Measured(claim, [first, second]).holds
+    assert not runner.Measured(claim, []).holds
     assert isinstance(first, Row)
 
 
 def test_the_wheel_does_not_carry_or_need_validation():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]["find"]
     assert settings["include"] == ["mbdae*"]
-    shared = {path.stem for path in FOLDER.glob("*.py")}
+    shared = {"runner", *(path.stem for path in FOLDER.glob("*.py"))}
     for path in (ROOT / "mbdae").rglob("*.py"):
         used = set(re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE))
         assert not used & {"validation", *shared}, path

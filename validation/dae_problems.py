@@ -168,8 +168,8 @@ def decay(**options: Any) -> DAE:
     return explicit(system)
 
 
-class Carried(System):
-    """First-order equations as internal states of a body at rest: what methods for equations of motion take."""
+class AsInternalStates(System):
+    """First-order equations as internal states of a body at rest, so that methods for equations of motion can integrate them."""
 
     label, sparsity = "ODE", None
 

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from dae_problems import Carried
+from dae_problems import AsInternalStates
 
 import mbdae as mb
 from mbdae.errors import SolverError
@@ -19,7 +19,7 @@ VARIANTS = [variant for method in _METHODS for variant in method.variants()]
 
 
 def _ready(solver: Any) -> list[Any]:
-    """With a tolerance and, where it has one, with a constant step."""
+    """A solver with a tolerance, and with a constant step where it has that option."""
     adaptive = [] if solver.by_steps else [replace(solver, rtol=1e-6)]
     return adaptive + ([replace(solver, step=0.01)] if "step" in {f.name for f in fields(solver)} else [])
 
@@ -28,7 +28,7 @@ READY = [solver for variant in VARIANTS for solver in _ready(variant)]
 
 
 class _Inner:
-    """The interpolant of the unknowns that were carried."""
+    """The interpolant of the internal states alone, without position and velocity of the body."""
 
     def __init__(self, interpolant: Any) -> None:
         self.value, self.derivative = (lambda t, f=f: f(t)[:, 2:] for f in (interpolant.value, interpolant.derivative))
@@ -44,7 +44,7 @@ def solve(solver: Any, system: Any, *arguments: Any, **options: Any) -> Any:
     if not solver.by_steps:
         return solver.solve(system, *arguments, **options)
     try:
-        return _trimmed(solver.solve(Carried(system), *arguments, **options))
+        return _trimmed(solver.solve(AsInternalStates(system), *arguments, **options))
     except SolverError as error:
         if isinstance(error.solution, Solution) and np.size(error.solution.y):
             error.solution = _trimmed(error.solution)

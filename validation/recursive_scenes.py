@@ -41,7 +41,7 @@ def tree_on_ground() -> mb.Scene:
 
 
 def tree_on_free_body() -> mb.Scene:
-    """A free body carries the tree; a kinematic joint hangs a free body on a carried one; a bushing between the two."""
+    """A tree of recursive joints on a free body; a kinematic joint from the tree to another free body; a bushing between both."""
     s = mb.Scene("free root", gravity=(0, 0, -9.81))
     a, b, c, d = (body(s, n, p) for n, p in zip("abcd", ((0.4, 0, 0), (1, 0.5, 0), (1.2, 0, 0.4), (0.3, -0.6, 0.2)), strict=True))
     s.revolute("A", a, b, at=(0.7, 0.2, 0.1), axis=TILTED, model=R, spring=1.0)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from runner import Case, Found
 
 import mbdae as mb
-from mbdae.validation import Case, Found
 
 SOLVERS = (mb.IDA(), mb.RadauIIA(3))
 

@@ -78,8 +78,8 @@ def n_four_bar(n: int, space: str = "auto") -> mb.Scene:
 
 
 def ground_resonance(axes: int = 2, free: bool = False, space: str = "auto", model: Any = None) -> mb.Scene:
-    """Four blades on a hub on an elastic block. With a joint model the block hangs on slides, one on the other, instead of
-    a guide and a bushing: then a tree of joints carries everything."""
+    """Four blades on a hub on an elastic block. With a joint model the block hangs on two slides in series instead of
+    a guide and a bushing, so that all bodies form a tree of joints."""
     s = mb.Scene("ground resonance", space=space)
     given = {"model": model} if model is not None else {}
     block = s.rigid_body("block", 30.0, 1.0, at=(0, 0))

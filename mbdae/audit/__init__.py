@@ -2,6 +2,6 @@
 
 from mbdae.audit.meaning import wordings
 from mbdae.audit.notation import AuditError
-from mbdae.audit.page import Audit, audit, audit_paper
+from mbdae.audit.page import Audit, audit
 
-__all__ = ["Audit", "AuditError", "audit", "audit_paper", "wordings"]
+__all__ = ["Audit", "AuditError", "audit", "wordings"]

@@ -10,9 +10,9 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.meaning import Env
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement
+from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
 
 SAME = 1e-9  #: relative difference below which two sides are the same
@@ -22,7 +22,7 @@ INFINITE = float("inf")
 
 @dataclass
 class States:
-    """The states an equation is compared in: those of bodies that are free, then those its text speaks of."""
+    """The states an equation is compared in: states of two free bodies, then states in which the text's joint connects them."""
 
     equation: Printed
     inner: str = "l"
@@ -31,7 +31,7 @@ class States:
     shared: dict[tuple[str, int], Motion] = field(default_factory=dict)
 
     def of(self, kind: str) -> list[Env]:
-        """Environments in states of one kind."""
+        """Values of the symbols in random states of one kind ("free", "revolute", "clearance")."""
         return [self._env(kind, seed) for seed in range(STATES)]
 
     def _env(self, kind: str, seed: int) -> Env:
@@ -42,17 +42,17 @@ class States:
 
     @cached_property
     def free(self) -> list[Env]:
-        """Where nothing ties the bodies; the joint's own where the text knows no others."""
+        """States of two free bodies; those of the joint where the text speaks of no others (`states: ... only`)."""
         return self.of(self.equation.states if self.equation.only else "free")
 
     @cached_property
     def joint(self) -> list[Env]:
-        """Where the text's constraints hold."""
+        """States in which the constraints of the joint hold."""
         return self.of(self.equation.states)
 
 
 def difference(a: Value, b: Value) -> float:
-    """Largest difference relative to the larger value; infinite where sizes differ or a value is not finite."""
+    """Largest difference of two values relative to the larger one; infinite where shapes differ or a value is not finite."""
     if np.shape(a) != np.shape(b):
         return INFINITE
     with np.errstate(all="ignore"):
@@ -72,14 +72,14 @@ def _value(node: Node, env: Env) -> Value | None:
 
 
 def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> float:
-    """Largest difference of the sides of a statement (and of what it is said to be) in some states."""
+    """Largest relative difference, over some states, of the sides of a statement and of the quantity it is said to be."""
     sides = [side for side in statement.sides if not notation.is_zero(side)]
     worst, largest, reached, count = 0.0, 0.0, 0, 0
     for env in envs:
         count += 1
         values = [_value(side, env) for side in sides]
-        if equation.said is not None and statement is equation.statements[0]:
-            values.append(equation.said.value(env))
+        if equation.quantity is not None and statement is equation.statements[0]:
+            values.append(equation.quantity.value(env))
         if any(v is None for v in values):
             return INFINITE
         largest_here: Value = values[0]
@@ -91,18 +91,18 @@ def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> floa
         if worst == INFINITE:
             return worst
     if statement.relation == "<=":
-        return worst if 2 * reached >= count else INFINITE  # half of the states are at the bound
-    return worst if largest > 1e-9 else INFINITE  # 0 = 0 says nothing
+        return worst if 2 * reached >= count else INFINITE  # a bound counts if half of the states reach it
+    return worst if largest > 1e-9 else INFINITE  # 0 = 0 proves nothing
 
 
 def _excess(values: list[Value], reached: bool = False) -> float:
-    """How far a is above b; reached: how far it is from it."""
+    """By how much a exceeds b, relative to the larger; reached: the distance of a from b."""
     a, b = (float(np.real(v)) for v in values)
     return (abs(a - b) if reached else max(0.0, a - b)) / max(abs(a), abs(b), 1e-12)
 
 
 def vanishes(statement: Statement, envs: Iterable[Env]) -> float:
-    """Where a statement ends with `= 0`: how far it is from that in the states of the joint."""
+    """Largest value of the first side of a statement that ends with `= 0`; 0.0 for other statements."""
     if not any(notation.is_zero(side) for side in statement.sides):
         return 0.0
     values = [_value(statement.sides[0], env) for env in envs]
@@ -111,10 +111,10 @@ def vanishes(statement: Statement, envs: Iterable[Env]) -> float:
 
 @dataclass(frozen=True)
 class Compared:
-    """How far the sides of a statement are apart, and where they were compared."""
+    """Difference of the sides of a statement, and the states it was found in."""
 
     gap: float
-    everywhere: bool = True  #: in free states; False: in those of the joint alone
+    everywhere: bool = True  #: found in free states; False: in states of the joint alone
 
     @property
     def same(self) -> bool:
@@ -123,7 +123,7 @@ class Compared:
 
 
 def compared(statement: Statement, states: States) -> Compared:
-    """A statement in free states, then in those of the joint where it holds there only."""
+    """The sides compared in free states; in states of the joint where they agree only there."""
     equation = states.equation
     if vanishes(statement, states.joint) > 1e-9:
         return Compared(INFINITE)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, size
-from mbdae.audit.meaning import Env
 from mbdae.audit.notation import Node, Statement
+from mbdae.audit.phrases import Env
 from mbdae.audit.units import BASIC, Unit
 
 FACTOR = 1.25  #: by which a basic unit changes its size
@@ -38,7 +38,7 @@ def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
 
 
 def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
-    """What is wrong with the units of a statement."""
+    """Errors in the units of a statement, in words; none where they agree."""
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
         sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)

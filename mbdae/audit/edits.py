@@ -1,4 +1,4 @@
-"""Small changes of a formula: what a slip of the pen or of the press does, one at a time."""
+"""Small changes of a formula, one at a time, as a misprint makes them: a sign, a symbol for another, a factor more or less."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.audit.evaluate import SizeError
-from mbdae.audit.meaning import Env, Scope
 from mbdae.audit.notation import Node, negated, number, symbol
+from mbdae.audit.phrases import Env, Scope
 from mbdae.errors import MbdaeError
 
 Edited = tuple["Edit", Node]
-Place = tuple[Counter[Node], tuple[Node, ...]]  #: how often pieces stand in the formula, and the pieces around this one
+Place = tuple[Counter[Node], tuple[Node, ...]]  #: number of times each piece appears in the formula; pieces around this one
 _EXCHANGED = {"sin": "cos", "cos": "sin"}
 
 
 @dataclass(frozen=True)
 class Edit:
-    """A change in words (put together when they are read), and the pieces it replaces wherever they stand."""
+    """A change: its description (form and pieces, joined on demand), and the pieces it replaces at all places, if it does."""
 
     form: str
     pieces: tuple[object, ...] = ()
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether sizes may change
-    where: Node | None = None  #: the piece it happens in
+    where: Node | None = None  #: the surrounding piece, where the changed one appears several times
 
     @property
     def words(self) -> str:
@@ -35,7 +35,7 @@ class Edit:
 
 
 class Candidates:
-    """Symbols that may stand for another: of the same unit and size; with dots more or fewer."""
+    """Symbols that may replace another: those of its unit and size, and its own derivatives or antiderivatives (dots)."""
 
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
@@ -50,7 +50,7 @@ class Candidates:
         return self.sizes[name]
 
     def of(self, name: str) -> Iterator[str]:
-        """Names that may stand where `name` stands."""
+        """Names that may replace `name`."""
         if name not in self.scope.symbols:
             return
         stem, dots = _dots(name)
@@ -61,7 +61,6 @@ class Candidates:
                 family = near[0] == stem and near[1] != dots
                 if (family or self.scope.symbols[other].units == units) and self._size(other) == self._size(name):
                     yield other
-
 
     def known(self) -> list[str]:
         """Symbols that have a value in this state."""
@@ -98,7 +97,7 @@ def _inside(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node],
 
 
 def _placed(edit: Edit, node: Node, place: Place) -> Edit:
-    """The edit with the piece it happens in, where the node itself stands more than once."""
+    """The edit with the surrounding piece, where the changed node appears more than once."""
     counts, around = place
     if counts[node] == 1:
         return edit
@@ -169,7 +168,7 @@ def _bare(node: Node) -> Node:
 
 
 def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """A change of all places where a piece stands more than once."""
+    """Changes of a piece that appears more than once, at all of its places alike."""
     counts = Counter(node.walk())
     for piece, count in counts.items():
         if count < 2:
@@ -193,7 +192,7 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """A factor, a tilde or a transposition more."""
+    """The formula with a factor, a tilde or a transposition added at one place."""
     yield from _added(node, candidates, lambda new: new)
 
 
@@ -201,7 +200,7 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
     if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
         factors = node.parts if node.kind == "product" else (node,)
         for name in candidates.numbers():
-            inverse = () if candidates.scope.symbols[name].found.vanishes else (Node("inverse", None, (symbol(name),)),)
+            inverse = () if candidates.scope.symbols[name].phrase.vanishes else (Node("inverse", None, (symbol(name),)),)
             for extra in (symbol(name), *inverse):
                 yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
     if node.kind in ("symbol", "cross"):
@@ -217,7 +216,7 @@ def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) 
 
 
 def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """A term, or a factor that is a vector or a matrix, more: what was left out altogether."""
+    """The formula with a term, or a factor that is a vector or a matrix, added: one that the text left out altogether."""
     yield from _supplied(node, candidates, lambda new: new, True)
 
 

@@ -1,4 +1,4 @@
-"""Formulas in numbers: complex matrices, so that derivatives are complex steps; sizes are checked, never stretched."""
+"""Values of formulas: complex numbers and matrices, so that derivatives are complex steps; no broadcasting of sizes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Value = Any  #: a complex number, or a matrix (rows, columns) of them
 
 
 class SizeError(Exception):
-    """A value that cannot be computed: mostly sizes that do not fit."""
+    """A value that cannot be computed, mostly because sizes do not fit."""
 
 
 class Source(Protocol):
-    """Where the values of symbols come from: a state of the joint."""
+    """Where the values of symbols come from: a state of motion of two bodies."""
 
     @property
     def second(self) -> float:
@@ -81,7 +81,7 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 
 
 def evaluate(node: Node, at: Source) -> Value:
-    """The value of a formula in a state; SizeError where its pieces do not fit together."""
+    """The value of a formula in a state; SizeError where the sizes of its pieces do not fit."""
     return _BY_KIND[node.kind](node, at)
 
 
@@ -158,7 +158,7 @@ def _block(node: Node, at: Source) -> Value:
 
 
 def _common(sizes: list[int]) -> int:
-    """The size all entries share; entries that are 0 take it over (3 where nothing says, 1 beside numbers)."""
+    """The size that all entries of a row or column share; literal zeros take it (1 where there is nothing else)."""
     if len(set(sizes)) > 1:
         raise SizeError(f"a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
     return sizes[0] if sizes else 1

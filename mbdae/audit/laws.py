@@ -1,4 +1,4 @@
-"""Laws of mbdae evaluated in a state of motion: rows, their forces by virtual work, potentials, contact geometry."""
+"""Laws of mbdae evaluated in a state of motion: constraint rows, their forces by virtual work, potentials, contact geometry."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from mbdae.audit.evaluate import Value
 from mbdae.audit.motion import Motion
 from mbdae.laws import forces, joints
 from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.laws.forces import joint_spring
+from mbdae.laws.joints.clearance import ClearanceRevolute
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Law
@@ -25,9 +27,6 @@ Own = tuple[tuple[str, type[Law]], ...]  #: laws of the user by name
 
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
     """The class of a law by its name."""
-    from mbdae.laws.forces import joint_spring
-    from mbdae.laws.joints.clearance import ClearanceRevolute
-
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
     known |= {"ClearanceRevolute": ClearanceRevolute, "JointSpring": joint_spring.JointSpring,
               "JointDamper": joint_spring.JointDamper, "JournalContact": JournalContact} | dict(own)  # fmt: skip
@@ -37,7 +36,7 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
 
 @lru_cache(maxsize=64)
 def derived(name: str, own: Own = ()) -> Derived:
-    """A law derived between two bodies in space, all of its parameters present."""
+    """A law derived between two bodies in space, with all of its parameters."""
     cls: Any = law_class(name, own)
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
@@ -64,12 +63,12 @@ class LawState:
         for row in self.d.rows:
             self._put([se.Symbol(f"lambda_{row}")], [motion.number(f"multiplier {row}")])
         for state in self.d.states:
-            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # all states follow an angle
+            self._put([se.Symbol(f"state_{state}")], [motion.relative_angle()])  # internal states take the relative angle
 
     def _frame(self, f: Frame, side: str) -> None:
         m = self.motion
         Q, w = m.rotation(side), m.angular_velocity(side)
-        for v, value in ((f.center, m.place["x"][side]), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.place["v"][side]),
+        for v, value in ((f.center, m.vectors["x"][side]), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.vectors["v"][side]),
                          (f.w, w), (f.spin, Q.T @ w)):  # fmt: skip
             self._put(list(v), value[:, 0])
         for axes in ((f.x, f.y, f.z), f.body):
@@ -91,9 +90,9 @@ class LawState:
         for name in e.free_symbols - self.values.keys():
             self.values[name] = se.sympify(self.number(names[name], raw=True))
         e = e.subs({x: self.values[x] for x in e.free_symbols})
-        if self.motion.letters:
+        if self.motion.symbolic:
             return e
-        if isinstance(e, se.atan2 | se.floor):  # always names of their own
+        if isinstance(e, se.atan2 | se.floor):  # always intermediates with a name of their own
             numbers = [float(a.n(real=True)) for a in e.args]
             e = se.RealDouble(float((math.atan2 if isinstance(e, se.atan2) else math.floor)(*numbers)))
         found = e.n()
@@ -108,11 +107,11 @@ class LawState:
         return self.number(self.d.g[self.d.rows.index(row)])
 
     def row_gradient(self, row: str, part: str, side: str) -> Value:
-        """Change of a row by a displacement ("move") or rotation ("turn") of a side."""
+        """Gradient of a row by the displacement ("move") or rotation ("turn") of a side."""
         return self.vector(self.d.G[self.d.rows.index(row)][side][part == "turn"])
 
     def row_force(self, row: str) -> Value:
-        """s lambda + 2 p c, from the potential s lambda c + p c^2 of a row."""
+        """Generalised force s lambda + 2 p c of a row with the potential s lambda c + p c^2."""
         s, p = (self.motion.positive(f"parameter {n}") for n in ("scaling", "penalty"))
         return s * self.motion.number(f"multiplier {row}") + 2 * p * np.real(self.row(row))
 
@@ -139,7 +138,7 @@ def gap(contact: LawState) -> Value:
 
 
 def outward(contact: LawState) -> Value:
-    """From the centre of the race to that of the pin, a unit vector: how the penetration grows as the pin moves."""
+    """Unit vector from the centre of the race to that of the pin: gradient of the penetration by the displacement of the pin."""
     v, d = contact.d.variation, contact.d
     (e,) = d.law.observed(*d.sides)["gap"]
     move, _ = v.gradient(d.frames[1], v.resolve(v.name(e)))

@@ -1,6 +1,6 @@
-"""Random states of motion of two bodies k and l: what the symbols of a printed formula are evaluated in.
+"""Random states of motion of two bodies k and l, in which the symbols of a printed formula are evaluated.
 
-Three kinds: "free" (two bodies that know nothing of each other), "revolute" (l turns about k's third axis, its motion follows
+Three kinds: "free" (two independent bodies), "revolute" (l turns about k's third axis, its motion follows
 from k's and the relative angle) and "clearance" (the same, the centres apart in the plane normal to that axis).
 """
 
@@ -16,7 +16,7 @@ from mbdae.audit.evaluate import STEP, SizeError, Value, cross
 
 KINDS = ("free", "revolute", "clearance")
 _E3 = np.array([[0.0], [0.0], [1.0]])
-#: independent quantities of motion and the sizes of their increments
+#: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
 
 
@@ -39,25 +39,24 @@ def axial(m: Value) -> Value:
 
 
 class Motion:
-    """One random state. Complex parts of its quantities are increments of a complex step."""
+    """One random state, SI units, inertial components. Imaginary parts of its quantities are increments of a complex step."""
 
     def __init__(self, seed: int, kind: str = "free") -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
-        self.used: set[str] = set()  #: ingredients that were looked at
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
         self.memory: dict[Any, Any] = {}
-        self.letters = False  #: whether its quantities are letters
+        self.symbolic = False  #: whether its quantities are symbols
         self.Q = {s: turned(self.vector(f"attitude {s}")) + 0j for s in "kl"}
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
-        self.place: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
+        self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
         self.phi, self.phidot, self.phiddot = (self.number(n) + 0j for n in ("phi", "phidot", "phiddot"))
         if kind != "free":
             self._join()
 
     def _join(self) -> None:
         shift = 0.0 * _E3 if self.kind == "revolute" else self.vector("shift") * np.array([[1.0], [1.0], [0.0]])
-        self.place["x"]["l"] = self.place["x"]["k"] + self.Q["k"] @ shift
+        self.vectors["x"]["l"] = self.vectors["x"]["k"] + self.Q["k"] @ shift
 
     # -- random quantities, the same for the same name and state
 
@@ -83,17 +82,16 @@ class Motion:
         return m @ m.T + np.eye(3) if symmetric else m
 
     def ingredient(self, name: str) -> Value:
-        """A vector a derivation needs beside the symbols of the text; zero where it is taken to be absent."""
-        self.used.add(name)
+        """A vector that a derivation contains and the text may not name; zero in a state made by `without`."""
         return self.vector(name) * (name not in self.absent)
 
     @property
     def base(self) -> Motion:
-        """The state without increments."""
+        """The state before the complex step."""
         return self.origin or self
 
     def without(self, name: str) -> Motion:
-        """The same state with an ingredient zero."""
+        """The same state with that vector zero."""
         other = copy(self)
         other.absent, other.memory = self.absent | {name}, {}
         return other
@@ -102,7 +100,7 @@ class Motion:
 
     @property
     def joined(self) -> bool:
-        """Whether l's rotation follows from k's."""
+        """Whether the rotation of l follows from that of k and the relative angle."""
         return self.kind != "free"
 
     def rotation(self, side: str) -> Value:
@@ -111,7 +109,7 @@ class Motion:
 
     def _turning(self) -> tuple[Value, Value]:
         """First and second time derivative of l's attitude, by the product rule."""
-        w, alpha, Q = cross(self.place["w"]["k"]), cross(self.place["alpha"]["k"]), self.Q["k"]
+        w, alpha, Q = cross(self.vectors["w"]["k"]), cross(self.vectors["alpha"]["k"]), self.Q["k"]
         e, P = cross(_E3), about_axis(self.phi)
         dP, ddP = self.phidot * e @ P, (self.phiddot * e + self.phidot**2 * e @ e) @ P
         dQ, ddQ = w @ Q, (alpha + w @ w) @ Q
@@ -120,18 +118,18 @@ class Motion:
     def angular_velocity(self, side: str) -> Value:
         """Angular velocity, inertial."""
         if side == "k" or not self.joined:
-            return self.place["w"][side]
+            return self.vectors["w"][side]
         return axial(self._turning()[0] @ self.rotation("l").T)
 
     def angular_acceleration(self, side: str) -> Value:
         """Angular acceleration, inertial."""
         if side == "k" or not self.joined:
-            return self.place["alpha"][side]
+            return self.vectors["alpha"][side]
         first, second = self._turning()
         return axial(second @ self.rotation("l").T + first @ first.T)
 
     def relative_angle(self) -> Value:
-        """Angle of l relative to k about their third axes (swing and twist), or the joint's own."""
+        """Angle of l relative to k: the twist about the third axes of free bodies, or the joint's coordinate, rad."""
         if self.joined:
             return self.phi
         A = self.rotation("k").T @ self.rotation("l")
@@ -140,19 +138,19 @@ class Motion:
         return angle + 1j * (x.real * y.imag - y.real * x.imag) / square
 
     def relative_rate(self) -> Value:
-        """Its rate."""
+        """Rate of the relative angle, rad/s."""
         return self.phidot if self.joined else np.imag(self.moved("time").relative_angle()) / STEP + 0j
 
     # -- increments
 
     def moved(self, how: str) -> Motion:
-        """Moved by an imaginary step: "virtual", "time", or "linear" (all quantities of motion independently)."""
+        """The state after an imaginary step: "virtual" displacement, "time", or "linear" (all quantities independently)."""
         return self.stepped_by(self._increments(how), how)
 
     def _increments(self, how: str) -> dict[str, Value]:
         if how == "time":
-            known = {f"turn {s}": self.place["w"][s] for s in "kl"} | {f"x {s}": self.place["v"][s] for s in "kl"}
-            return known | {"phi": self.phidot, "phidot": self.phiddot, "w k": self.place["alpha"]["k"]}
+            known = {f"turn {s}": self.vectors["w"][s] for s in "kl"} | {f"x {s}": self.vectors["v"][s] for s in "kl"}
+            return known | {"phi": self.phidot, "phidot": self.phiddot, "w k": self.vectors["alpha"]["k"]}
         known = {f"turn {s}": self.vector(f"{how} turn {s}") for s in "kl"}
         known |= {f"x {s}": self.vector(f"{how} x {s}") for s in "kl"} | {"phi": self.number(f"{how} phi")}
         if how == "linear":
@@ -161,21 +159,21 @@ class Motion:
         return known
 
     def stepped_by(self, increments: dict[str, Value], key: Any = None) -> Motion:
-        """Moved by i STEP times the increments: "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
+        """The state after i STEP times the increments of "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
         if self.stepped:
             raise SizeError("a derivative of a derivative is not a complex step")
         if key is not None and ("moved", key) in self.memory:
             return self.memory["moved", key]  # type: ignore[no-any-return]
         other = copy(self)
         other.stepped, other.origin, other.memory = True, self, {}
-        other.Q, other.place = dict(self.Q), {n: dict(by_side) for n, by_side in self.place.items()}
+        other.Q, other.vectors = dict(self.Q), {n: dict(by_side) for n, by_side in self.vectors.items()}
         for name, increment in increments.items():
             what, _, side = name.partition(" ")
             step = 1j * STEP * np.real(increment)
             if what == "turn":
                 other.Q[side] = other.Q[side] + cross(step) @ self.Q[side]
             elif side:
-                other.place[what][side] = other.place[what][side] + step
+                other.vectors[what][side] = other.vectors[what][side] + step
             else:
                 setattr(other, what, getattr(self, what) + step)
         if key is not None:

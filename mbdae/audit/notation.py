@@ -1,9 +1,9 @@
-"""A small readable notation for printed formulas: text to trees, trees to text, trees to numbers.
+"""The notation of printed formulas: text read into trees, trees written as text.
 
     a + b, a - b, a*b, a/b, a^2     sums, (matrix) products, quotients, powers
     ~b                              the matrix with ~b c = b x c
     b'                              transposed
-    [a, b; c, d]                    blocks; 0 and I take the size their neighbours leave
+    [a, b; c, d]                    blocks; a 0 takes the size of its row and column, I is 3 x 3
     norm(u) abs(v) sin cos tan tanh exp sqrt atan2(y, x)
     delta(e)                        change of e by a virtual displacement
     rate(e)                         time derivative of e
@@ -32,7 +32,7 @@ class AuditError(MbdaeError):
 
 @dataclass(frozen=True)
 class Node:
-    """A piece of a formula: kind, name or number, parts.
+    """A node of the tree of a formula: kind, name or number, parts.
 
     kinds: number, symbol, sum (terms), neg, product (factors), inverse, power, cross (~), transposed, call, block (rows), row.
     """
@@ -65,7 +65,7 @@ class Node:
         return Node(self.kind, self.value, parts)
 
     def replaced(self, table: Mapping[Node, Node]) -> Node:
-        """With pieces replaced wherever they appear."""
+        """The same with the pieces in the table replaced, wherever they appear."""
         if self in table:
             return table[self]
         return self.with_parts(tuple(p.replaced(table) for p in self.parts)) if self.parts else self
@@ -76,7 +76,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Statement:
-    """Sides joined by `=` or `<=`, in the line of a file."""
+    """Sides joined by `=` or `<=`, and the line of the file they stand in."""
 
     sides: tuple[Node, ...]
     relation: str = "="

@@ -1,21 +1,21 @@
-"""The result of an audit: rows, a table, JSON and a document."""
+"""`audit` and its result: rows, a table, JSON and a document."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from mbdae.audit import latex
-from mbdae.audit.claims import Count, count
+from mbdae.audit.claims import Count, Counts, count, counts_something
 from mbdae.audit.notation import AuditError
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row, audit_text
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.errors import OptionError
 from mbdae.files import write_file
 from mbdae.values import file_to_write, of_class, option, optional, shown
@@ -24,15 +24,15 @@ from mbdae.values import path as path_of
 VERDICTS = {
     "RIGHT": "both sides agree in random states of motion, and are defined wherever the text speaks of",
     "MISPRINT": "the sides differ; the repair is the smallest change after which they agree",
-    "INCOMPLETE": "right as far as it goes: a term with a quantity the text names nowhere, or a case, is missing",
+    "INCOMPLETE": "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
     "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
     "NOT EVALUABLE": "there is nothing to compare with",
 }
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
-    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in free states, then in "
-    "those of the joint the text speaks of; formulas that are polynomials in free vectors also in symbols. The file of the "
-    "formulas holds no verdicts and no repairs."
+    r"$\delta a = \delta\psi \times a$ and complex steps give for the quantity it is said to be: first in states of free bodies, "
+    "then in states of bodies connected by the joint the text speaks of; formulas that are polynomials in free vectors also in "
+    "symbols. The file of the formulas holds no verdicts and no repairs."
 )
 
 
@@ -55,7 +55,7 @@ class Audit:
         """One line per equation: number, verdict, residual, repair or remark."""
         lines = [f"{'equation':>8}  {'verdict':<13}  {'residual':>8}  repair or remark"]
         for row in self.equations:
-            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_told(row)}".rstrip())
+            lines.append(f"{row.equation:>8}  {row.verdict:<13}  {_shown(row.residual):>8}  {_repair_and_remark(row)}".rstrip())
         lines += [f"{c.claimed.name:>8}  {c.verdict:<13}  {'':>8}  claimed {c.claimed.count}, counted {_counted(c)}"
                   for c in self.claims]  # fmt: skip
         return "\n".join(lines)
@@ -88,7 +88,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), _plain(_told(r))] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), _plain(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -103,7 +103,7 @@ class Audit:
         return self.document().save(path)
 
 
-def _told(row: Row) -> str:
+def _repair_and_remark(row: Row) -> str:
     return "; ".join(text for text in (row.repair, row.remark) if text)
 
 
@@ -128,7 +128,7 @@ def _blocks(row: Row) -> list[Block]:
     how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        out.append(Paragraph(_plain(_told(row)) + "."))
+        out.append(Paragraph(_plain(_repair_and_remark(row)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
@@ -151,22 +151,31 @@ def _latex(equation: Printed) -> str:
     return r" \\ ".join(latex.statement(s) for s in equation.statements)
 
 
-def audit(source: str | Path, laws: Mapping[str, type] | None = None) -> Audit:
-    """Compare published formulas with their derivation: a file, or its text; `laws` are classes of your own it names.
+def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None) -> Audit:
+    """Compare published formulas with their derivation: those of a file, or of its text.
 
-    The notation and the wordings of meanings are described in docs/reports.md."""
+    laws: classes of your own that the text names, {name: class}. counts: what numbers that the text claims are compared with,
+    {words of the claim: number, or a function without arguments that returns it}; claims without one are NOT EVALUABLE.
+    The notation and the wordings of meanings are described in docs/reports.md. AuditError names the line that cannot be read."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
-    known = option("laws", laws if laws is not None else {}, of_class, "give {name: class of a law}", base=Mapping)
-    wrong = [name for name, law in known.items() if not (isinstance(name, str) and isinstance(law, type))]
-    if wrong:
-        raise OptionError(f"laws: {shown(wrong[0])} = {shown(known[wrong[0]])}: give {{name: class of a law}}")
+    own = _by_name("laws", laws, lambda law: isinstance(law, type), "give {name: class of a law}")
+    given = _by_name("counts", counts, counts_something, "give {words of the claim: number, or a function that counts}")
     if "\n" not in text:
         if not Path(text).is_file():
             raise AuditError(f"there is no file '{text}'; {remedy}")
         text = _text_of(Path(text))
-    found = read(text, known)
-    return Audit(found.title, tuple(audit_text(found)), tuple(count(c) for c in found.claims))
+    found = read(text, own)
+    return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
+
+
+def _by_name(name: str, value: Any, fits: Callable[[Any], bool], remedy: str) -> Mapping[str, Any]:
+    """An option that is a mapping from names to values that fit; None is an empty one."""
+    found: Mapping[str, Any] = option(name, {} if value is None else value, of_class, remedy, base=Mapping)
+    for key, entry in found.items():
+        if not (isinstance(key, str) and fits(entry)):
+            raise OptionError(f"{name}: {shown(key)} = {shown(entry)}: {remedy}")
+    return found
 
 
 def _text_of(file: Path) -> str:
@@ -174,8 +183,3 @@ def _text_of(file: Path) -> str:
         return file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise AuditError(f"'{file}' cannot be read: {error}; give a text file in UTF-8") from error
-
-
-def audit_paper() -> Audit:
-    """The formulas (1) to (55) and the claimed numbers of the paper whose joint models mbdae has."""
-    return audit(files("mbdae.audit").joinpath("paper.audit").read_text(encoding="utf-8"))

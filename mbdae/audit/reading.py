@@ -1,12 +1,12 @@
 """Files of printed formulas: sections, symbols with their printed meaning, numbered equations, countable claims.
 
     title: TEXT
-    inner race: k                    (contact only) the body that carries the pin
+    inner race: k                    (contact only) the body that the text calls the inner race
     section: TEXT
-    states: revolute                 the text speaks of bodies joined by a revolute joint ("only": at any time)
+    states: revolute                 the section speaks of bodies connected by a revolute joint ("only": of no others)
     NAME [UNIT]: MEANING             a symbol, from here on
     NUMBER: STATEMENT                an equation; further statements and lines are indented
-    NUMBER (MEANING): STATEMENT      an equation whose sides are said to be something that has no symbol
+    NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
 """
 
@@ -17,9 +17,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mbdae.audit.laws import Own
-from mbdae.audit.meaning import Meaning, Scope, understand
+from mbdae.audit.meaning import understand
 from mbdae.audit.motion import KINDS
 from mbdae.audit.notation import AuditError, Reader, Statement
+from mbdae.audit.phrases import Meaning, Scope
 from mbdae.audit.units import Unit, unit
 
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*:\s*(.+)$")
@@ -29,15 +30,15 @@ _UNIT_OF_LAWS: tuple[Unit, ...] = ()
 
 @dataclass(frozen=True)
 class Printed:
-    """One printed equation with everything its text says."""
+    """One printed equation with what the text around it says."""
 
     number: str
     statements: tuple[Statement, ...]
     scope: Scope
     section: str = ""
     states: str = "free"
-    only: bool = False  #: whether the text knows no other states than those
-    said: Meaning | None = None
+    only: bool = False  #: whether the text speaks of no other states
+    quantity: Meaning | None = None  #: what the sides of the first statement are said to be, if that has no symbol
     inner: str | None = None
 
     @property
@@ -83,7 +84,7 @@ class _File:
         return self.found
 
     def _items(self) -> list[tuple[int, str]]:
-        """Lines without comments; indented ones are joined to the one before by a line end."""
+        """Lines without comments; an indented line continues the one before, after a line end."""
         items: list[tuple[int, str]] = []
         for at, raw in enumerate(self.lines, 1):
             line = raw.split("#", 1)[0].rstrip()

@@ -9,17 +9,17 @@ import symengine as se
 
 from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.laws import gap, journal, outward
-from mbdae.audit.meaning import Env, phrase
+from mbdae.audit.phrases import Env, phrase
 from mbdae.audit.rules_motion import moving_point, velocity_of_point
 from mbdae.integrators.runge_kutta.radau_tables import radau_table
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb, LuGre
 
-# -- the pin in its race: `inner` of the roles says which body carries the pin
+# -- the pin in its race: `env.inner` is the body with the pin
 
 
 def _sides(env: Env) -> str:
-    """Bodies of race and pin."""
+    """The bodies with the race and with the pin."""
     return "kl" if env.inner == "l" else "lk"
 
 
@@ -50,7 +50,7 @@ def _normal(env: Env) -> Value:
 
 @phrase("point of contact on {side}", vanishes=True)
 def _contact_point(env: Env, side: str) -> Value:
-    return env.motion.place["x"][side] + _radius(env, side) * _outward(env)
+    return env.motion.vectors["x"][side] + _radius(env, side) * _outward(env)
 
 
 @phrase("{name} as printed in {number}", vanishes=True)
@@ -123,7 +123,7 @@ def _normal_on(env: Env, side: str) -> Value:
 @phrase("contact force and moment of friction on {side} at {name}, {name2} of {number}", vanishes=True, signed=True)
 def _friction_on(env: Env, side: str, k: str, l: str, number: str) -> Value:
     force = _direction(env, k, l, number) * _friction(env) * (1 if side == "l" else -1)
-    arm = _printed_at_base(env, {"k": k, "l": l}[side], number) - env.motion.place["x"][side]
+    arm = _printed_at_base(env, {"k": k, "l": l}[side], number) - env.motion.vectors["x"][side]
     return np.vstack([force, np.cross(arm, force, axis=0)])
 
 
@@ -238,7 +238,7 @@ def _saturated(env: Env) -> Value:
 
 
 def lugre(env: Env, z: Value) -> LuGre:
-    """The law with its damping constant, bristles deflected by z."""
+    """The law with constant bristle damping (`damping_decay=False`), its bristles deflected by z."""
     p = {n: v for n, v in _friction_parameters(env).items() if n != "v_c"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -269,7 +269,7 @@ def _lugre_force(env: Env) -> Value:
 
 @phrase("friction force of sticking", vanishes=True)
 def _sticking(env: Env) -> Value:
-    """Of bristles that rest deflected by less than what breaks them away; that is among the states."""
+    """Force of bristles at rest, deflected up to break-away; half of the states are at break-away, in both directions."""
     breaking = abs(_complex(lugre(env, 0.0).initial(se.RealDouble(1e-12))["z"]))
     share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
     return -_complex(lugre(env, share * breaking).coefficient(se.RealDouble(0.0))) * _normal_force(env)

@@ -8,15 +8,15 @@ import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.laws import LawState, law_class
-from mbdae.audit.meaning import Env, phrase
 from mbdae.audit.notation import AuditError
+from mbdae.audit.phrases import Env, phrase
 from mbdae.errors import MbdaeError
 
 PARTS = ("move k", "turn k", "move l", "turn l")
 
 
 def law(env: Env, name: str) -> LawState:
-    """A law in the state of env; what it prescribes is what its coordinate is where the bodies are joined."""
+    """A law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
     if law_class(name, env.scope.own) is None:
         raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{name}': {name}}})")
     key = ("law", name)
@@ -37,7 +37,7 @@ def _stack(values: list[Value]) -> Value:
 
 
 def _rows(env: Env, of: str, rows: str) -> tuple[LawState, list[str]]:
-    """The law of rows; AuditError for a row it has not."""
+    """A law and its rows by name; AuditError for a row that it does not have."""
     state, wanted = law(env, of), names(rows)
     for row in wanted:
         if row not in state.d.rows:
@@ -54,7 +54,7 @@ def _row(env: Env, rows: str, of: str) -> Value:
 
 @phrase("opposite of row {rows} of {name}", vanishes=True)
 def _opposite_row(env: Env, rows: str, of: str) -> Value:
-    """The same constraint where a text writes its terms with the other sign, and so its multiplier."""
+    """The same constraint with the other sign, and so with the opposite multiplier."""
     return -_row(env, rows, of)
 
 
@@ -80,7 +80,7 @@ def _coordinate(env: Env, of: str) -> Value:
 @phrase("force of rows {rows} of {name} on {parts}", vanishes=True)
 @phrase("force of row {rows} of {name} on {parts}", vanishes=True)
 def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
-    """G' (s lambda + 2 p c); what the text does not list must vanish."""
+    """G' (s lambda + 2 p c); on parts the text does not list it must vanish."""
     state, wanted = _rows(env, of, rows)
 
     def on(part: str) -> Value:
@@ -119,14 +119,14 @@ def _listed(parts: str, on: Callable[[str], Value]) -> Value:
 
 @phrase("virtual work of rows {rows} of {name}", vanishes=True)
 def _row_work(env: Env, rows: str, of: str) -> Value:
-    """Sum of the forces of the rows times what the rows change by."""
+    """Sum over the rows: force times virtual change of the row."""
     state, wanted = _rows(env, of, rows)
     moved = env.motion.moved("virtual")
     total = 0j
     for row in wanted:
         change = 0j
         for side in "kl":
-            move = np.imag(moved.place["x"][side]) / STEP
+            move = np.imag(moved.vectors["x"][side]) / STEP
             turn = env.motion.turn_between(moved, side)
             for what, displacement in (("move", move), ("turn", turn)):
                 change += (state.row_gradient(row, what, side).T @ displacement)[0, 0]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.meaning import Env, phrase
 from mbdae.audit.motion import Motion
+from mbdae.audit.phrases import Env, phrase
 
 phrase("number", vanishes=True)(lambda env: env.number("number"))
 
@@ -79,22 +79,22 @@ def _reference_position(env: Env, side: str) -> Value:
 
 @phrase("position of {side}", vanishes=True)
 def _position(env: Env, side: str) -> Value:
-    return env.motion.place["x"][side]
+    return env.motion.vectors["x"][side]
 
 
 @phrase("displacement of {side}", vanishes=True)
 def _displacement(env: Env, side: str) -> Value:
-    return env.motion.place["x"][side] - env.motion.x0[side]
+    return env.motion.vectors["x"][side] - env.motion.x0[side]
 
 
 @phrase("position of l relative to k", vanishes=True)
 def _relative_position(env: Env) -> Value:
-    return env.motion.place["x"]["l"] - env.motion.place["x"]["k"]
+    return env.motion.vectors["x"]["l"] - env.motion.vectors["x"]["k"]
 
 
 @phrase("velocity of {side}", vanishes=True)
 def _velocity(env: Env, side: str) -> Value:
-    return env.motion.place["v"][side]
+    return env.motion.vectors["v"][side]
 
 
 # -- changes
@@ -149,19 +149,19 @@ def _right_hand_side(env: Env) -> Value:
 
 
 def _map(m: Motion) -> Value:
-    """B of virtual rotation l = B (virtual rotation k, change of the angle): the angular velocity of l is linear in the rates."""
-    none = {**m.place, "w": {**m.place["w"], "k": np.zeros((3, 1)) + 0j}}
+    """B (3, 4) of angular velocity l = B (angular velocity k, rate of the angle); virtual rotations follow the same map."""
+    none = {**m.vectors, "w": {**m.vectors["w"], "k": np.zeros((3, 1)) + 0j}}
     columns = []
     for rates in np.eye(4):
         still = m.without("")
-        still.place = {**none, "w": {**none["w"], "k": rates[:3, None] + 0j}}
+        still.vectors = {**none, "w": {**none["w"], "k": rates[:3, None] + 0j}}
         still.phidot = rates[3] + 0j
         columns.append(still.angular_velocity("l"))
     return np.hstack(columns)
 
 
 def _reduced(env: Env, m: Motion) -> Value:
-    """B' r with r = M w' + C w + K psi of l, about the state of env where r is the residual."""
+    """B' r in a state m, r the residual of l, linearised about the state of env: M w' + C w + K psi."""
     base = env.motion
     r = _residual(env) + _inertia(env) @ (m.angular_acceleration("l") - base.angular_acceleration("l"))
     r = r + _damping(env) @ (m.angular_velocity("l") - base.angular_velocity("l"))
@@ -195,11 +195,11 @@ def _reduced_stiffness(env: Env) -> Value:
 
 
 def moving_point(m: Motion, base: Motion, side: str, p: Value) -> Value:
-    """A point fixed to a body that is at p in the base state, in a state moved from there by a complex step."""
-    arm = np.real(p) - np.real(base.place["x"][side])
-    return m.place["x"][side] + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
+    """Position, in a state m after a complex step, of the point of a body that is at p in the base state."""
+    arm = np.real(p) - np.real(base.vectors["x"][side])
+    return m.vectors["x"][side] + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
 
 
 def velocity_of_point(m: Motion, side: str, p: Value) -> Value:
     """Velocity of the point of a body that is at p."""
-    return m.place["v"][side] + cross(m.angular_velocity(side)) @ (p - m.place["x"][side])
+    return m.vectors["v"][side] + cross(m.angular_velocity(side)) @ (p - m.vectors["x"][side])

@@ -1,4 +1,4 @@
-"""The smallest repair of a printed formula: one change, else two, after which its sides agree; or the term it lacks."""
+"""The smallest repair of a printed formula: one change, else two, after which its sides agree; or the missing term."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from mbdae.audit.compare import SAME, States, compared, difference
 from mbdae.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, evaluate
-from mbdae.audit.meaning import Env, Scope
 from mbdae.audit.notation import Node, Statement, symbol
+from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
@@ -20,7 +20,7 @@ LARGEST = 20_000  #: formulas tried for one place with two changes
 
 @dataclass(frozen=True)
 class Repair:
-    """What to change, in words, and the equation afterwards."""
+    """The changes in words, and the equation after them."""
 
     words: tuple[str, ...]
     equation: Printed
@@ -30,7 +30,7 @@ class Repair:
 
 
 def repair(equation: Printed, states: States) -> Repair | None:
-    """The smallest change that makes an equation right: of the printed roles, else of its formulas."""
+    """The smallest change after which an equation is right: of the roles of the races, else of its formulas."""
     other = _other_roles(equation, states)
     if other is not None:
         return other
@@ -68,14 +68,14 @@ Changed = tuple[Node, list[Edit]]
 
 @dataclass(frozen=True)
 class _Goal:
-    """Values a formula must take in some states, and formulas it must not become (the other sides)."""
+    """Values a formula must have in some states; it must not become one of the other sides (a = a says nothing)."""
 
     envs: Sequence[Env]
     values: Sequence[Value]
     banned: frozenset[Node] = frozenset()
 
     def met(self, node: Node) -> bool:
-        """Whether a formula takes the values."""
+        """Whether a formula has the values in all states."""
         try:
             with np.errstate(all="ignore"):
                 pairs = zip(self.envs, self.values, strict=True)
@@ -84,7 +84,7 @@ class _Goal:
             return False
 
     def sized(self, node: Node) -> bool:
-        """Whether its size is right."""
+        """Whether a formula has the size of the values."""
         try:
             with np.errstate(all="ignore"):
                 return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
@@ -92,7 +92,7 @@ class _Goal:
             return False
 
     def rows(self, count: int) -> list[_Goal]:
-        """The goals of the rows of a column of blocks; none where it is no such column."""
+        """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
         shape = np.shape(self.values[0])
         height = shape[0] // count if len(shape) == 2 and shape[1] == 1 else 0
         if not height or shape[0] != height * count:
@@ -107,7 +107,7 @@ def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> F
     envs: Sequence[Env] = ()
     for i, goal in _places(statement, states):
         if best is not None and (statement.sides[i].kind == "symbol" or goal.envs is not envs):
-            break  # neither another symbol on the left nor the joint's own states are needed
+            break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
         envs = goal.envs
         found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
         if found is not None and (best is None or len(found[1]) < len(best[1])):
@@ -118,8 +118,8 @@ def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> F
 
 
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
-    """Sides that may be changed, and what they must become: what the first side is, or is said to be."""
-    said = states.equation.said if statement is states.equation.statements[0] else None
+    """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
+    said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
     order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
     for envs in [states.free] if states.equation.only else [states.free, states.joint]:
@@ -136,7 +136,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
 
 
 def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
-    """A side changed so that it takes its values; a column of blocks row by row."""
+    """A side changed so that it meets its goal; a column of blocks row by row."""
     rows = side.parts
     goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
     if not goals:
@@ -152,7 +152,7 @@ def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
 
 
 def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
-    """A formula changed so that it takes its values: not, as elsewhere in the equation, once, twice."""
+    """A formula that meets its goal: as it is, after the changes made elsewhere in the equation, after one change, after two."""
     if goal.met(node):
         return node, []
     again = node
@@ -175,9 +175,9 @@ def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
 
 
 def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:
-    """Two changes; both of all places alike, then those whose first one is such or leaves sizes that fit."""
+    """The formula after two changes: first pairs that change all places of a piece alike, then pairs of any kind."""
     order = sorted(once, key=lambda n: (not once[n].table, not goal.sized(n)))
-    if not goal.sized(node):  # one of the two changes is one of sizes: take it first
+    if not goal.sized(node):  # one of the two changes must change sizes: try it first
         order = [n for n in order if once[n].resizes]
     tried: set[Node] = set(once)
     for alike in (True, False):
@@ -199,7 +199,7 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
 
 
 def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> Repair | None:
-    """The block, linear in a symbol the text lacks, that the last side of an equation has to be completed by."""
+    """A term, linear in a symbol the text does not name, that is missing in the last side of an equation, and its place there."""
     (statement,) = equation.statements
     wide = replace(equation, scope=scope)
     envs = States(wide, states.inner, states.side, shared=states.shared).joint

@@ -21,7 +21,7 @@ class Unit:
     text: str = field(default="", compare=False)  #: as it was written
 
     def size(self, scale: Mapping[str, float]) -> float:
-        """Its size where the basic units have the sizes given."""
+        """Size of the unit for given sizes of the basic units."""
         out = 1.0
         for name, power in zip(BASIC, self.powers, strict=True):
             out *= scale[name] ** power

@@ -1,12 +1,12 @@
-"""Verdicts on printed formulas, by rules that know no formula:
+"""Verdicts on printed formulas, by rules that depend on no particular formula:
 
-RIGHT          the sides agree in random states (free bodies; else bodies joined as the text says), and stay finite where a
+RIGHT          the sides agree in random states (free bodies; else bodies connected by the joint), and stay finite where a
                quantity they contain vanishes
-MISPRINT       they differ; the repair is the smallest change (of the printed roles, of one place, of two) after which they agree
-INCOMPLETE     they agree as far as the text goes: where a quantity of the derivation that the text names nowhere is zero;
-               or they agree but are not defined where a quantity of the formula vanishes; or a force acts where none is listed
+MISPRINT       they differ; the repair is the smallest change (of the roles of the races, one change, two) after which they agree
+INCOMPLETE     they agree only where a quantity of the derivation that the text names nowhere is zero; or they agree but are not
+               defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none
 AMBIGUOUS      they agree on one side of the equations of motion, and another formula of the section on the other side
-NOT EVALUABLE  there is nothing to compare: a piece has no value
+NOT EVALUABLE  a piece of the formula has no value, so that nothing can be compared
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from mbdae.audit.compare import SAME, States, compared
 from mbdae.audit.dimensions import faults
 from mbdae.audit.evaluate import SizeError, evaluate
-from mbdae.audit.letters import identical
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.rules_joints import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
+from mbdae.audit.symbolic import identical
 from mbdae.errors import MbdaeError
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, NOT_EVALUABLE = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "NOT EVALUABLE"
@@ -42,8 +42,8 @@ class Row:
     remark: str = ""
     repaired: Printed | None = None
     repaired_residual: float | None = None
-    symbolic: bool = False  #: whether the sides (after the repair, if any) are identical in symbols too
-    side: int | None = None  #: of forces the text leaves open: where they agree
+    symbolic: bool = False  #: whether the sides (after a repair, if any) are also identical polynomials in symbols
+    side: int | None = None  #: key of SIDES for forces whose side the text leaves open: the side on which they are right
 
     @property
     def equation(self) -> str:
@@ -52,7 +52,7 @@ class Row:
 
     @property
     def derived(self) -> str:
-        """The formula as the derivation has it: printed where that is right, else repaired, else what it is in words."""
+        """The right formula: as printed where that is right, else repaired, else the quantity in words."""
         if self.repaired is not None and self.repaired.statements != self.printed.statements:
             return self.repaired.text
         if self.residual < SAME or self.repaired is not None:
@@ -63,9 +63,9 @@ class Row:
 
 
 def meanings(equation: Printed) -> str:
-    """What the derivation compared the equation with, in words."""
-    if equation.said is not None:
-        return equation.said.text
+    """The quantities the equation was compared with, in words."""
+    if equation.quantity is not None:
+        return equation.quantity.text
     names = [str(s.sides[0]) for s in equation.statements]
     known = equation.scope.symbols
     return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
@@ -79,7 +79,7 @@ def audit_text(text: Text) -> list[Row]:
 
 
 def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
-    """The verdict on one equation by itself; search: whether a misprint is repaired."""
+    """The verdict on one equation by itself; search: whether a repair is sought."""
     states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
     try:
         return _verdict(equation, states, search)
@@ -101,10 +101,10 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
                        symbolic=identical(equation, states.inner, side), side=side)  # fmt: skip
     if residual < SAME:
         nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
-        hole = _hole(equation, states)
-        if hole:
-            return Row(equation, INCOMPLETE, residual, f"say what holds where {hole} = 0",
-                       f"not defined where {hole} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
+        undefined = _undefined_at(equation, states)
+        if undefined:
+            return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
+                       f"not defined where {undefined} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
         units = _units(equation, states)
         return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else,
                    symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
@@ -112,21 +112,21 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
 
 
 def _signed(equation: Printed) -> bool:
-    return any(equation.scope.symbols[name].found.signed for name in _used(equation))
+    return any(equation.scope.symbols[name].phrase.signed for name in _used(equation))
 
 
 def _unbalanced(equation: Printed, states: States) -> str:
-    """Of forces and moments printed for both bodies: what moment action and reaction leave."""
+    """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
-             if n in equation.scope.symbols and equation.scope.symbols[n].found.signed}  # fmt: skip
+             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.signed}  # fmt: skip
     if set(sides) != {"k", "l"}:
         return ""
     for side, name in sides.items():
         value = np.real(env.value(name))
         if value.shape != (6, 1):
             return ""
-        total = total + value[3:] + np.cross(np.real(env.motion.place["x"][side]), value[:3], axis=0)
+        total = total + value[3:] + np.cross(np.real(env.motion.vectors["x"][side]), value[:3], axis=0)
     return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
 
 
@@ -164,7 +164,7 @@ def _used(equation: Printed) -> set[str]:
 
 
 def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
-    """A quantity of the derivation, named nowhere in the text, without which the equation is right: symbol and wording."""
+    """A quantity of the derivation that the text does not name, and without which the equation is right: symbol and wording."""
     known = set(equation.scope.symbols)
     scope = equation.scope.widened(_used(equation))
     for name in set(scope.symbols) - known:
@@ -174,11 +174,11 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
     return None
 
 
-def _hole(equation: Printed, states: States) -> str:
-    """The quantity that may vanish at whose zero a formula that agrees is not defined."""
+def _undefined_at(equation: Printed, states: States) -> str:
+    """A quantity that may vanish, and where it does a side of the equation is not finite; empty where there is none."""
     for statement in equation.statements:
         for name in sorted(statement.symbols() - {"I"}):
-            if not equation.scope.symbols[name].found.vanishes:
+            if not equation.scope.symbols[name].phrase.vanishes:
                 continue
             for side in statement.sides:
                 if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
@@ -195,7 +195,7 @@ def _finite(side: Any, env: Any) -> bool:
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:
-    """Forces the text leaves open must stand on one side throughout a section."""
+    """The verdict beside the others of its section: forces whose side the text leaves open must all stand on one side."""
     if row.side is None:
         return row
     group = [r for r in rows if r.side is not None and r.printed.section == row.printed.section]

@@ -1,7 +1,7 @@
 """Command line: `main` reads the words, runs a command and turns whatever ends it into one message and an exit code.
 
 0 where what was asked holds, 1 where it does not, 2 for wrong usage and for mistakes in FILE; 130 after Ctrl-C, 143 after SIGTERM
-(128 and the number of the signal); 141 where whoever reads the output has gone.
+(128 and the number of the signal); 141 where the reader of the output has closed it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _parsed_and_run(words: list[str]) -> int:
         try:
             _parser().parse_args(words, a)
             with json_alone(a), contextlib.ExitStack() as a.stack, warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)  # told once, as part of the result
+                warnings.simplefilter("ignore", AccuracyWarning)  # the result says it
                 return int(a.command(a))
         except UsageError as error:
             _complain(a, error, 2, usage=error.usage)

@@ -21,7 +21,7 @@ from mbdae.errors import OptionError, SolverError
 
 
 def check(a: argparse.Namespace) -> int:
-    """Say what the scene is before solving."""
+    """Print what `check()` finds in the scene, without solving it."""
     found = _scene(a, _load(a)).check()
     if not a.json:
         print(found)
@@ -75,26 +75,26 @@ def compare(a: argparse.Namespace) -> int:
     out, module = _folder(a.out), _load(a)
     t_end, scene = _t_end(a, module), _scene(a, module)
     w = compare_file(module, scene, t_end, accuracies=a.accuracies, resume=_resume(a))
-    _tell(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
+    _write_and_print(a, w, {".png": w.plot, ".svg": w.plot, ".json": w.to_json, ".html": w.to_html}, out, "work_precision")
     reached = all(w.cheapest(accuracy) is not None for accuracy in w.accuracies)
     return 0 if reached and not w.failures and w.reference.trusted else 1
 
 
 def extremes(a: argparse.Namespace) -> int:
-    """Every way at the extremes of what FILE varies; 1 where a run was silently wrong."""
+    """Every joint model, form and solver at the extreme values in `vary` of FILE; 1 where a run was wrong without saying so."""
     from mbdae.cli.comparison import map_of_file
 
     out, module = _folder(a.out), _load(a)
     t_end = _t_end(a, module)
     _scene(a, module)
     m = map_of_file(module, t_end, accuracy=a.accuracy, max_wall=a.max_wall, resume=_resume(a))
-    _tell(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
+    _write_and_print(a, m, {".json": m.to_json, ".html": m.to_html}, out, "extremes")
     return 1 if m.silent else 0
 
 
 def report(a: argparse.Namespace) -> int:
-    """A report of a law, of a joint model or of a scene; 1 where one of its checks does not hold. An audit of formulas."""
-    if a.what == "paper" or a.what.endswith(".audit"):
+    """The report of a law, a joint model or a scene, 1 where a check of it does not hold; or the audit of a file of formulas."""
+    if Path(a.what).suffix == ".audit":
         return _report_audit(a)
     from mbdae.reports.report import names
     from mbdae.reports.report import report as make
@@ -105,52 +105,45 @@ def report(a: argparse.Namespace) -> int:
         a.file = a.what
         document = make(_scene(a, _load(a)))
     else:
-        raise UsageError(f"report '{a.what}': neither a file nor one of paper, {', '.join(names())}")
+        raise UsageError(f"report '{a.what}': neither a file nor one of {', '.join(names())}")
     holds = "NOT EQUAL" not in document.to_markdown()
-    ending = Path(a.out).suffix if a.out else ".md"
-    format_ = a.format or (ending[1:] if ending in REPORTS else "html")
-    text = {"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]
-    if a.out is None:
-        if a.json:
-            _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "text": text()})
-        else:
-            print(text())
-        return 0 if holds else 1
-    path = _report_path(a, format_)
-    document.save(path)
+    format_ = _report_format(a, "md")
+    facts = {"report": a.what, "title": document.title, "holds": holds, "format": format_}
+    path = _saved(a, document, format_)
+    text = "" if path else _report_text(document, format_)
     if a.json:
-        _json(a, {"report": a.what, "title": document.title, "holds": holds, "format": format_, "written": [str(path)]})
+        _json(a, facts | ({"written": [path]} if path else {"text": text}))
     else:
-        _list([str(path)])
+        print(f"wrote {path}" if path else text)
     return 0 if holds else 1
 
 
 def validate(a: argparse.Namespace) -> int:
     """Measure the claims of a checkout; 1 where one does not hold."""
-    from mbdae import validation
+    from mbdae.cli.checkout import find, runner_of
     from mbdae.run.progress import bar
 
     out, shown = _folder(a.out), bar()
-    folder = validation.find(a.root)
-    checks = [validation.load(folder, name) for name in dict.fromkeys(a.claims or validation.claims(folder))]
+    folder = find(a.root)
+    runner = runner_of(folder)
+    checks = [runner.load(folder, name) for name in dict.fromkeys(a.claims or runner.claims(folder))]
     measured: list[Any] = []
     with closing(shown):
         for i, found in enumerate(checks):
             shown.show(i / len(checks), "validate", found.claim.name)
             try:
-                measured.append(validation.Measured(found.claim, found.run()))
+                measured.append(runner.Measured(found.claim, found.run()))
             except KeyboardInterrupt as stop:
-                stop.args = (f"interrupted in claim '{found.claim.name}': {i} of {len(checks)} claims were measured, what is "
-                             f"said of them above is all; nothing is written",)  # fmt: skip
+                stop.args = (f"interrupted in claim '{found.claim.name}', {i} of {len(checks)} measured; no pages are written",)
                 raise
             shown.close()
             if not a.json:
-                print(validation.text(measured[-1]), flush=True)
-    a.written += [str(path) for path in validation.write(measured, out)] if out else []
+                print(runner.text(measured[-1]), flush=True)
+    a.written += [str(path) for path in runner.write(measured, out)] if out else []
     if a.json:
-        _json(a, validation.to_dict(measured) | {"written": a.written})
+        _json(a, runner.to_dict(measured) | {"written": a.written})
     else:
-        print(validation.verdict(measured))
+        print(runner.verdict(measured))
         _list(a.written)
     return 0 if all(m.holds for m in measured) else 1
 
@@ -170,7 +163,7 @@ def _scene(a: argparse.Namespace, module: ModuleType) -> Any:
 
 @contextmanager
 def _partial_kept(a: argparse.Namespace, out: Path | None, t_end: float) -> Iterator[None]:
-    """Where a run is stopped or fails, keep what was computed until then, and say so."""
+    """Save what was computed of a run that is stopped or fails, and print where."""
     try:
         yield
     except (SolverError, KeyboardInterrupt) as error:
@@ -210,23 +203,38 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 
 def _report_audit(a: argparse.Namespace) -> int:
-    """Verdicts on published formulas; 0 whatever they are."""
-    from mbdae.audit.command import report_audit
+    """Verdicts on the formulas of a file; 0 whatever they are."""
+    from mbdae.audit import audit
 
-    if a.what != "paper" and not _is_file(a.what):
-        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas, or paper")
-    out = None if a.out is None else str(_report_path(a, a.format or "html"))
-    found, text, written = report_audit(a.what, a.format, out)
+    if not _is_file(a.what):
+        raise UsageError(f"there is no file '{a.what}'; give a file of printed formulas")
+    found = audit(Path(a.what))
+    path = _saved(a, found.document(), _report_format(a, "html"))
     if a.json:
-        _json(a, found.to_dict() | ({"written": [written]} if written else {}))
+        _json(a, found.to_dict() | ({"written": [path]} if path else {}))
     else:
-        print(text)
-        _list([written] if written else [])
+        print(_report_text(found.document(), a.format) if a.format and not path else found.table())
+        _list([path] if path else [])
     return 0
 
 
+def _report_format(a: argparse.Namespace, printed: str) -> str:
+    """The format of --format, or of the ending of --out; else html in a folder, and `printed` on the terminal."""
+    ending = Path(a.out).suffix if a.out else ""
+    return str(a.format or (ending[1:] if ending in REPORTS else "html" if a.out else printed))
+
+
+def _report_text(document: Any, format_: str) -> str:
+    return str({"html": document.to_html, "md": document.to_markdown, "tex": document.to_latex}[format_]())
+
+
+def _saved(a: argparse.Namespace, document: Any, format_: str) -> str | None:
+    """Write a document where --out names a place; returns the name of its file."""
+    return None if a.out is None else str(document.save(_report_path(a, format_)))
+
+
 def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path | None) -> Any:
-    """Write what was asked for, the result first; returns the last value of the measure."""
+    """Write the result and a picture of the measure, where there is a folder; returns the last value of the measure."""
     if out is not None:
         stem = Path(a.file).stem
         r.save(out / f"{stem}.npz")
@@ -237,8 +245,8 @@ def _write_result(a: argparse.Namespace, r: Any, measure: str | None, out: Path 
     return r.read(measure)[-1].tolist() if measure else None
 
 
-def _tell(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
-    """Write what has a folder, and print the table or the JSON."""
+def _write_and_print(a: argparse.Namespace, found: Any, writers: dict[str, Any], out: Path | None, name: str) -> None:
+    """Write the files where there is a folder, and print the table or the JSON."""
     stem = f"{Path(a.file).stem}_{name}"
     for ending, write in writers.items() if out else ():
         write(out / (stem + ending))  # type: ignore[operator]
@@ -312,7 +320,7 @@ def _report_path(a: argparse.Namespace, format_: str) -> Path:
 
 
 def _resume(a: argparse.Namespace) -> str | None:
-    """The name of the file, where the system takes it for one."""
+    """The file of --resume; UsageError where the system does not accept its name."""
     try:
         Path(a.resume or ".").exists()
     except OSError as error:

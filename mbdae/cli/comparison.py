@@ -1,4 +1,4 @@
-"""A comparison, or a map of extremes, of a FILE: a module with scene(); of t_end, runs, measure, vary, accuracy what it has."""
+"""Comparisons and maps of extremes of a FILE with scene(), and with runs, measure, vary, accuracy where it states them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mbdae.run.progress import bar
 
 
 def compare_file(module: ModuleType, scene: Any, t_end: float, **options: Any) -> Comparison:
-    """The comparison, with a bar on a terminal; options that are None are left to the file, or to their default."""
+    """The comparison, with a progress bar on a terminal; options that are None are those of the file, or their defaults."""
     stated = _stated(module, ("runs", "measure"))
     found: Comparison = _with_bar(compare, "compare", scene, t_end, stated | _given(options))
     return found

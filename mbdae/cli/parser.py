@@ -11,13 +11,13 @@ from mbdae.cli.usage import REPORTS, UsageError
 
 
 class _Parser(argparse.ArgumentParser):
-    """Words are whole (no abbreviations), and wrong ones are told as all other wrong usage is."""
+    """Options may not be abbreviated, and wrong ones raise UsageError."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As always, but `--option=--`, of which argparse makes no value at all, is refused."""
+        """As in argparse, but `--option=--` is refused, which argparse reads as no value."""
         for word in args or ():
             if word == "--":
                 break
@@ -48,7 +48,7 @@ def make_parser() -> argparse.ArgumentParser:
     resumed = "file that keeps every finished run; a comparison that was stopped goes on from there"
     p.add_argument("--resume", type=_name, metavar="FILE.json", help=resumed)
     _common(p, "folder for the work-precision picture (.png, .svg), its data (.json) and a page with both (.html)")
-    p = _command(commands, "extremes", do.extremes, "every way of running a scene at the extremes of its parameters")
+    p = _command(commands, "extremes", do.extremes, "all joint models, forms and solvers at extreme parameters")
     p.add_argument("--accuracy", type=_positive, help="bound of the error over the run (default: that of FILE, else 1e-5)")
     p.add_argument("--max-wall", type=_positive, metavar="S", help="wall time of a run in s (default 20)")
     p.add_argument("--resume", type=_name, metavar="FILE.json", help="file that keeps every finished value of the map")
@@ -61,10 +61,10 @@ def make_parser() -> argparse.ArgumentParser:
 def _report(commands: Any, action: Any) -> None:
     text = "derivation of a law with its checks, the sheet of a scene, or an audit of published formulas"
     p = commands.add_parser("report", help=text, description=text[0].upper() + text[1:] + ".")
-    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; paper: its formulas "
-            "audited; a Python file with scene(); a file of formulas (.audit)")  # fmt: skip
+    what = ("revolute, classical, kinematic, recursive, clearance, coulomb, lugre, beam or any other law; a Python file with "
+            "scene(); a file of printed formulas (.audit), which are compared with their derivation")  # fmt: skip
     formats = [ending[1:] for ending in REPORTS]
-    p.add_argument("what", metavar="NAME|paper|FILE", help=what)
+    p.add_argument("what", metavar="NAME|FILE", help=what)
     p.add_argument("--format", choices=formats, help="default: that of --out, else md (of an audit a table)")
     p.add_argument("--out", type=_name, metavar="PATH", help="file (.html, .md, .tex) or folder; without it the text is printed")
     _always(p, action)
@@ -89,7 +89,7 @@ def _command(commands: Any, name: str, action: Callable[[argparse.Namespace], in
 
 
 def _always(p: argparse.ArgumentParser, action: Callable[[argparse.Namespace], int]) -> None:
-    """What every command has."""
+    """The options that every command has."""
     p.add_argument("--json", action="store_true", help="standard output carries JSON alone, {\"error\": ...} where it fails")
     p.add_argument("--debug", action="store_true", help="show the whole way to an error")
     p.set_defaults(command=action)
@@ -128,6 +128,6 @@ def _name(text: str) -> str:
 
 
 def _shown(text: str) -> str:
-    from mbdae.values import shown  # with NumPy, which what is right does not wait for
+    from mbdae.values import shown  # imports NumPy, which correct words need not wait for
 
     return shown(text)

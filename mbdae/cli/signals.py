@@ -1,4 +1,4 @@
-"""Signals that end a command: what was computed is kept as after Ctrl-C."""
+"""Signals that end a command as Ctrl-C does, so that what was computed is kept."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import threading
 from types import FrameType
 from typing import Any, Self
 
-#: beside Ctrl-C: `kill`, `timeout` and batch systems; the terminal is closed; Ctrl-Break
+#: sent by `kill`, `timeout` and batch systems; when the terminal is closed; by Ctrl-Break
 NAMES = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 
 class Stops:
-    """Inside, these signals raise KeyboardInterrupt, unless somebody handles or ignores them already.
+    """Within `with Stops():` these signals raise KeyboardInterrupt, unless they are handled or ignored already.
 
-    number: of the signal that came last; that of Ctrl-C where none did
+    number: that of the last of these signals, or of Ctrl-C where none came
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Standard output and error of a command: there or not, read or not, and JSON alone where it was asked for."""
+"""Standard output and error of a command, also where they are closed or not read; JSON alone where it was asked for."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
-READER_GONE = 141  #: exit code of what is ended by SIGPIPE: `mbdae ... | head -1`
+READER_GONE = 141  #: exit code of a command that SIGPIPE ends: `mbdae ... | head -1`
 
 
 class OutputLostError(Exception):
-    """Standard output cannot be written: whoever reads it has closed it (reader_gone), or there is no space."""
+    """Standard output cannot be written: its reader has closed it (reader_gone), or there is no space."""
 
     def __init__(self, error: OSError) -> None:
         super().__init__(f"standard output cannot be written: {error.strerror}")
@@ -22,7 +22,7 @@ class OutputLostError(Exception):
 
 
 class _Checked:
-    """A stream that raises OutputLostError where it cannot be written, whoever prints."""
+    """A stream that raises OutputLostError where it cannot be written."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -46,9 +46,9 @@ class _Checked:
 
 @contextlib.contextmanager
 def usable_streams() -> Iterator[None]:
-    """Streams that can be written to: into nothing where they are closed, with escapes for characters they do not have.
+    """Make both streams writable: closed ones discard what is written, characters they cannot encode are escaped.
 
-    Where they cannot, the command ends with OutputLostError."""
+    Where a stream cannot be written all the same, the command ends with OutputLostError."""
     with contextlib.ExitStack() as stack:
         for name in ("stdout", "stderr"):
             if getattr(sys, name) is None:
@@ -68,7 +68,7 @@ def usable_streams() -> Iterator[None]:
 
 
 def _drop_output() -> None:
-    """What is still to be written goes nowhere, so that Python does not try again when it ends."""
+    """Discard what is still to be written, so that Python does not try to write it when it ends."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())
@@ -96,7 +96,7 @@ def json_alone(a: Namespace) -> Iterator[None]:
     with contextlib.ExitStack() as stack:
         try:
             number, other = sys.stdout.fileno(), sys.stderr.fileno()
-        except (OSError, ValueError, AttributeError):  # no file behind it: only what Python prints can be led away
+        except (OSError, ValueError, AttributeError):  # not a file: only what Python prints can be redirected
             pass
         else:
             sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""What is wrong usage of the command line, and the endings of reports."""
+"""The error for wrong usage of the command line, and the endings of reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ REPORTS = (".html", ".md", ".tex")
 
 
 class UsageError(Exception):
-    """The command line, or the file it names, is not as it must be. usage: the words a command takes, where they are wrong."""
+    """Wrong words on the command line, or a file it names that is not as it must be; usage: the words a command takes."""
 
     def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)

@@ -1,4 +1,4 @@
-"""FILE: a user's Python file with a function scene(), of any name, and what is said of mistakes in it.
+"""FILE: a user's Python file with a function scene(), of any name, and the messages for mistakes in it.
 
 It is run as multiprocessing runs the main file of a program in its workers: as the module `__mp_main__`. So its name replaces no
 module, its classes and functions can be sent to worker processes, which run it again, and what it keeps under
@@ -37,9 +37,9 @@ def user_file(file: str) -> Iterator[ModuleType]:
     module.__file__ = str(path)
     before, folder = dict(sys.modules), str(path.parent)
     sys.modules.update(dict.fromkeys(RUN_AS, module))
-    sys.path.append(folder)  # behind all others, so that a random.py there replaces no module that others need
+    sys.path.append(folder)  # last, so that a random.py there replaces no module that others need
     try:
-        with _mistakes_told(file, path, f"'{file}' cannot be read"):
+        with _mistakes_as_usage(file, path, f"'{file}' cannot be read"):
             exec(code, module.__dict__)
         _check_function(module, file)
         yield module
@@ -54,10 +54,10 @@ def user_file(file: str) -> Iterator[ModuleType]:
 
 
 def scene_of(module: ModuleType, file: str) -> Any:
-    """The scene FILE states; a mistake in its code is told with its line."""
+    """The scene of FILE; a mistake in its code becomes a UsageError that names the line."""
     from mbdae.api import Scene
 
-    with _mistakes_told(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
+    with _mistakes_as_usage(file, Path(str(module.__file__)), f"scene() of '{file}' fails"):
         scene = module.scene()
     if not isinstance(scene, Scene):
         raise UsageError(f"scene() of '{file}' returns {_a(scene)}, not a mb.Scene; end it with `return s`")
@@ -96,17 +96,17 @@ def _compiled(file: str) -> tuple[Path, Any]:
     except (OSError, ValueError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or error
         raise UsageError(f"'{file}' cannot be read: {why}; give a Python file with a function scene()") from None
-    with _mistakes_told(file, path, f"'{file}' is not a Python file"):
+    with _mistakes_as_usage(file, path, f"'{file}' is not a Python file"):
         tree = ast.parse(source, str(path))
         code = compile(source, str(path), "exec", dont_inherit=True)
     linecache.checkcache(str(path))
-    _tell_hidden(tree, path, file)
+    _warn_of_hidden(tree, path, file)
     return path, code
 
 
 @contextmanager
-def _mistakes_told(file: str, path: Path, what: str) -> Iterator[None]:
-    """A mistake in FILE is wrong usage, told with its line and without the way there."""
+def _mistakes_as_usage(file: str, path: Path, what: str) -> Iterator[None]:
+    """Turn an error in the code of FILE into a UsageError that names the line."""
     try:
         yield
     except (MbdaeError, OutputLostError):
@@ -121,7 +121,7 @@ def _mistakes_told(file: str, path: Path, what: str) -> Iterator[None]:
 
 
 def _check_function(module: ModuleType, file: str) -> None:
-    """There is a function scene() that needs no arguments."""
+    """UsageError unless FILE has a function scene() that needs no arguments."""
     found = getattr(module, "scene", None)
     if found is None:
         raise UsageError(f"'{file}' has no function scene(); {EXAMPLE}")
@@ -131,12 +131,12 @@ def _check_function(module: ModuleType, file: str) -> None:
         inspect.signature(found).bind()
     except TypeError as error:
         raise UsageError(f"scene() of '{file}' cannot be called without arguments: {error}; give them defaults") from None
-    except ValueError:  # a function that does not tell its arguments
+    except ValueError:  # a function without a signature
         pass
 
 
-def _tell_hidden(tree: ast.Module, path: Path, file: str) -> None:
-    """Say where `import x` takes another module than the x.py beside FILE."""
+def _warn_of_hidden(tree: ast.Module, path: Path, file: str) -> None:
+    """Warn where `import x` in FILE imports another module than the x.py beside it."""
     named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     named |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module and not node.level}
     for name in sorted({name.split(".")[0] for name in named}):

@@ -1,12 +1,13 @@
-"""A document as one HTML page: MathML, no network, for a desk, a hand and paper."""
+"""A document as one HTML page that loads nothing: formulas as MathML, a layout for screens, phones and print."""
 
 from __future__ import annotations
 
 import re
 from base64 import b64encode
+from collections.abc import Sequence
 from html import escape
 
-from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import split_text
 from mbdae.documents.mathml import display, inline
 
@@ -60,16 +61,16 @@ figcaption { color: #444; font-size: .9rem; }
 """
 
 
-def html(document: Document) -> str:
+def html(title: str, blocks: Sequence[Block]) -> str:
     """The whole page."""
     writer = _Writer()
-    body = "".join(writer.block(block, 2) for block in document.blocks)
+    body = "".join(writer.block(block, 2) for block in blocks)
     links = "".join(f'<a href="#{place}">{_text(title)}</a> ' for place, title in writer.places)
     contents = f'<nav aria-label="contents">{links}</nav>\n' if len(writer.places) > 3 else ""
     return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-            f"<title>{escape(_plain(document.title))}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"<h1>{_text(document.title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")  # fmt: skip
+            f"<title>{escape(_plain(title))}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+            f"<h1>{_text(title)}</h1>\n{contents}{body}</main>\n</body>\n</html>\n")  # fmt: skip
 
 
 def _plain(text: str) -> str:
@@ -85,7 +86,7 @@ def _text(text: str) -> str:
 
 
 class _Writer:
-    """Writes blocks and remembers the places of sections."""
+    """Writes blocks, and collects the sections for the table of contents."""
 
     def __init__(self) -> None:
         self.places: list[tuple[str, str]] = []

@@ -2,9 +2,9 @@ r"""A document as a LaTeX article."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import folded, split_text
 
 HEAD = r"""\documentclass[a4paper,10pt]{article}
@@ -23,11 +23,10 @@ _UNICODE = {"²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "·": r"\ensurem
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 
-def latex(document: Document, files: Mapping[int, str] | None = None) -> str:
+def latex(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The whole text; `files` names the file of a picture by its id."""
-    blocks = "\n\n".join(_block(block, 2, files or {}) for block in document.blocks)
-    title = _text(document.title)
-    return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {title}\\par}}\n\\medskip\n\n{blocks}\n\\end{{document}}\n"
+    body = "\n\n".join(_block(block, 2, files or {}) for block in blocks)
+    return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {_text(title)}\\par}}\n\\medskip\n\n{body}\n\\end{{document}}\n"
 
 
 def _text(text: str) -> str:

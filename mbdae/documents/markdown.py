@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from mbdae.documents.document import Block, Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import folded
 
 
-def markdown(document: Document, files: Mapping[int, str] | None = None) -> str:
+def markdown(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The whole text; `files` names the file of a picture by its id."""
-    blocks = [f"# {document.title}", *(_block(block, 2, files or {}) for block in document.blocks)]
-    return "\n\n".join(blocks) + "\n"
+    parts = [f"# {title}", *(_block(block, 2, files or {}) for block in blocks)]
+    return "\n\n".join(parts) + "\n"
 
 
 def _block(block: Block, level: int, files: Mapping[int, str]) -> str:

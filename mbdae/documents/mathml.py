@@ -48,7 +48,7 @@ _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
 
 class FormulaError(MbdaeError):
-    """A formula uses a command that is not of the subset of `mathml`."""
+    """A formula with a command that this module does not know."""
 
 
 def inline(latex: str) -> str:
@@ -62,7 +62,7 @@ def display(latex: str) -> str:
 
 
 def _line(line: list[str], opening: str) -> str:
-    return " ".join(f"{opening}{_Reader(piece, i > 0).everything()}</math>" for i, piece in enumerate(line))
+    return " ".join(f"{opening}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
 
 
 def _sign(text: str, attributes: str = "") -> str:
@@ -76,12 +76,12 @@ def _letter(text: str, font: str) -> str:
 
 
 class _Reader:
-    """Reads tokens from the left."""
+    """Reads the tokens of one formula, or of a line of it."""
 
     def __init__(self, latex: str, continued: bool = False) -> None:
         self.latex, self.tokens, self.i, self.continued = latex, tokens(latex), 0, continued
 
-    def everything(self) -> str:
+    def formula(self) -> str:
         """The whole formula."""
         found = self.row("", set())
         if self.i < len(self.tokens):
@@ -99,7 +99,7 @@ class _Reader:
         return token
 
     def row(self, font: str, stop: set[str]) -> str:
-        """Everything up to a token of `stop`, which stays."""
+        """The formula up to a token of `stop`, which is not read."""
         out: list[str] = []
         while (token := self.peek()) and token not in stop and token not in ("}", r"\right", r"\end"):
             base = "<mrow></mrow>" if token in ("^", "_") else self.atom(font, first=not out)

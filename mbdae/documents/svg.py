@@ -37,7 +37,7 @@ def curve(x: Any, y: Any, across: str, up: str) -> str:
 
 
 def pattern(entries: Any, n: int, title: str) -> str:
-    """Entries (row, column) of a square matrix as dots; symbols of a large one grow together."""
+    """Entries (row, column) of a square matrix as dots; those of a large matrix merge."""
     size = 420
     cell = size / max(n, 1)
     dots = "".join(

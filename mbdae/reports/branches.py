@@ -1,25 +1,22 @@
-"""Solution set of a joint's rows, by numbers: rank, free motions, branches that are not meant."""
+"""Numerical solution set of the rows of a joint: rank, free motions, and solutions on an unwanted branch."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.documents.document import Block, Equation, Paragraph
+from mbdae.documents.blocks import Block, Equation, Paragraph
+from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.states import State, random_state
-from mbdae.reports.vectors import Base
-
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
 
 STARTS = 60  #: random attitudes from which the rows are solved
 
 
 def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
-    """(points, rows, 6) rows by displacement and rotation of l."""
-    n, out = r.book.numbers(state), []
+    """Derivatives (points, rows, 6) of the rows by displacement and rotation of l."""
+    n, out = r.formulas.numbers(state), []
     for pairs, _ in r.duals.values():
         parts = [np.broadcast_to(n.vector(part), (state.points, 3)) for part in pairs["l"]]
         out.append(np.concatenate(parts, axis=-1))
@@ -27,9 +24,9 @@ def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
 
 
 def solved(r: JointChecks, state: State) -> State:
-    """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a law is undefined they stay."""
+    """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a row is not defined l stays."""
     for _ in range(60):
-        n = r.book.numbers(state)
+        n = r.formulas.numbers(state)
         c = np.stack([np.broadcast_to(n.scalar(e), (state.points,)) for e in r.s.rows.values()], axis=-1)
         if np.max(np.abs(c)) < 1e-13:
             break
@@ -44,9 +41,9 @@ def solved(r: JointChecks, state: State) -> State:
 
 
 def solution_set(r: JointChecks) -> list[Block]:
-    """Rank and freedoms on the solution set, and what else solves the rows."""
+    """Rank and degrees of freedom on the solution set, and the unwanted solutions of the rows."""
     state = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
-    n = r.book.numbers(state)
+    n = r.formulas.numbers(state)
     c = np.max([np.abs(np.broadcast_to(n.scalar(e), (STARTS,))) for e in r.s.rows.values()], axis=0)
     reached = c < 1e-9
     with np.errstate(all="ignore"):
@@ -60,27 +57,23 @@ def solution_set(r: JointChecks) -> list[Block]:
     free, motions = 6 - rank, ("motion", "motions")
     text = (
         f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution."
-        f" There the {count} rows that the place of l can change have rank {rank}: {free} relative {motions[free != 1]} of the"
+        f" There the {count} rows that depend on the motion of l have rank {rank}: {free} relative {motions[free != 1]} of the"
         f" bodies {'is' if free == 1 else 'are'} left."
     )
     blocks: list[Block] = [Paragraph(text)]
     if not r.s.branches:
-        return [*blocks, Paragraph("The rows have no other branch that is not meant.")]
+        return [*blocks, Paragraph("The rows have no unwanted branch.")]
     wrong = np.zeros(STARTS, dtype=bool)
     for name, e in r.s.branches.items():
         wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
         blocks.append(
-            Equation(f"{r.book.writer.scalar(e)} > 0", note=f"{name}: required, where the rows alone admit the opposite")
+            Equation(f"{r.formulas.writer.scalar(e)} > 0", note=f"{name}: required, as the rows alone allow the opposite too")
         )
     ended = int((wrong & reached).sum())
     blocks.append(
         Paragraph(
-            f"{ended} of the {int(reached.sum())} solutions lie on a branch that is not meant; the start of a scene refuses them."
+            f"{ended} of the {int(reached.sum())} solutions lie on an unwanted branch; the start of a scene refuses them."
         )
     )
     return blocks
 
-
-def axis_of(side: str) -> Base:
-    """The joint's axis."""
-    return Base("z", side)

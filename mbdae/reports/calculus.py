@@ -1,6 +1,6 @@
-"""Differentiation of recorded statements by one rule, delta a = delta psi x a; formulas stay formulas of vectors.
+"""Differentiation of recorded formulas of vectors by one rule, delta a = delta psi x a; the results are formulas of vectors too.
 
-`Motion` goes forwards (rates, variations), `Dual` backwards (forces). Both are checked against what is integrated.
+`Motion` differentiates forwards (rates, variations), `Dual` backwards (forces). Reports check both against the derived equations.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Pair = tuple[Vector, Vector]  #: force at the point of the frame, moment about i
 
 
 def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr]]:
-    """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts."""
+    """(de/dsymbol, symbol) for the symbols of e that `leaf` accepts, without zero derivatives."""
     for symbol in sorted(e.free_symbols, key=str):
         if leaf(symbol):
             partial = tidy(se.diff(e, symbol))
@@ -28,14 +28,14 @@ def _through(e: Expr, leaf: Callable[[Expr], bool]) -> Iterable[tuple[Expr, Expr
 
 
 def _divides(e: Expr) -> bool:
-    """Whether a sum stands in a denominator: expanded it would be repeated."""
+    """Whether a sum stands in a denominator; expanding the expression would repeat it."""
     if isinstance(e, se.Pow) and e.args[1].is_Number and e.args[1] < 0 and isinstance(e.args[0], se.Add):
         return True
     return any(_divides(a) for a in e.args)
 
 
 def tidy(e: Expr) -> Expr:
-    """The expression without cases that are all the same."""
+    """The expression with every Piecewise whose cases are all the same replaced by that case."""
     if not e.args or e.is_Number:
         return e
     if isinstance(e, se.Piecewise):
@@ -48,7 +48,7 @@ def tidy(e: Expr) -> Expr:
 
 
 class Motion:
-    """Forward derivative: frame vectors change by `base`, symbols by `clock`."""
+    """Forward derivative: `base` gives the change of a frame vector, `clock` that of a symbol; `sign` marks a change in LaTeX."""
 
     def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str) -> None:
         self.record, self.base, self.clock, self.sign = record, base, clock, sign
@@ -69,7 +69,7 @@ class Motion:
         return self._known[symbol]
 
     def _each(self, change: Vector, other: Atom) -> Expr:
-        """Inner product term by term: changes need no name."""
+        """Inner product term by term, so that the change needs no name."""
         return sum((c * self.record.dot(atom, other) for atom, c in change.terms.items()), _ZERO)
 
     def _name(self, symbol: Expr) -> Expr:
@@ -111,11 +111,11 @@ def _distributed(a: Vector, b: Atom) -> Vector:
 
 @dataclass
 class Dual:
-    """Backward derivative of a scalar: per side the force and moment dual to translations and rotations, or velocities."""
+    """Backward derivative of a scalar: per body force and moment, which multiply its virtual displacement and rotation."""
 
     record: Record
-    velocities: bool = False  #: by velocities rather than positions
-    symbols: tuple[Expr, ...] = ()  #: further unknowns
+    velocities: bool = False  #: derivative by velocities instead of positions
+    symbols: tuple[Expr, ...] = ()  #: scalar unknowns to differentiate by as well
 
     def of(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
         """(side -> force and moment, symbol -> derivative)."""
@@ -137,7 +137,7 @@ class Dual:
                 self._through_name(s, weight * p)
 
     def _through_name(self, symbol: Expr, weight: Expr) -> None:
-        """The gradient of a named scalar, its vectors named."""
+        """Add the gradient of a named scalar; its vectors get names."""
         key = symbol, self.velocities, self.symbols
         cache = self.record.cache
         if key not in cache:
@@ -180,7 +180,7 @@ class Dual:
                 pair[atom.kind == "w"] = pair[atom.kind == "w"] + dual
         elif atom.kind in ("r", "c"):
             pair[0] = pair[0] + dual
-            if atom.kind == "c":  # the point of the frame is s off the centre
+            if atom.kind == "c":  # s points from the centre to the point of the frame
                 pair[1] = pair[1] + _distributed(dual, Base("s", atom.side))
         elif atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
             pair[1] = pair[1] - _distributed(dual, atom)

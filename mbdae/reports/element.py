@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
-from mbdae.reports.book import described, provenance, title_of
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
+from mbdae.reports.common import described, provenance, title_of
 from mbdae.reports.letters import Letter, letters, unit_text
-from mbdae.reports.render import Writer
 from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Element, Structure

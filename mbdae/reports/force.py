@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
+from mbdae.documents.document import Document
 from mbdae.kernels.plan import plan
-from mbdae.reports.book import Book, Check, checks_table, described, external, provenance, title_of
 from mbdae.reports.calculus import Dual, Pair
+from mbdae.reports.common import Check, LawFormulas, checks_table, described, external, provenance, title_of
 from mbdae.reports.joint import CONVENTION
 from mbdae.reports.joint_checks import planar_of, resistance_pairs
 from mbdae.reports.letters import Letter
@@ -34,7 +35,7 @@ class ForceReport:
         self.losses = {name: self.s.scalar(e) for name, e in self.s.law.losses(self.s.k, self.s.l).items()}
         self.gaps = [(self.s.scalar(g), self.s.scalar(rate)) for g, rate in self.s.law.gaps(self.s.k, self.s.l)]
         self.rates, self.starts = self.s.states("rates"), self.s.states("initial")
-        self.book, self.d = Book(self.s, "law"), self.s.derived
+        self.formulas, self.d = LawFormulas(self.s, "law"), self.s.derived
         self.state = random_state(self.d)
         symbols = tuple(self.s.coordinates.values())
         self.elastic = Dual(self.s.record, symbols=symbols).of(self.energy)
@@ -44,18 +45,18 @@ class ForceReport:
     def document(self) -> Document:
         """The whole report."""
         sections = [self.statement(), self.forces(), *self.states(), *self.one_sided(), self.power()]
-        sections += part_sections(self.s, self.book)
+        sections += part_sections(self.s, self.formulas)
         self.run_checks()
         planar = planar_of(self.s)
-        symbols = Section("Symbols", [self.book.symbols(), Paragraph(CONVENTION)])
-        checked = Section("Numeric check", checks_table(self.book.checks, POINTS))
+        symbols = Section("Symbols", [self.formulas.symbols(), Paragraph(CONVENTION)])
+        checked = Section("Numeric check", checks_table(self.formulas.checks, POINTS))
         return Document(
             title_of(self.s.cls), [*described(self.s.cls), symbols, *sections, plane(planar), checked, provenance(self.d, planar)]
         )
 
     def statement(self) -> Section:
-        """V, R, F and T as stated."""
-        w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
+        """Energy, dissipation function, force and torque as the law states them."""
+        w, mark, blocks = self.formulas.writer, self.formulas.mark(), list[Block]()
         if self.energy != 0:
             blocks += [Paragraph("Potential energy, J:"), Equation(f"V = {w.scalar(self.energy)}")]
         if self.dissipation != 0:
@@ -69,11 +70,11 @@ class ForceReport:
                 Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
                 Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
             ]
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
     def total(self) -> dict[str, Pair]:
-        """Left-hand side on both bodies, at their points."""
+        """Forces and moments on both bodies at their points, as they stand on the left-hand side."""
         added = self.wrench_pairs
         out = {}
         for side in "kl":
@@ -87,10 +88,10 @@ class ForceReport:
         return resistance_pairs(self.s)
 
     def forces(self) -> Section:
-        """Forces and moments the bodies feel."""
-        w, mark = self.book.writer, self.book.mark()
+        """Forces and moments that act on the bodies."""
+        w, mark = self.formulas.writer, self.formulas.mark()
         total = self.total()
-        self.book.refresh()
+        self.formulas.refresh()
         lines = []
         for side in [side for side in "lk" if side not in self.s.still]:
             lines.append(f"\\mathbf{{f}}_{side} = {w.vector(-total[side][0])}")
@@ -98,24 +99,25 @@ class ForceReport:
         for name, e in self.coordinate_rows().items():
             lines.append(f"h_{{{name}}} = {w.scalar(e)}")
         text = (
-            "What the bodies feel at their points, from $-\\delta V$, $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated"
-            " force; carried to the centre of a body the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+            "Forces and moments on the bodies at their points, from $-\\delta V$,"
+            " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
+            " $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
         )
         if self.s.coordinates:
-            text += " $h$ is what the law adds to the left-hand side of the row of the joint's own coordinate."
-        named = self.book.definitions(mark)
+            text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
+        named = self.formulas.definitions(mark)
         blocks = [Paragraph(text), *_equations(lines), *([Paragraph("with"), *named] if named else [])]
         if not external(self.s):
             blocks.append(Paragraph(self.balance(total)))
         return Section("Forces on both bodies", blocks)
 
     def coordinate_rows(self) -> dict[str, Expr]:
-        """What the law adds to rows of joint coordinates."""
+        """Contributions of the law to the equations of joint coordinates."""
         return {name: self.elastic[1][symbol] + self.drag[1][self.s.clock[symbol]] for name, symbol in self.s.coordinates.items()}
 
     def balance(self, total: dict[str, Pair]) -> str:
         """Sums of forces and moments."""
-        n, st = self.book.numbers(self.state), self.state
+        n, st = self.formulas.numbers(self.state), self.state
         arm = st.atom(Base("r", "l")) - st.atom(Base("r", "k"))
         force = n.vector(total["k"][0]) + n.vector(total["l"][0])
         moment = n.vector(total["k"][1]) + n.vector(total["l"][1]) + np.cross(arm, n.vector(total["l"][0]))
@@ -124,7 +126,7 @@ class ForceReport:
             residual(force + size, size + 0 * force),
             residual(moment + n.vector(total["l"][1]), n.vector(total["l"][1]) + 0 * moment),
         ]
-        self.book.checks += [Check("sum of forces vanishes", errors[0]), Check("sum of moments vanishes", errors[1])]
+        self.formulas.checks += [Check("sum of forces vanishes", errors[0]), Check("sum of moments vanishes", errors[1])]
         return (
             "Balance: $\\mathbf{f}_k + \\mathbf{f}_l = \\mathbf{0}$ and $\\mathbf{m}_k + \\mathbf{m}_l +"
             " (\\mathbf{r}_l - \\mathbf{r}_k)\\times\\mathbf{f}_l = \\mathbf{0}$ at every state; they hold within"
@@ -135,29 +137,29 @@ class ForceReport:
         """Internal states."""
         if not self.rates:
             return []
-        w, mark, blocks = self.book.writer, self.book.mark(), list[Block]()
+        w, mark, blocks = self.formulas.writer, self.formulas.mark(), list[Block]()
         for name in self.rates:
-            latex = self.book.known[f"state_{name}"].latex
+            latex = self.formulas.known[f"state_{name}"].latex
             blocks.append(
                 Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}")
             )
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return [Section("Internal states", [*blocks, *([Paragraph("with"), *named] if named else [])])]
 
     def one_sided(self) -> list[Section]:
         """Gaps of a law that acts where they are negative."""
         if not self.gaps:
             return []
-        w, mark = self.book.writer, self.book.mark()
+        w, mark = self.formulas.writer, self.formulas.mark()
         lines = [f"g = {w.scalar(g)} \\\\ \\dot g = {w.scalar(rate)}" for g, rate in self.gaps]
-        self.book.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
+        self.formulas.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
         w.used.add("gap")
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return [
             Section(
                 "Gap",
                 [
-                    Paragraph("The law acts where the gap is negative; no step of a solver passes over that."),
+                    Paragraph("The law acts where the gap is negative; no step of a solver passes over a change of its sign."),
                     *_equations(lines),
                     *([Paragraph("with"), *named] if named else []),
                 ],
@@ -166,7 +168,7 @@ class ForceReport:
 
     def power(self) -> Section:
         """Power and its sign."""
-        w, mark, n = self.book.writer, self.book.mark(), self.book.numbers(self.state)
+        w, mark, n = self.formulas.writer, self.formulas.mark(), self.formulas.numbers(self.state)
         lines = [f"P_{{\\text{{{name}}}}} = {w.scalar(e)}" for name, e in self.losses.items()]
         dissipated = np.asarray(self.state.scalar(self.d.dissipated_power))
         if self.losses:
@@ -179,25 +181,25 @@ class ForceReport:
         if np.any(dissipated != 0):
             least = float(np.min(dissipated))
             sign = (
-                "never negative" if least >= -1e-12 else "of either sign, because internal states store energy and give it back"
+                "never negative" if least >= -1e-12 else "of either sign, because internal states store and release energy"
             )
             blocks.append(Paragraph(f"Dissipated power: {sign} at {POINTS} random states."))
         else:
             blocks.append(
                 Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work.")
             )
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return Section("Power", [*blocks, *_equations(lines), *([Paragraph("with"), *named] if named else [])])
 
     # -- checks
 
     def check(self, what: str, got: Any, wanted: Any) -> None:
         """Compare formula and integrated equation."""
-        self.book.checks.append(Check(what, residual(got, wanted)))
+        self.formulas.checks.append(Check(what, residual(got, wanted)))
 
     def run_checks(self) -> None:
         """Formulas against the compiled kernel."""
-        st, n = self.state, self.book.numbers(self.state)
+        st, n = self.state, self.formulas.numbers(self.state)
         kernel = compiled(self.d, st)
         self.check("potential energy", np.broadcast_to(n.scalar(self.energy), (POINTS,)), st.scalar(self.d.energy))
         for side, (force, moment) in self.total().items():

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
-from mbdae.reports.book import checks_table, described, joined, provenance, row_name, title_of
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.reports.branches import solution_set
 from mbdae.reports.calculus import Motion
+from mbdae.reports.common import checks_table, described, joined, provenance, row_name, title_of
 from mbdae.reports.joint_checks import JointChecks, planar_of
 from mbdae.reports.letters import multiplier
 from mbdae.reports.recursive import recursive_sections
@@ -22,18 +23,18 @@ from mbdae.symbolic.vectors import Expr
 
 STEP = 1e-30
 CONVENTION = (
-    "Body k carries the frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$, body l the frame $\\mathbf{x}_l, \\mathbf{y}_l,"
-    " \\mathbf{z}_l$; both are equal as drawn, right-handed, all vectors are inertial. Coordinates are those of l relative to k,"
-    " positive about or along $\\mathbf{z}_k$. A vector $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} ="
-    " \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
-    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: what is listed as dual to a virtual"
-    " displacement stands on the left-hand side, the force a body feels is its opposite."
+    "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
+    " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
+    " Coordinates are those of l relative to k, positive about or along $\\mathbf{z}_k$. A vector"
+    " $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
+    " Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
+    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
+    " displacement stand on the left-hand side, the force that acts on a body is the opposite."
 )
 
 
 class JointReport(JointChecks):
-    """The rows of one joint law with everything that follows from them."""
-
+    """The report of one joint law: its rows, and forces, rates and stiffness that follow from them."""
 
     # -- sections
 
@@ -56,10 +57,10 @@ class JointReport(JointChecks):
         sections += [resisted] if resisted else []
         planar = planar_of(self.s)
         sections += recursive_sections(self)
-        self.book.refresh()
+        self.formulas.refresh()
         self.run_checks(rate, rates)
-        symbols = Section("Symbols", [self.book.symbols(), Paragraph(CONVENTION)])
-        checked = Section("Numeric check", checks_table(self.book.checks, POINTS))
+        symbols = Section("Symbols", [self.formulas.symbols(), Paragraph(CONVENTION)])
+        checked = Section("Numeric check", checks_table(self.formulas.checks, POINTS))
         title = f"{title_of(self.s.cls)} joint" if "oint" not in self.s.cls.__name__ else title_of(self.s.cls)
         return Document(
             title, [*described(self.s.cls), symbols, *sections, self.plane(planar), checked, provenance(self.d, planar)]
@@ -67,18 +68,18 @@ class JointReport(JointChecks):
 
     def constraint(self) -> Section:
         """The rows."""
-        mark, w = self.book.mark(), self.book.writer
+        mark, w = self.formulas.mark(), self.formulas.writer
         rows: list[Block] = [
             Equation(f"c_{{\\text{{{row_name(name)}}}}} = {w.scalar(e)} = 0", i + 1)
             for i, (name, e) in enumerate(self.s.rows.items())
         ]
         multipliers = Table(
             ["row", "multiplier", "unit"],
-            [[row_name(name), f"${multiplier(name)}$", self.book.known[f"lambda_{name}"].unit] for name in self.s.rows],
+            [[row_name(name), f"${multiplier(name)}$", self.formulas.known[f"lambda_{name}"].unit] for name in self.s.rows],
         )
         for name in self.s.rows:
             w.used.add(f"lambda_{name}")
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         where = [Paragraph("with"), *named] if named else []
         count = f"{len(self.s.rows)} {'row' if len(self.s.rows) == 1 else 'rows'} must vanish."
         return Section("Constraint", [Paragraph(count), *rows, *where, multipliers, *self._augmented()])
@@ -94,28 +95,28 @@ class JointReport(JointChecks):
 
     def variation(self) -> Section:
         """delta c by the rule."""
-        rule, lines, mark = self.s.variation(), [], self.book.mark()
+        rule, lines, mark = self.s.variation(), [], self.formulas.mark()
         changes = {name: rule.scalar(e) for name, e in self.s.rows.items()}
-        self.book.refresh()
+        self.formulas.refresh()
         for name, change in changes.items():
-            lines.append(f"\\delta c_{{\\text{{{row_name(name)}}}}} = {self.book.writer.scalar(change)}")
+            lines.append(f"\\delta c_{{\\text{{{row_name(name)}}}}} = {self.formulas.writer.scalar(change)}")
         blocks: list[Block] = [
             Paragraph(
                 "With $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$ for every vector fixed to a body:"
             ),
             Equation(joined(lines)),
         ]
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return Section("Variation", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
     def work(self) -> Section:
-        """delta W collected by virtual displacements."""
+        """Virtual work, sorted by virtual displacements."""
         coordinates = "".join(
-            f" + h_{{{name}}}\\,\\delta {self.book.known[str(symbol)].latex}" for name, symbol in self.s.coordinates.items()
+            f" + h_{{{name}}}\\,\\delta {self.formulas.known[str(symbol)].latex}" for name, symbol in self.s.coordinates.items()
         )
         text = (
-            "Virtual work of the rows, with the forces collected at the points of the joint. Carried to the centre of a body the"
-            " force stays and the moment becomes $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
+            "Virtual work of the rows, with forces that act at the points of the joint. About the centre of a body the"
+            " force is the same and the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
         )
         return Section(
             "Virtual work",
@@ -130,8 +131,8 @@ class JointReport(JointChecks):
         )
 
     def forces(self) -> Section:
-        """Rows of forces, zero ones included."""
-        w = self.book.writer
+        """The forces of every row on both bodies, zero ones included."""
+        w = self.formulas.writer
         head = ["row", r"$\mathbf{f}_k$", r"$\mathbf{m}_k$", r"$\mathbf{f}_l$", r"$\mathbf{m}_l$"]
         head += [f"$h_{{{name}}}$" for name in self.s.coordinates]
         rows = []
@@ -149,7 +150,7 @@ class JointReport(JointChecks):
         if self.s.coordinates:
             blocks.append(
                 Paragraph(
-                    "The massless coordinate has the row "
+                    "The equation of the massless coordinate is "
                     + " and ".join(
                         f"$h_{{{name}}} + \\text{{(spring, damper, torque)}} = 0$, the sum over its column"
                         for name in self.s.coordinates
@@ -161,7 +162,7 @@ class JointReport(JointChecks):
 
     def body_frame(self) -> Section:
         """The moments in the axes of each body."""
-        w, rows = self.book.writer, []
+        w, rows = self.formulas.writer, []
         for row, (pairs, _) in self.duals.items():
             cells = []
             for side in "kl":
@@ -171,9 +172,9 @@ class JointReport(JointChecks):
             rows.append([row_name(row), *(f"${c}$" for c in cells)])
         head = ["row", r"$\bar{\mathbf{f}}_k$", r"$\bar{\mathbf{m}}_k$", r"$\bar{\mathbf{f}}_l$", r"$\bar{\mathbf{m}}_l$"]
         text = (
-            "The same in the joint axes of the body that feels them: $\\mathbf{J} = [\\mathbf{x}\\ \\mathbf{y}\\ \\mathbf{z}]$,"
-            " $\\mathbf{A} = \\mathbf{J}_k^{\\mathsf{T}}\\mathbf{J}_l$, unit triples $\\mathbf{e}_x, \\mathbf{e}_y,"
-            " \\mathbf{e}_z$, a bar and the letter of the body over what is resolved there: $\\bar{\\mathbf{a}} ="
+            "The same in the joint axes of the body they act on: $\\mathbf{J} = [\\mathbf{x}\\ \\mathbf{y}\\ \\mathbf{z}]$,"
+            " $\\mathbf{A} = \\mathbf{J}_k^{\\mathsf{T}}\\mathbf{J}_l$, $\\mathbf{e}_x, \\mathbf{e}_y,"
+            " \\mathbf{e}_z$ the columns of the unit matrix; a bar marks components in these axes: $\\bar{\\mathbf{a}} ="
             " \\mathbf{J}^{\\mathsf{T}}\\mathbf{a}$."
         )
         self._check_body_frame()
@@ -182,10 +183,10 @@ class JointReport(JointChecks):
 
     def balance(self) -> Section:
         """Sum of forces and moments, row by row."""
-        w, rows = self.book.writer, []
+        w, rows = self.formulas.writer, []
         d = self.s.record.single(self.s.record.atom("r", "l") - self.s.record.atom("r", "k"))
-        self.book.refresh()
-        mark, n, all_balance = self.book.mark(), self.book.numbers(self.state), True
+        self.formulas.refresh()
+        mark, n, all_balance = self.formulas.mark(), self.formulas.numbers(self.state), True
         for row, (pairs, _) in self.duals.items():
             force = pairs["k"][0] + pairs["l"][0]
             moment = pairs["k"][1] + pairs["l"][1] + d.cross(pairs["l"][0])
@@ -193,14 +194,14 @@ class JointReport(JointChecks):
             all_balance &= not moment.terms
             rows.append([row_name(row), f"${w.vector(force)}$", f"${w.vector(moment)}$"])
         told = (
-            "Forces and moments balance at every attitude, on the constraint or off it."
+            "Forces and moments balance at every attitude, whether the constraint is satisfied or not."
             if all_balance
             else (
-                "Forces balance at every attitude; where a moment is left it vanishes on the constraint, where the points"
+                "Forces balance at every attitude; the remaining moment vanishes where the constraint is satisfied and the points"
                 " coincide: rows along inertial axes do not turn with the bodies."
             )
         )
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         head = [
             "row",
             r"$\mathbf{f}_k + \mathbf{f}_l$",
@@ -212,13 +213,13 @@ class JointReport(JointChecks):
         )
 
     def rates(self, rate: Motion, rates: dict[str, Expr]) -> Section:
-        """c' and c'' without accelerations."""
-        w, mark = self.book.writer, self.book.mark()
+        """First and second time derivative of the rows, the latter without accelerations."""
+        w, mark = self.formulas.writer, self.formulas.mark()
         second = {name: rate.scalar(e) for name, e in rates.items()}
-        self.book.refresh()
+        self.formulas.refresh()
         first = [f"\\dot c_{{\\text{{{row_name(name)}}}}} = {w.scalar(e)}" for name, e in rates.items()]
         further = [f"\\gamma_{{\\text{{{row_name(name)}}}}} = {w.scalar(e)}" for name, e in second.items()]
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         worst = self._rate_proof(rates)
         blocks: list[Block] = [
             Paragraph("$\\mathbf{G}$ has the rows of the table of forces: $\\dot c = \\mathbf{G}\\mathbf{u} + c_t$, with"),
@@ -238,15 +239,14 @@ class JointReport(JointChecks):
         ]
         return Section("Jacobian and its rate", blocks)
 
-
     def stiffness(self) -> Section:
-        """Change of the forces at constant multipliers."""
-        rule, w, mark = self.s.variation(), self.book.writer, self.book.mark()
+        """Change of the forces in a virtual displacement at constant multipliers."""
+        rule, w, mark = self.s.variation(), self.formulas.writer, self.formulas.mark()
         changes = {
             row: {side: [rule.vector(part * self.weights[row]) for part in pairs[side]] for side in "kl"}
             for row, (pairs, _) in self.duals.items()
         }
-        self.book.refresh()
+        self.formulas.refresh()
         blocks: list[Block] = [
             Paragraph(
                 "Change of the forces in a virtual displacement at constant multipliers, $\\delta(\\mathbf{G}^{\\mathsf{T}}"
@@ -261,7 +261,7 @@ class JointReport(JointChecks):
                         lines.append(f"\\delta\\mathbf{{{letter}}}_{side} = {w.vector(part)}")
             text = f"Row {row_name(row)}" + (":" if lines else ": zero.")
             blocks += [Paragraph(text), *([Equation(joined(lines))] if lines else [])]
-        named = self.book.definitions(mark)
+        named = self.formulas.definitions(mark)
         return Section("Geometric stiffness", [*blocks, *([Paragraph("with"), *named] if named else [])])
 
     def plane(self, planar: Derived | None) -> Section:
@@ -275,7 +275,7 @@ class JointReport(JointChecks):
             " components, rotations and moments one, $\\boldsymbol{\\omega} = \\omega\\,\\mathbf{i}_z$. Rows that remain:"
             f" {kept}. Rows that vanish identically and are left out: {gone}."
         )
-        w, lines = self.book.writer, []
+        w, lines = self.formulas.writer, []
         for row in planar.rows:
             pairs = self.duals[row][0]
             lines.append(

@@ -1,4 +1,4 @@
-"""A joint law beside its derived equations: every formula of its report is compared with what is integrated."""
+"""Numeric checks of a joint's report: every formula is compared with the compiled or derived equations of the law."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.kernels.plan import plan
-from mbdae.reports.book import Book, Check, row_name
 from mbdae.reports.calculus import Dual, Motion, Pair
-from mbdae.reports.render import Numbers
+from mbdae.reports.common import Check, LawFormulas, row_name
+from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, State, random_state, residual
 from mbdae.reports.vectors import Base, Vector
@@ -31,7 +31,7 @@ class JointChecks:
     def __init__(self, law: type[Joint], structure: Structure) -> None:
         self.s = Statement(law, structure)
         _ = self.s.rows, self.s.branches
-        self.book = Book(self.s)
+        self.formulas = LawFormulas(self.s)
         self.d = self.s.derived
         self.state = random_state(self.d)
         self.duals: dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]] = {}
@@ -40,8 +40,8 @@ class JointChecks:
         self.weights = {row: se.Symbol(f"lambda_{row}") for row in self.s.rows}
 
     def check(self, what: str, got: Any, wanted: Any) -> None:
-        """Compare formula and integrated equation."""
-        self.book.checks.append(Check(what, residual(got, wanted)))
+        """Compare the values of a formula with those of the derived equation."""
+        self.formulas.checks.append(Check(what, residual(got, wanted)))
 
     def compiled(self, state: State) -> dict[Any, Any]:
         """Outputs of the compiled kernel (LLVM) at states, by target."""
@@ -50,7 +50,7 @@ class JointChecks:
         return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
     def total(self) -> dict[str, Pair]:
-        """G^T lambda on both sides."""
+        """G^T lambda: force and moment on both bodies, at their points."""
         zero = self.s.record.zero()
         out = dict.fromkeys("kl", (zero, zero))
         for row, (pairs, _) in self.duals.items():
@@ -67,7 +67,7 @@ class JointChecks:
 
     def run_checks(self, rate: Motion, rates: dict[str, Expr]) -> None:
         """Every displayed formula against the compiled equations."""
-        n, kernel = self.book.numbers(self.state), self.compiled(self.state)
+        n, kernel = self.formulas.numbers(self.state), self.compiled(self.state)
         order = list(self.s.rows)
         for target, values in kernel.items():
             if target[0] in ("g", "gd", "gdd"):
@@ -104,12 +104,12 @@ class JointChecks:
             self.check(f"row of {name}, with the compiled kernel", n.scalar(total), kernel[("u", "c", 0)])
 
     def _check_motion(self, rates: dict[str, Expr]) -> None:
-        """dg/dt by moving the bodies (complex step through the quaternions) against G u; the same for forces."""
+        """Rates, variations and geometric stiffness against complex steps through the quaternions of the bodies."""
         st = self.state
         moved = st.changed(
             1j * STEP, {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in "kl"}, self._clock()
         )
-        n, got = self.book.numbers(st), self.book.numbers(moved)
+        n, got = self.formulas.numbers(st), self.formulas.numbers(moved)
         for row, e in self.s.rows.items():
             change = np.imag(np.broadcast_to(got.scalar(e), (POINTS,))) / STEP
             self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
@@ -135,11 +135,11 @@ class JointChecks:
         return {str(s): self.state.symbol(str(ds)) for s, ds in self.s.clock.items() if str(s) in self.state.given}
 
     def _check_body_frame(self) -> None:
-        """J^T of products equals products of J^T: the substitution the table makes."""
+        """Forces in joint axes, as the table has them, against J^T times the inertial ones."""
         st = self.state
         for side in "kl":
             J = np.stack([st.atom(Base(a, side)) for a in "xyz"], axis=-1)
-            plain = self.book.numbers(st)
+            plain = self.formulas.numbers(st)
             axes = {Base("E", a): J[:, i] for i, a in enumerate("xyz")}
             resolved = Numbers(self.s.record, functools.partial(_resolved, st, J), st.symbol, axes)
             for part, what in zip(self.total()[side], ("force", "moment"), strict=True):
@@ -147,8 +147,8 @@ class JointChecks:
                 self.check(f"{what} on the side of {side} in joint axes", resolved.vector(part), wanted)
 
     def _rate_proof(self, rates: dict[str, Expr]) -> float:
-        """G u from the table of forces against the rates."""
-        n, worst = self.book.numbers(self.state), 0.0
+        """G u from the table of forces against the rates of the rows; the largest relative difference."""
+        n, worst = self.formulas.numbers(self.state), 0.0
         for row, (pairs, partial) in self.duals.items():
             Gu: Any = np.zeros(POINTS)
             for side in "kl":
@@ -165,11 +165,11 @@ class JointChecks:
                 of_time += self._clocked(row, a)
             error = residual(Gu + n.scalar(of_time), n.scalar(rates[row]))
             worst = max(worst, error)
-            self.book.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
+            self.formulas.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
         return worst
 
     def _clocked(self, row: str, a: Vector) -> Expr:
-        """What a row changes by the clock inside a named vector."""
+        """Rate of a row through the time that a named vector contains."""
         record = self.s.record
         numbers = [n for n, value in record.vectors.items() if value is a and n not in record.changes]
         total: Expr = se.Integer(0)
@@ -190,7 +190,7 @@ def _resolved(state: State, J: Any, base: Base) -> Any:
 
 
 def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
-    """What a joint adds to the equations, rows with both rates."""
+    """What a joint contributes to the equations: rows, their first and second rates, forces."""
     return [*position(d), *velocity(d), *acceleration(d), *dynamics(d)]
 
 

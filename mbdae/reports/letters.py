@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from mbdae.reports.vectors import Base, Record
 from mbdae.symbolic.law import Law, Structure
 
 GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
@@ -19,6 +20,8 @@ WORDS = {
     "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
     "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
+#: letters of vectors that a law gives no name
+VECTORS = tuple(f"\\mathbf{{{letter}}}" for letter in "abcefghpq")
 
 
 @dataclass(frozen=True)
@@ -91,3 +94,44 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
 
 def _per(unit: str, per: str) -> str:
     return f"1{per}" if unit in ("1", "") else f"{unit}{per}"
+
+
+def name_vectors(record: Record) -> dict[int, str]:
+    """Letters of the named vectors: the law's own, d from point to point, then a, b, c."""
+    found: dict[int, str] = {}
+    taken = {f"\\mathbf{{{label}}}" for key, label in record.labels.items() if isinstance(key, int)}
+    letters = [letter for letter in VECTORS if letter not in taken]
+    difference = {Base("r", "l"): 1, Base("r", "k"): -1}
+    scalars = name_scalars(record)
+    for number, value in record.vectors.items():
+        if number in record.changes:
+            sign, of = record.changes[number]
+            found[number] = (
+                f"\\ddot{found[of].removeprefix(sign)}" if sign == r"\dot" == found[of][:4] else f"{sign}{{{found[of]}}}"
+            )
+        elif number in record.gradients:
+            kind, symbol, side = record.gradients[number]
+            found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
+        elif number in record.labels:
+            found[number] = _own(f"\\mathbf{{{record.labels[number]}}}", list(found.values()))
+        elif value.terms == difference:
+            found[number] = r"\mathbf{d}"
+        else:
+            found[number] = letters.pop(0) if letters else f"\\mathbf{{a}}_{{{number}}}"
+    return found
+
+
+def name_scalars(record: Record) -> dict[str, str]:
+    """Letters of the named scalars: the law's own, else eta with a number."""
+    found: dict[str, str] = {}
+    for symbol in record.scalars:
+        label = record.labels.get(symbol)
+        found[str(symbol)] = _own(label, list(found.values())) if label else f"\\eta_{{{len(found) + 1}}}"
+    return found
+
+
+def _own(letter: str, taken: list[str]) -> str:
+    """The letter, with a prime where it is taken."""
+    while letter in taken:
+        letter += "'"
+    return letter

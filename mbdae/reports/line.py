@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
-from mbdae.reports.book import Check, checks_table, described, title_of
-from mbdae.reports.letters import Letter, letters, unit_text
-from mbdae.reports.render import Numbers, Writer, name_vectors, value
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
+from mbdae.reports.common import Check, checks_table, described, title_of
+from mbdae.reports.evaluate import Numbers, value
+from mbdae.reports.letters import Letter, letters, name_vectors, unit_text
+from mbdae.reports.line_states import STEP, LineState
 from mbdae.reports.states import POINTS, residual
 from mbdae.reports.vectors import Base, Record, Vector
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.fingerprint import canonical
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, LineLaw, LinePoint, derive_line
-from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.symbolic.vectors import Vec
 
-STEP = 1e-30
 _BASES = {
     Base("r", "b"): (r"\mathbf{r}", "m", "position of the axis"),
     Base("rs", "b"): (r"\mathbf{r}'", "1", "its derivative by the reference length"),
@@ -30,7 +34,7 @@ _BASES = {
 
 
 class LineWriter(Writer):
-    """Letters of a line."""
+    """Writes the vectors of a line."""
 
     @staticmethod
     def plain(base: Base) -> str:
@@ -111,7 +115,7 @@ class LineReport:
                 f"{self._letter(f'compliance_{name}')}\\,{self.known[name].latex} = \\gamma_{{{name}}}{reference}{lag}"
             )
         further = (
-            "Stress resultants are unknowns of their own; the row of each is its compatibility. A compliance of zero is legal:"
+            "Stress resultants are unknowns, each with the equation above as its row. A compliance of zero is allowed:"
             " the strain is then a constraint and the resultant its multiplier."
         )
         return [
@@ -124,7 +128,7 @@ class LineReport:
         return self.known[name].latex
 
     def variations(self) -> dict[str, tuple[Vector, Vector, Vector]]:
-        """Of every strain: what multiplies delta r', delta psi and delta psi'."""
+        """For every strain the vectors that multiply delta r', delta psi and delta psi' in its variation."""
         found = {}
         for name, e in self.strains.items():
             move, turn, slope = self.record.zero(), self.record.zero(), self.record.zero()
@@ -233,7 +237,7 @@ class LineReport:
         ]
 
     def plane(self) -> Section:
-        """What remains in the plane."""
+        """Stress resultants that remain in the plane."""
         kept, gone = ", ".join(self.flat.stresses) or "none", ", ".join(self.flat.vanished) or "none"
         return Section(
             "Planar form",
@@ -243,7 +247,7 @@ class LineReport:
     # -- checks
 
     def check_strains(self) -> None:
-        """Formulas against the derived rows: strains, and their variation by a complex step through quaternions."""
+        """Strains against the derived rows, their variation against a complex step through the quaternions."""
         if not self.strains:
             return
         state = LineState(np.random.default_rng(9), self.law)
@@ -267,10 +271,6 @@ class LineReport:
 
     def origin(self) -> Section:
         """Hash of the derived equations."""
-        import hashlib
-
-        from mbdae.symbolic.fingerprint import canonical
-
         parts = [f"{field.symbol}: {canonical(e)}" for field, e in self.d.duals] + [canonical(e) for e in self.d.rows]
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
         blocks: list[Block] = [
@@ -289,78 +289,6 @@ class LineReport:
 
 def _straight(base: Base) -> Any:
     return np.eye(3)[{"x": 0, "y": 1, "z": 2, "rs": 0}.get(base.kind, 0)]
-
-
-class LineState:
-    """Random fields of a line: positions, quaternions and their slopes."""
-
-    def __init__(self, rng: Any, law: Any, given: dict[str, Any] | None = None, template: LineState | None = None) -> None:
-        names = ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
-        self.given = given or {n + end: rng.normal(size=POINTS) for n in names for end in ("", "_xi")}
-        if given is None:
-            P, dP = (np.stack([self.given[f"P{i}{end}"] for i in range(1, 5)]) for end in ("", "_xi"))
-            dP = dP - P * np.sum(P * dP, axis=0) / np.sum(P * P, axis=0)
-            self.given |= {f"P{i + 1}_xi": dP[i] for i in range(4)}
-            self.given |= {f"{n}{end}_t": np.zeros(POINTS) for n in names for end in ("", "_xi")}
-            self.given |= {"ds": rng.uniform(0.5, 1.5, POINTS), "weight": rng.uniform(0.5, 1.5, POINTS)}
-            self.given |= {n: rng.uniform(0.5, 1.5, POINTS) for n in law.params}
-            self.given |= {n: rng.normal(size=POINTS) for n in ("N1", "N2", "N3", "M1", "M2", "M3")}
-            self.dr, self.dpsi, self.dpsi_s = (rng.normal(size=(POINTS, 3)) for _ in range(3))
-
-    def get(self, symbol: Expr) -> Any:
-        """A symbol of the derivation."""
-        return self.given[str(symbol)]
-
-    def _fields(self, end: str = "") -> tuple[Any, Any]:
-        return tuple(np.stack([self.given[f"{n}{i}{end}"] for i in range(1, k)], axis=-1) for n, k in (("r", 4), ("P", 5)))  # type: ignore[return-value]
-
-    def atom(self, base: Base) -> Any:
-        """Vectors of the section."""
-        _, P = self._fields()
-        slope, _ = self._fields("_xi")
-        if base.kind == "rs":
-            return slope / self.given["ds"][:, None]
-        return _columns(P)[..., "xyz".index(base.kind)]
-
-    def symbol(self, name: str) -> Any:
-        """Curvatures, parameters."""
-        if name.startswith("kappa"):
-            return self._curvature()[:, int(name[-1]) - 1]
-        return self.given[name]
-
-    def _curvature(self) -> Any:
-        _, P = self._fields()
-        _, dP = self._fields("_xi")
-        vector = P[:, :1] * dP[:, 1:] - dP[:, :1] * P[:, 1:] - np.cross(P[:, 1:], dP[:, 1:])
-        return 2 * vector / np.sum(P * P, axis=-1, keepdims=True) / self.given["ds"][:, None]
-
-    def changed(self) -> LineState:
-        """After a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope accordingly."""
-        _, P = self._fields()
-        _, dP = self._fields("_xi")
-        slope, _ = self._fields("_xi")
-        change = _spun(self.dpsi, P)
-        change_s = _spun(self.dpsi, dP) + _spun(self.dpsi_s * self.given["ds"][:, None], P)
-        given = dict(self.given)
-        for i in range(4):
-            given[f"P{i + 1}"] = P[:, i] + 1j * STEP * change[:, i]
-            given[f"P{i + 1}_xi"] = dP[:, i] + 1j * STEP * change_s[:, i]
-        for i in range(3):
-            given[f"r{i + 1}_xi"] = slope[:, i] + 1j * STEP * self.dr[:, i] * self.given["ds"]
-        return LineState(None, None, given)
-
-
-def _spun(w: Any, P: Any) -> Any:
-    scalar = -np.sum(w * P[:, 1:], axis=-1, keepdims=True)
-    return np.concatenate([scalar, P[:, :1] * w + np.cross(w, P[:, 1:])], axis=-1) / 2
-
-
-def _columns(P: Any) -> Any:
-    """Rotation matrices (points, 3, 3), complex too."""
-    n = np.sum(P * P, axis=-1)[:, None, None]
-    p0, p = P[:, 0, None, None], P[:, 1:]
-    tilde = np.stack([np.cross(p, np.broadcast_to(e, p.shape)) for e in np.eye(3)], axis=-1)
-    return np.eye(3) + 2 * (p0 * tilde + tilde @ tilde) / n
 
 
 def line_report(law: type[LineLaw], structure: Structure) -> Document:

@@ -1,9 +1,9 @@
-"""Where the report of a part comes from: the law that uses it, as it is integrated."""
+"""The origin of the report of a friction or normal law: the hash of a law that contains it, as it is integrated."""
 
 from __future__ import annotations
 
-from mbdae.documents.document import Block, Paragraph, Section
-from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.documents.blocks import Block, Paragraph, Section
+from mbdae.laws.contact import JournalContact
 from mbdae.laws.forces import SlideFriction
 from mbdae.laws.friction import Friction
 from mbdae.reports.statement import derived, structure_of
@@ -13,7 +13,7 @@ from mbdae.symbolic.part import Part, PartStructure
 
 
 def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
-    """The hash of a law with this part."""
+    """The section on the origin."""
     user: type[Force] = SlideFriction if issubclass(cls, Friction) else JournalContact
     options = {"friction": structure} if issubclass(cls, Friction) else {"normal": structure, "friction": None}
     d = derived(user, structure_of(user, options))
@@ -30,5 +30,3 @@ def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
         )
     ]
 
-
-__all__ = ["Hertz", "part_origin"]

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import symengine as se
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.document import Document
 from mbdae.documents.svg import curve
-from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Friction
-from mbdae.reports.book import Book, Check, described
+from mbdae.reports.common import LawFormulas, described
+from mbdae.reports.evaluate import value
 from mbdae.reports.letters import Letter, of_name, unit_text
-from mbdae.reports.render import Writer, value
+from mbdae.reports.origin import part_origin
 from mbdae.reports.statement import Statement
 from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.part import Part, PartStructure
 
 POINTS = 200
 
 
 class PartReport:
-    """One part with symbols for its values."""
+    """A friction or normal law with symbols for its parameters."""
 
     def __init__(self, structure: PartStructure) -> None:
         self.structure, self.part = structure, structure.symbolic("")
-        for p in structure.cls.params:  # plain names, without that of the law the part belongs to
+        for p in structure.cls.params:  # names without that of the law the part belongs to
             if p not in structure.absent:
                 setattr(self.part, p, se.Symbol(p))
         self.known = {p: Letter(of_name(p, spec.unit), spec.unit, spec.meaning) for p, spec in structure.cls.params.items()}
@@ -140,15 +141,13 @@ class PartReport:
         ]
         if rates:
             blocks.append(
-                Paragraph(
-                    "Where the state moves, energy is stored and given back: the power may have either sign, its sum may not."
-                )
+                Paragraph("While the internal state changes, it stores and releases energy: the power may have either sign.")
             )
             part: Any = self.part
             stored = part.stored(v)
             if stored != 0:
                 blocks.append(
-                    Equation(f"e = {self.writer.scalar(stored)}", note="energy held by the state over the normal force, m")
+                    Equation(f"e = {self.writer.scalar(stored)}", note="energy stored by the state over the normal force, m")
                 )
         return blocks
 
@@ -173,7 +172,7 @@ class PartReport:
         values = dict.fromkeys(self._values(), 1.0)
         lost = self._at(power, values, se.Symbol("a"), rng.uniform(0, 1, POINTS), {"a_rate": rng.normal(size=POINTS)})
         sign = "never negative" if np.min(lost) >= 0 else "NEGATIVE SOMEWHERE"
-        return f"power lost where the force is not clamped, W: {sign} at {POINTS} random penetrations and rates"
+        return f"dissipated power where the force is not limited to zero, W: {sign} at {POINTS} random penetrations and rates"
 
     def normal(self) -> list[Section]:
         """A force of the penetration."""
@@ -201,8 +200,8 @@ class PartReport:
         return [Section("Law", law), Section("Limits and power", blocks)]
 
 
-def part_sections(s: Statement, book: Book) -> list[Section]:
-    """The parts a law is built of, each with its own symbols."""
+def part_sections(s: Statement, formulas: LawFormulas) -> list[Section]:
+    """The friction and normal laws a law contains, each with its own symbols."""
     out = []
     for key, structure in s.structure.options:
         if isinstance(structure, PartStructure):
@@ -215,8 +214,6 @@ def part_sections(s: Statement, book: Book) -> list[Section]:
 
 def part_report(cls: type[Part], structure: PartStructure) -> Document:
     """The report of a friction or normal law."""
-    from mbdae.reports.origin import part_origin
-
     r = PartReport(structure)
     sections = r.sections()
     what = "friction" if issubclass(cls, Friction) else "normal law"
@@ -224,10 +221,3 @@ def part_report(cls: type[Part], structure: PartStructure) -> Document:
         f"{cls.__name__} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)]
     )
 
-
-def parts_known() -> Sequence[type[Part]]:
-    """Classes of parts a report knows the shape of."""
-    return (Friction, Normal)
-
-
-__all__ = ["Check", "PartReport", "part_report", "part_sections"]

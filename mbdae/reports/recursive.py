@@ -1,18 +1,23 @@
-"""Joints as recursive ones: the coordinate is the only unknown of the body they carry; reduction map and transformed matrices."""
+"""Recursive joints: the coordinate is the only unknown of the outer body l; reduction map and transformed matrices."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from mbdae.documents.document import Block, Document, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
-from mbdae.reports.book import Check, checks_table
+from mbdae.reports.common import Check, checks_table
+from mbdae.reports.joint_checks import JointChecks
+from mbdae.reports.statement import derived, structure_of
+from mbdae.scene.components import Recursive
+from mbdae.scene.scene import SceneData
+from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Joint
-
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
+from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.prepare import prepare
 
 STEP = 1e-30
 POINTS = 20
@@ -39,13 +44,13 @@ SYMBOLS = Table(
 
 
 def recursive_sections(r: JointChecks) -> list[Section]:
-    """Where a joint states a twist: that it may be recursive, and how."""
+    """The section on a joint as a recursive one; none for a joint without a twist."""
     law = type(r.s.law)
     if law.twist is None:
         return []
     checks: list[Check] = []
     found = sections(law.twist, law, checks)
-    r.book.checks += checks
+    r.formulas.checks += checks
     return [Section("As a recursive joint", [SYMBOLS, *found])]
 
 
@@ -55,7 +60,7 @@ def recursive_report() -> Document:
     blocks: list[Block] = [
         Paragraph(
             "A recursive joint has no rows and no multipliers: its coordinate $c$ is the only unknown of body l, whose state"
-            " follows from that of k. What is stated is one twist per joint, (travel, turn) about $\\mathbf{z}_k$ per unit of the"
+            " follows from that of k. The joint states one twist, (travel, turn) about $\\mathbf{z}_k$ per unit of the"
             " coordinate; the rows of the classical model name the reactions. Elements, forces and contacts on l stay what they"
             " are: their residual is transformed."
         )
@@ -71,9 +76,6 @@ def recursive_report() -> Document:
 
 
 def _origin(laws: tuple[type[Joint], ...]) -> Section:
-    from mbdae.reports.statement import derived, structure_of
-    from mbdae.symbolic.fingerprint import fingerprint
-
     rows = [
         [f"`{law.__name__}`", f"({law.twist[0]}, {law.twist[1]})", f"`{fingerprint(derived(law, structure_of(law, {})))[:32]}…`"]
         for law in laws
@@ -119,8 +121,8 @@ def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> l
             r" \end{bmatrix} \\ " + _bias(travel, turn)
         ),
         Paragraph(
-            "The residual assembled at l, and its mass, come back to k and to the row of the coordinate by the transpose; a"
-            " spring, damper or torque of the joint adds to that row:"
+            "The residual assembled at l, and its mass, are transformed to k and the equation of the coordinate by the transpose;"
+            " a spring, damper or torque of the joint adds to that equation:"
         ),
         Equation(
             r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} ="
@@ -146,7 +148,7 @@ def sections(twist: tuple[int, int], law: type[Joint], checks: list[Check]) -> l
 
 
 def _bias(travel: int, turn: int) -> str:
-    """Accelerations of l without accelerations of the unknowns."""
+    """LaTeX of a0 and alpha0, the accelerations of l where those of the unknowns are zero."""
     alpha = r"\dot c\,\boldsymbol{\omega}_k\times\mathbf{b}" if turn else r"\mathbf{0}"
     slide = (
         r" + 2\,\dot c\,\boldsymbol{\omega}_k\times\mathbf{z}_k"
@@ -167,7 +169,7 @@ def _bias(travel: int, turn: int) -> str:
 
 
 def _geometric(travel: int, turn: int) -> str:
-    """Change of B^T r at constant r, row by row."""
+    """LaTeX of the change of B^T r at constant r, row by row."""
     moment = r"\mathbf{m}\cdot(\delta\boldsymbol{\psi}_k\times\mathbf{b})" if turn else ""
     force = r"\mathbf{f}\cdot\delta\mathbf{t}"
     row = " + ".join(part for part in (force, moment) if part)
@@ -233,7 +235,7 @@ def _transformed(twist: tuple[int, int]) -> list[Check]:
 
 
 class _Case:
-    """A linear residual r = M a + C v + K x + r0 at l, seen through the joint."""
+    """A linear residual r = M a + C v + K x + r0 at l, transformed by the joint."""
 
     def __init__(self, rng: Any, twist: tuple[int, int]) -> None:
         self.twist = twist
@@ -288,12 +290,7 @@ class _Case:
 
 
 def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
-    """B against the map the compiled program of a tree uses: two bodies, the first free."""
-    from mbdae.scene.components import Recursive
-    from mbdae.scene.scene import SceneData
-    from mbdae.system.model.rotations import rotation_matrices
-    from mbdae.system.prepare import prepare
-
+    """B against the velocity map of the compiled program of a tree of two bodies, the first free."""
     at, axis, centre = np.array([0.3, -0.2, 0.5]), np.array([0.36, 0.48, 0.8]), np.array([0.7, 0.4, 1.1])
     scene = SceneData("pair", space="spatial")
     first = scene.rigid_body("k", 1.0, (1.0, 1.2, 1.4), at=(0, 0, 0))

@@ -9,7 +9,8 @@ import mbdae.laws.elements
 import mbdae.laws.forces
 import mbdae.laws.friction
 import mbdae.laws.joints
-from mbdae.documents.document import Document, Paragraph, Section
+from mbdae.documents.blocks import Paragraph, Section
+from mbdae.documents.document import Document
 from mbdae.errors import LawError, OptionError
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam
@@ -31,7 +32,7 @@ from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import shown
 
-#: typical values of parts, of which a report of their class shows the shape
+#: friction and normal laws with values; the report of their class uses their structure alone
 _TYPICAL: dict[type[Part], Part] = {
     Coulomb: Coulomb(0.3, 1e-3),
     LuGre: LuGre(0.3, 0.5, 1e-3, 1e5, 300.0, 0.4),
@@ -52,7 +53,7 @@ def exported() -> dict[str, type]:
 
 
 def names() -> list[str]:
-    """Names `mbdae report` knows."""
+    """Names that `mbdae report` takes."""
     return sorted({"kinematic", "classical", "recursive", "clearance", *exported()})
 
 
@@ -88,7 +89,7 @@ def report(what: Any, **options: Any) -> Document:
 
 
 def _refuse(what: Any, options: dict[str, Any]) -> None:
-    """Options belong to classes of laws."""
+    """OptionError where options are given with something else than a class of laws."""
     if options:
         name, value = next(iter(options.items()))
         raise OptionError(f"{name} = {shown(value)}: {shown(what)} takes no options; only classes of laws do")
@@ -125,11 +126,11 @@ def _of_model(model: JointModel) -> Document:
 
 
 def _clearance(normal: Any, friction: Any, length: float | None) -> Document:
-    """What remains constrained, and the contact."""
+    """The report of a revolute with clearance: the rows that remain, then the contact."""
     left_out = {"length": None} if length is None else {}
     rows = joint_report(ClearanceRevolute, structure_of(ClearanceRevolute, {"tilting": length is not None, "drive": None}))
     contact = force_report(JournalContact, structure_of(JournalContact, {"normal": normal, "friction": friction, **left_out}))
     text = (
-        "A revolute joint with clearance is two laws: rows that still hold, and a contact between pin and race where they meet."
+        "A revolute joint with clearance consists of two laws: the constraint rows that remain, and the contact of pin and race."
     )
     return Document("Revolute joint with clearance", [Paragraph(text), *(Section(d.title, d.blocks) for d in (rows, contact))])

@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from mbdae.documents.document import Block, Equation, Paragraph, Section
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section
+from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base
 
-if TYPE_CHECKING:
-    from mbdae.reports.joint_checks import JointChecks
-
 
 def resistance_section(r: JointChecks) -> Section | None:
-    """What the joint states besides its rows, its states and the sign of its power."""
-    s, w = r.s, r.book.writer
+    """The section on friction: force and torque, internal states, sign of the power; None without friction."""
+    s, w = r.s, r.formulas.writer
     if s.wrench is None:
         return None
     force, torque = s.wrench
     rates = s.states("rates")
-    r.book.refresh()
-    mark = r.book.mark()
+    r.formulas.refresh()
+    mark = r.formulas.mark()
     blocks: list[Block] = [
         Paragraph(
-            "Besides, the reactions themselves cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
+            "The reactions of the joint cause a force $\\mathbf{F}$ on l at its point and a torque $\\mathbf{T}$ on l; the"
             " opposite acts on k at the same point."
         ),
         Equation(f"\\mathbf{{F}} = {w.vector(force)} \\\\ \\mathbf{{T}} = {w.vector(torque)}"),
     ]
     for name, rate in rates.items():
         blocks.append(
-            Equation(f"\\dot {r.book.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
+            Equation(f"\\dot {r.formulas.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
         )
-    named = r.book.definitions(mark)
+    named = r.formulas.definitions(mark)
     blocks += [Paragraph("with"), *named] if named else []
-    n, st = r.book.numbers(r.state), r.state
+    n, st = r.formulas.numbers(r.state), r.state
     relative = (
         st.atom(Base("v", "l"))
         - st.atom(Base("v", "k"))
@@ -48,7 +44,7 @@ def resistance_section(r: JointChecks) -> Section | None:
         -np.broadcast_to(power, (POINTS,)),
         st.scalar(r.d.dissipated_power),
     )
-    sign = "never positive" if np.all(power <= 1e-12) else "of either sign: internal states store energy and may give it back"
+    sign = "never positive" if np.all(power <= 1e-12) else "of either sign: internal states store energy and may release it"
     blocks.append(
         Paragraph(
             "Power on the bodies $\\mathbf{F}\\cdot(\\mathbf{v}_l - \\mathbf{v}_k -"

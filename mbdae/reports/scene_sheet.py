@@ -1,4 +1,4 @@
-"""The sheet of a scene: what it consists of, counted in the system that would be integrated."""
+"""The sheet of a scene: bodies, joints, forces, unknowns and equations, as in the system that is integrated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
-from mbdae.documents.document import Block, Document, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
+from mbdae.documents.document import Document
 from mbdae.documents.svg import pattern
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
@@ -28,8 +29,8 @@ KINDS = {
     "lambda": "multipliers",
     "mu": "stabilising multipliers",
 }
-LISTED = 60  #: names in full up to so many
-EIGEN_UP_TO = 1500  #: unknowns up to which eigenvalues are sought
+LISTED = 60  #: names in a list; further ones are only counted
+EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
 
 
 class Sheet:
@@ -121,7 +122,7 @@ class Sheet:
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def forces(self) -> Section:
-        """Everything else that acts."""
+        """Laws of force."""
         joints = {c.name for c in self.scene.joints}
         rows = []
         for group in self.prepared.model.groups:
@@ -177,7 +178,7 @@ class Sheet:
         )
 
     def pruned(self) -> Section:
-        """What the scene does not need."""
+        """Unknowns, equations and terms that the scene does not need."""
         keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
         rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
         lacking = absent(self.scene)
@@ -199,7 +200,7 @@ class Sheet:
         return Section("Pruned", blocks)
 
     def redundant(self) -> Section:
-        """Rows that say nothing new."""
+        """Redundant rows, and reactions that are not unique."""
         c = self.check
         if not self.prepared.rows:
             return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
@@ -216,13 +217,13 @@ class Sheet:
         )
 
     def eigenvalues(self) -> Section:
-        """Of small departures from the start."""
+        """Eigenvalues of small motions about the start."""
         if self.system.n > EIGEN_UP_TO:
-            return Section("Eigenvalues at the start", [Paragraph(f"Not sought for {self.system.n} unknowns.")])
+            return Section("Eigenvalues at the start", [Paragraph(f"Not computed for {self.system.n} unknowns.")])
         try:
             found = linearize(self.scene)
         except MbdaeError as error:
-            return Section("Eigenvalues at the start", [Paragraph(f"There are none to give: {plain(str(error))}")])
+            return Section("Eigenvalues at the start", [Paragraph(f"Not available: {plain(str(error))}")])
         rows = [
             [f"{value.real:.6g}", f"{value.imag:.6g}", f"{abs(value.imag) / 2 / np.pi:.6g}"]
             for value in found.eigenvalues[:40]
@@ -231,7 +232,7 @@ class Sheet:
         head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
         return Section(
             "Eigenvalues at the start",
-            [Table(head, rows, f"Of small departures from the start, {len(found.eigenvalues)} in all; of a conjugate pair one")],
+            [Table(head, rows, f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair")],
         )
 
     def sparsity(self) -> Section:
@@ -248,7 +249,7 @@ class Sheet:
         return Section("Sparsity", [Picture(pattern(entries, n, "entries of the Jacobian"), text)])
 
     def laws(self) -> Section:
-        """The laws by their hash."""
+        """The laws with their hashes."""
         rows = [
             [
                 group.key[0].__name__,
@@ -274,7 +275,7 @@ def listed(names: list[str]) -> str:
 
 
 def plain(text: str) -> str:
-    """Text in which a dollar sign is one."""
+    """Text with escaped dollar signs, so that they start no mathematics."""
     return str(text).replace("$", r"\$")
 
 

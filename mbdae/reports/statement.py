@@ -1,4 +1,4 @@
-"""A law stated on recorded vectors, beside the same law derived as it is integrated."""
+"""A law evaluated with recorded vectors, and the same law derived in components as it is integrated."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check_kind(name: str, value: Any, typical: Any) -> None:
 
 
 def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
-    """What is reported of a class: all parameters but the augmented potential, a prescribed motion over time."""
+    """Structure of a law class in a report: all parameters but scaling and penalty, a prescribed motion as a function of time."""
     missing = [name for name in law.options if name not in options and name not in OPTIONS]
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.report({law.__name__}, {missing[0]}=...)")
@@ -63,7 +63,7 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
-    """Two bodies, or the ground and a body for what acts from outside."""
+    """The frames of a law: those of two bodies, or of the ground and a body for an external load."""
     kind, axes = (NodeKind.PLANAR, Axes.NORMAL) if planar else (NodeKind.SPATIAL, Axes.GENERAL)
     outside = issubclass(law, Force) and law.external
     ground = NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND
@@ -80,7 +80,7 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
 
 
 class Statement:
-    """A law on recorded vectors."""
+    """A law evaluated with recorded vectors; `derived` is the same law as it is integrated, `still` names fixed sides."""
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         self.cls, self.structure = law, structure
@@ -131,7 +131,7 @@ class Statement:
             {},
         )
 
-    # -- what the law states, its intermediates named
+    # -- what the law states, with names for intermediate quantities
 
     def names(self, e: Any) -> Expr:
         """A scalar with `let`, `rate`, angles and turn counts replaced by names."""
@@ -169,7 +169,7 @@ class Statement:
         return found
 
     def settle(self) -> None:
-        """Names inside the named vectors."""
+        """Replace intermediates inside the named vectors by their names."""
         for number, value in list(self.record.vectors.items()):
             self.record.vectors[number] = Vector(self.record, {a: self.names(c) for a, c in value.terms.items()})
 
@@ -181,7 +181,7 @@ class Statement:
 
     @cached_property
     def branches(self) -> dict[str, Expr]:
-        """What must be positive."""
+        """Expressions that are positive on the wanted branch, by name."""
         stated = self.law.branches(self.k, self.l) if isinstance(self.law, Joint) else {}
         return {name: self.scalar(e) for name, e in stated.items()}
 
@@ -223,9 +223,9 @@ class Statement:
     # -- motions
 
     def motion(self) -> Motion:
-        """Rates without accelerations of the nodes."""
+        """Time derivative, without the terms of nodal accelerations."""
         return Motion(self.record, actual(self.record, self.still), self.clock, r"\dot")
 
     def variation(self) -> Motion:
-        """Virtual displacements."""
+        """Derivative along a virtual displacement."""
         return Motion(self.record, virtual(self.record), {}, r"\delta")

@@ -8,7 +8,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.reports.render import Values, value
+from mbdae.reports.evaluate import Values, value
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Frame, NodeKind
@@ -89,8 +89,8 @@ def _rate(P: NDArray[Any], turn: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([scalar, P[:, :1] * turn + np.cross(turn, P[:, 1:])], axis=-1) / 2
 
 
-def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5, together: bool = False) -> State:
-    """Random attitudes, places, velocities, parameters and multipliers; `together`: relative rotations of `spread` rad."""
+def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float = 1.5) -> State:
+    """Random attitudes, places, velocities, parameters and multipliers; `spread` bounds the rotation vectors, rad."""
     rng = np.random.default_rng(seed)
     given: Values = {}
     for f in d.frames:

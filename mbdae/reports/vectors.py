@@ -1,4 +1,4 @@
-"""Vectors that stay vectors: a law is stated on them as on `symbolic.vectors.Vec`, and what it did is recorded.
+"""Vectors without components: a law is stated with them as with `symbolic.vectors.Vec`, and its operations are recorded.
 
 A vector is a sum of scalars times atoms: frame vectors (r, v, x, y, z, omega of k and l), inertial axes, vectors with a name of
 their own, and products of two atoms. Scalars stay symengine expressions: an inner product is a symbol whose factors the record
@@ -69,15 +69,15 @@ AXES = tuple(Base("E", side) for side in "xyz")
 
 
 class Record:
-    """Names, inner products and vector names of one statement."""
+    """Intermediate quantities of one law: inner products, named scalars, named vectors."""
 
     def __init__(self) -> None:
         self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product and its factors
-        self.scalars: dict[Expr, Expr] = {}  #: names of scalars
-        self.vectors: dict[int, Vector] = {}  #: names of vectors
+        self.scalars: dict[Expr, Expr] = {}  #: named scalars
+        self.vectors: dict[int, Vector] = {}  #: named vectors
         self.labels: dict[Expr | int, str] = {}  #: letters a law gives its names
         self.gradients: dict[int, tuple[str, Expr, str]] = {}  #: gradients of named scalars: kind, scalar, side
-        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: names inside a scalar
+        self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediates inside a scalar by their names
         self.cache: dict[Any, Any] = {}  #: gradients of named scalars
         self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
 
@@ -94,7 +94,7 @@ class Record:
         return Vector(self, {AXES[i]: _ONE})
 
     def lift(self, a: Vec) -> Vector:
-        """A vector of components as one of atoms."""
+        """A vector given by inertial components as a sum of atoms."""
         if isinstance(a, Vector):
             return a
         return Vector(self, {axis: c for axis, c in zip(AXES, a.c, strict=True) if c != 0})
@@ -136,7 +136,7 @@ class Record:
         return Vector(self, {NamedVector(number): _ONE})
 
     def name_scalar(self, e: Expr, label: str = "") -> Expr:
-        """A scalar under a name; what is a number or a symbol has one, an inner product only where the law gives a letter."""
+        """A scalar under a name; numbers and symbols stay as they are, inner products too unless the law gives them a letter."""
         if e.is_Number or (isinstance(e, se.Symbol) and not (label and e in self.dots)):
             return e
         for name, value in self.scalars.items():

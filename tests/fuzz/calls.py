@@ -218,7 +218,7 @@ CALLS: dict[str, Call] = {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None}, "mbdae.api.Job"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
-    "audit": Call(lambda: mb.audit, lambda: {"source": "title: none\n", "laws": None}),
+    "audit": Call(lambda: mb.audit, lambda: {"source": "title: none\n", "laws": None, "counts": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
         "reference": None, **RUNS}, "mbdae.compare.comparison.statement"),
@@ -282,7 +282,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
-    ("Run", "label"): (TEXT, ANY),
+    ("Run", "label"): (TEXT, ANY), ("audit", "counts"): ({"a dict"}, "words and their number"),
     ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("_Alpha.at_accuracy", "form_label"): (TEXT, ANY),
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),

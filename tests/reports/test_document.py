@@ -9,7 +9,8 @@ import subprocess
 import pytest
 
 import mbdae as mb
-from mbdae.documents.document import Code, Document, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.document import Document
 from mbdae.documents.formulas import folded, pieces
 from mbdae.documents.mathml import FormulaError, inline
 

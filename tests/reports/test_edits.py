@@ -54,7 +54,7 @@ def edited(vector, kind, rng):
 def places(r):
     """Vectors the report displays: (get, set)."""
     found = []
-    record, written = r.s.record, r.book.writer.vectors
+    record, written = r.s.record, r.formulas.writer.vectors
     shown = [n for n in written if n not in record.changes]
     found += [(lambda n=n: record.vectors[n], lambda v, n=n: record.vectors.__setitem__(n, v)) for n in shown]
     tables = [*([r.wrench_pairs] if isinstance(r, ForceReport) and r.wrench_pairs else [])]
@@ -71,7 +71,7 @@ def places(r):
 
 def checked(r):
     """The report's checks, run again."""
-    r.book.checks.clear()
+    r.formulas.checks.clear()
     if isinstance(r, JointReport):
         rate = r.s.motion()
         rates = {row: rate.scalar(e) for row, e in r.s.rows.items()}
@@ -80,7 +80,7 @@ def checked(r):
     else:
         r.power()
         r.run_checks()
-    return [c for c in r.book.checks if not c.holds]
+    return [c for c in r.formulas.checks if not c.holds]
 
 
 def report_of(law):
@@ -104,7 +104,7 @@ def one_edit(seed):
     if after is None:
         return None
     state = random_state(r.d, seed=1000 + seed)
-    n = r.book.numbers(state)
+    n = r.formulas.numbers(state)
     try:
         if np.max(np.abs(n.vector(before) - n.vector(after))) < 1e-9:
             return None  # says the same

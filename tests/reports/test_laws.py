@@ -11,7 +11,7 @@ import time
 import pytest
 
 import mbdae as mb
-from mbdae.documents.document import Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Equation, Paragraph, Section, Table
 from mbdae.documents.formulas import split_text
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.forces import JointSpring

@@ -13,7 +13,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.documents.document import Section, Table
+from mbdae.documents.blocks import Section, Table
 from mbdae.kernels.plan import linearised_plan
 from mbdae.reports.scene_sheet import KINDS, Sheet
 from mbdae.run.reductions import size_of

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import andrews, data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("andrews_squeezer", "the angles of Andrews' squeezer at 0.03 s, and the forces closing its loops", 1e-8, "relative",
               "problem: IVP test set; values computed independently of mbdae in one coordinate; the published digits hold to "

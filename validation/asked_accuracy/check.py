@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 from random_scenes import random_scene
+from runner import Case, Claim, Found, Row, measure
 from runs import SOLVERS
 
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.run.control import distance
 from mbdae.system.prepare import prepare
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is more than three times off what was asked without a "
               "warning", 3.0, "times asked",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import bend45
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("bend45", "the 45 degree bend of Bathe and Bolourchi with 8 quadratic elements; errors of order 2p", 5e-5,
               "of the tip's distance", "converged shooting of the rod equations, 1e-11, computed independently")  # fmt: skip

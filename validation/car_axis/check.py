@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dae_problems import car_axis
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("car_axis", "the car axis, given as equations, at t = 3 s", 1e-8, "m",
               "problem: IVP test set, whose published digits agree within 5e-12; values computed independently of mbdae in two "

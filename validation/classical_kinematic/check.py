@@ -6,10 +6,10 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+from runner import Case, Claim, Found, Row, measure
 from scenes import ground_resonance
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("classical_kinematic", "classical and kinematic revolutes give the same lag angles in ground resonance", 1e-9,
               "relative", "the kinematic model of the same scene with the same steps")  # fmt: skip

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from rotor_scenes import SLENDER, TUBE, rotor_on_springs, rotor_with_clearance
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
 from mbdae.errors import AccuracyWarning
 from mbdae.system.base import Array
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("clearance_rotor", "flexible rotor: whirl, critical speeds, unbalance; orbit in a bearing with clearance", 1e-2,
               "relative", "speed and radii: the paper; other data chosen here; values computed independently of mbdae by "

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from clearance_scenes import free_pair, limit, momenta, slider_crank, turn
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("clearance_slider_crank", "soft contact in joints with clearance converges over a turn; contact tends to the ideal "
               "joint; free bodies keep their momentum", 1e-8, "m", "the same scene by another method and at a tighter "
@@ -45,7 +45,7 @@ def spaces() -> list[Found]:
 def envelope(clearance: float, stiffness: float) -> Found:
     """Largest deviation of the slider from ideal joints over clearance + static penetration."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", mb.AccuracyWarning)  # a penetration above the clearance is meant here
+        warnings.simplefilter("ignore", mb.AccuracyWarning)  # a penetration above the clearance is intended here
         found = limit(clearance, stiffness)
     note = f"a = {found.depth:.1e} m, {found.contacts} contacts, {found.result.stats.steps} steps"
     return Found(found.deviation, ENVELOPE, "c + a", note=note)

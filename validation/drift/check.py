@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from runner import Case, Claim, Found, Row, measure
 from runs import with_both
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("drift", "the stabilised form keeps every joint closed over 10 s at accuracy 1e-8", 1e-9, "m",
               "none needed: the constraints themselves, |g| and |G u| at every step")  # fmt: skip

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, dzhanibekov
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("dzhanibekov", "a free body flips about its middle axis at the right times and keeps its momentum", 1e-6, "1",
               "flips: closed form in elliptic functions; rotation: computed independently of mbdae, DOP853 at 3e-14")  # fmt: skip

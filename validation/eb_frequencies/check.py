@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import supported
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("eb_frequencies", "the first five frequencies of thin beams with clamped, hinged and free ends", 1e-4, "relative",
               "roots of the frequency equations of Euler and Bernoulli")  # fmt: skip

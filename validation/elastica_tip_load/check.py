@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, thin
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("elastica_tip_load", "sag, shortening and tip angle of a cantilever under P L^2 / EI from 1 to 10", 1e-5,
               "of its length, rad", "closed form by elliptic integrals (problem of Mattiasson 1981)")  # fmt: skip

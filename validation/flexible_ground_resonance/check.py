@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import flexible_rotor
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("flexible_ground_resonance", "four elastic blades of three cubic elements: growth, recursive joints", 1e-2,
               "relative", "growth rates of linearised equations in modes of the blades, computed independently of mbdae; "
@@ -65,10 +65,16 @@ def counted(prepared: Prepared) -> int:
     return prepared.expansion.nu + len(prepared.rows) - 2 * len(equal)
 
 
-def fewer() -> Found:
+def fewer_unknowns() -> tuple[int, str]:
     """Unknowns saved by five recursive revolutes, in space, the rotor's speed free."""
     with_rows, without = (counted(prepare(flexible_rotor(1, True, "spatial", m))) for m in (mb.Kinematic(), mb.Recursive()))
-    return Found(abs(with_rows - without - FEWER), 0.5, "unknowns", f"saved, beyond {FEWER}", f"{with_rows} and {without}")
+    return with_rows - without, f"{with_rows} with kinematic, {without} with recursive revolutes"
+
+
+def fewer() -> Found:
+    """The same beside what the paper saves."""
+    number, said = fewer_unknowns()
+    return Found(abs(number - FEWER), 0.5, "unknowns", f"saved, beyond {FEWER}", said)
 
 
 def cases() -> list[Case]:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from flexible_slider_crank.equations import slider_crank
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("flexible_slider_crank", "a slider crank with an elastic rod, given as equations, to t = 0.1 s", 1e-6, "relative",
               "problem: Simeon, IVP test set; values computed independently of mbdae in the rod's four amplitudes; the published "

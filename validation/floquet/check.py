@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
 from mbdae.system.base import Array
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("floquet", "growth rates of four lagging blades on an elastic support, by s.floquet", 1e-6, "1/s",
               "eigenvalues of the linear equations in minimal coordinates (one axis of support, and equal dampers), computed "

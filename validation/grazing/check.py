@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from contact_scenes import grazing
+from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 CONTACTS, PHASES = 12, (0.0, 0.3, 0.6, 0.9)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, ground_resonance
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("ground_resonance", "four blades on a hub: one and two axes of support, prescribed and free speed", 1e-6, "rad",
               "computed independently of mbdae in minimal coordinates, DOP853; compared where it agrees with a looser run within "

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, heavy_top
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("heavy_top", "a top spinning at 150 rad/s is followed over 2 s", 1e-6, "m",
               "problem: Bruls and Cardona 2010; values computed independently of mbdae: rotation matrix as nine unknowns, "

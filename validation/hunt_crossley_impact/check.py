@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from contact_scenes import ball
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("hunt_crossley_impact", "impacts on Hertz contact with Hunt-Crossley damping end with the exact speed", 1e-6,
               "relative", "closed form: v/mu - ln(1 + mu v)/mu^2 is the same at entry and exit")  # fmt: skip

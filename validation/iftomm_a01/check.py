@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import a01, data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("iftomm_a01", "the point pendulum of IFToMM A01 is followed over 10 s", 1e-8, "m",
               "problem: IFToMM multibody benchmark library; values: closed form in Jacobi's elliptic functions")  # fmt: skip

@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data, n_four_bar
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("iftomm_a02", "the N-four-bar passes its flat positions on the right branch over 10 s, or warns",
               1e-6, "m", "problem: IFToMM multibody benchmark library; values: its one-coordinate equation, DOP853")  # fmt: skip

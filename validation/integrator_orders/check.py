@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from dae_problems import circle, circle_exact, jay, jay_exact
 from exported_solvers import VARIANTS
+from runner import Case, Claim, Found, Row, measure
 
 from mbdae.integrators.base import Solver
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("integrator_orders", "every method has the orders it declares on index-3, stabilised and index-1 problems", 0.2,
               "order", "closed forms: a point driven on a circle (x = cos t^2, y = sin t^2) and Jay's index-2 problem (1993); "

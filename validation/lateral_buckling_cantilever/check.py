@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, strip
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("lateral_buckling_cantilever", "a cantilevered strip on edge loses its lowest frequency at the buckling load", 0.03,
               "relative", "Timoshenko and Gere: 4.0126 sqrt(EI_soft GJ) / L^2, raised by the sag before (1 to 3 %)")  # fmt: skip

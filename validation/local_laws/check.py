@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from local_laws.scenes import SCENES
+from runner import Case, Claim, Found, Row, measure
 from timed_inputs.draw import run as one
 from timed_inputs.tables import found
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("local_laws", "barriers, wells, stops, kinks and brakes of users' laws, at any width in space, are right within "
               "three times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",

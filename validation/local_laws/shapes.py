@@ -87,7 +87,7 @@ class Field:
 
     @property
     def deepest(self) -> float:
-        """Largest energy a body can gain on its way."""
+        """Largest energy a body can gain along its path."""
         return 4 * abs(self.height) * (1 + self.width)
 
     def functions(self) -> tuple[Callable[[float], float], Callable[[float], float]]:

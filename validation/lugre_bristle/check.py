@@ -1,4 +1,4 @@
-"""Two ways to integrate the bristle of LuGre friction inside the 2 stages of Radau IIA, its sliding velocity given."""
+"""Two methods to integrate the bristle of LuGre friction inside the 2 stages of Radau IIA, its sliding velocity given."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.system.base import Array
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 SIGMA0, MU_K, MU_S, V_S = 1e5, 0.3, 0.5, 1e-3
 STAGES = np.array([1 / 3, 1.0])

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, steady_sliding, stick_slip
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("lugre_stick_slip", "friction on a prismatic joint sticks and slips as LuGre's law says", 1e-3, "s",
               "parameters: Canudas de Wit, Olsson, Astrom, Lischinsky 1995; values computed independently of mbdae")  # fmt: skip

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, n_points
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("n_pendulum_point", "chains of 2 to 10 point masses are followed", 1e-7, "m",
               "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14")  # fmt: skip

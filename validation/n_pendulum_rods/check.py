@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 from runs import largest, simulated, with_both
 from scenes import data, n_rods
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("n_pendulum_rods", "chains of 2 to 20 rods are followed in the plane and in space", 1e-7, "rad",
               "computed independently of mbdae: equations in the N absolute angles, DOP853 at 3e-14, which differs by less "

@@ -6,9 +6,9 @@ import warnings
 
 import numpy as np
 from overconstrained_scenes import MECHANISMS, SPEED
+from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("overconstrained", "over-constrained mechanisms have the right freedoms in every pose and keep their energy", 1e-5,
               "relative", "freedoms of the textbook mechanisms; the kinetic energy they start with")  # fmt: skip

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from runner import Case, Claim, Found, Row, measure
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 RTOL = 1e-6
 PERIOD = 1.9376  # s, of the rod below, released from the horizontal

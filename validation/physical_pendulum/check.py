@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from runner import Case, Claim, Found, Row, measure
 from runs import simulated, with_both
 from scenes import data, physical_pendulum
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("physical_pendulum", "a hinged rod has its exact period at amplitudes from 5 to 179 degrees", 1e-8, "relative",
               "closed form: T = 4 sqrt(I / (m g d)) K(sin^2(amplitude / 2))")  # fmt: skip

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import princeton
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("princeton_beam", "the strip of Dowell and Traybar, 21 cases of weight and angle", 1e-6, "of its length",
               "converged shooting of the rod equations, computed independently; section as in Bauchau et al. 2016")  # fmt: skip

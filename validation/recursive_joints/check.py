@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from recursive_scenes import four_bar
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("recursive_joints", "recursive and kinematic joints give the same motion", 1e-8, "relative",
               "the kinematic model of the same scene; the closed form of a wheel after 10 000 turns")  # fmt: skip

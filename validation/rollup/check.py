@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import cantilever, slender
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("rollup", "a cantilever under the moment 2 pi n EI / L rolls up into n circles, whatever its slenderness", 2e-5,
               "of its length", "closed form: x = sin(k s) / k, y = (1 - cos(k s)) / k, k = M / EI")  # fmt: skip

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from beam_scenes import on_hub
+from runner import Case, Claim, Found, Row, measure
 from scenes import data
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("rotating_beam_frequencies", "flap and lag frequencies of a beam on a turning hub, up to 12 sqrt(EI / (rho A L^4))",
               1e-3, "relative", "Galerkin's method for the inextensible beam, computed independently")  # fmt: skip

@@ -1,14 +1,14 @@
-"""A beam spun up about its root: tip displacements on the way, and its extension in steady rotation."""
+"""A beam spun up about its root: tip displacements during spin-up, and its extension in steady rotation."""
 
 from __future__ import annotations
 
 import numpy as np
 from beam_scenes import on_hub, spin_up, spin_up_angle, spin_up_section
+from runner import Case, Claim, Found, Row, measure
 from runs import largest
 from scenes import data
 
 import mbdae as mb
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("spin_up_beam", "the spin-up manoeuvre of Simo and Vu-Quoc", 2e-3, "m",
               "one spectral element, computed independently (3 digits); steady extension in closed form")  # fmt: skip

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from runner import Case, Claim, Found, Row, measure
 from timed_inputs.draw import run as one
 from timed_inputs.tables import found
-
-from mbdae.validation import Case, Claim, Found, Row, measure
 
 claim = Claim("timed_inputs", "loads and prescribed motions that act for a part of a run, at any width, are right within three "
               "times the accuracy asked, or the run says that they are not; none is refused", 0.0, "runs",

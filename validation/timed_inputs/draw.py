@@ -1,4 +1,4 @@
-"""From a seed to a scene, a way to solve it and an accuracy."""
+"""From a seed to a scene, a solver with its form, and an accuracy."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from timed_inputs.oracle import Problem
 
 import mbdae as mb
 
-MOST_STEPS = 5000  #: of the run that resolves something narrow in space
+MOST_STEPS = 5000  #: of a run that resolves a feature narrow in space
 MOST_PIECES = 40  #: of a run with constant steps, each a run of its own where it is split by hand
 Drawn = tuple[Problem, Way, float]
 Makers = Sequence[Callable[[np.random.Generator], Problem]]
 
 
 def ways(problem: Problem, rng: np.random.Generator) -> list[Way]:
-    """What can solve a scene; accuracies are those a method reaches at a bearable price."""
+    """Solvers and forms that apply to a scene, with the accuracies that they reach at acceptable cost."""
     held = problem.constrained
     found = [Way("default"), Way("default"), Way("RadauIIA(3)", mb.RadauIIA(3)), Way("IDA", mb.IDA(), None, (1e-7, 1e-3)),
              Way("RadauIIA(2)", mb.RadauIIA(2), None, (1e-6, 1e-3))]  # fmt: skip

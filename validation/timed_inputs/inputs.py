@@ -1,5 +1,5 @@
-"""Seeded inputs of time: what a scene is told, and beside it the truth, as smooth pieces between breaks that are known here
-because the input was made here. Nothing of mbdae is used: `said` is an expression of SymPy's symbol t."""
+"""Functions of time drawn from a seed: the expression that a scene gets, and the same function as smooth pieces between breaks,
+which are known because the function was made here. Nothing of mbdae is used: `said` is an expression of SymPy's symbol t."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def numeric(e: Expr, order: int = 0) -> Callable[[float], float]:
 
 @dataclass(frozen=True)
 class Input:
-    """kind; width (s) of its narrowest feature; said, what the scene gets; pieces, the truth; fine: (from, to, largest step) of
-    narrow features, s; lasts: how long it acts, s."""
+    """kind; width (s) of its narrowest feature; said, the expression the scene gets; pieces, the same function for the reference;
+    fine: (from, to, largest step of the reference) of narrow features, s; lasts: how long it acts, s."""
 
     kind: str
     width: float
@@ -87,7 +87,7 @@ def _pick(rng: np.random.Generator, options: Sequence[Any]) -> Any:
 
 
 def box(rng: np.random.Generator, T: float, w: float) -> Input:
-    """1 for a while, in one of the ways users write it."""
+    """1 for a time and 0 otherwise, in one of the forms in which users write it."""
     a = T * float(rng.uniform(0.1, 0.8))
     b = a + min(w, T)
     c, one, zero = (a + b) / 2, sp.Integer(1), sp.Integer(0)

@@ -1,4 +1,4 @@
-"""From a seed to a verdict: the run, its error against the reference, and whether it said so."""
+"""From a seed to a verdict: the run, its error against the reference, and whether the run reported a larger error than asked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from timed_inputs.oracle import Array, Problem
 import mbdae as mb
 
 FACTOR = 3.0  #: an error up to so many times the accuracy counts as right
-WALL = 20.0  #: s of wall time of a run; one that is stopped says so
+WALL = 20.0  #: largest wall time of a run, s; a run that is stopped there reports it
 VERDICTS = ("right", "told", "told needlessly", "silent", "refused needlessly", "crashed", "not judged")
 RATES = ("velocity", "angular_velocity", "rate")
 Values = dict[str, Array]
@@ -34,12 +34,12 @@ class Way:
 
 @dataclass(frozen=True)
 class Run:
-    """One run: error over the accuracy asked (nan where it returned nothing), and what is to be said of it."""
+    """One run: error over the accuracy asked (nan where it returned nothing), its verdict and remarks."""
 
     seed: int
     scene: str
     kind: str
-    width: float  #: of the narrowest feature over the run, or over the way
+    width: float  #: of the narrowest feature, relative to the length of the run or of the path
     way: str
     accuracy: float
     ratio: float
@@ -49,7 +49,7 @@ class Run:
 
     @property
     def equal_steps(self) -> bool:
-        """Whether its steps are equal, given or found by halving: what is too narrow for them can only be told."""
+        """Whether its steps are equal, given or found by halving: it cannot resolve a feature narrower than these."""
         return self.way.startswith(("GeneralizedAlpha", "HHT")) or "step=" in self.way
 
     def __str__(self) -> str:
@@ -145,14 +145,14 @@ def measure(problem: Problem, way: Way, accuracy: float, seed: int = 0) -> Run:
 
 
 def _verdict(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> tuple[float, str, str]:
-    """Error over the accuracy asked, verdict, and what was said."""
+    """Error over the accuracy asked, verdict, and the warnings of the run."""
     try:
         result = simulate(problem.build([i.said for i in problem.inputs]), problem.t_end, accuracy, way)
         error, said = error_of(result, times, truth, problem.positions_only), told(result)
         bound = FACTOR * accuracy
-        if result.accuracy.asked is None and error > bound and not said:  # it claims nothing: see the README
+        if result.accuracy.asked is None and error > bound and not said:  # constant step, no accuracy claimed: README
             bound = FACTOR * (accuracy + by_hand(problem, way, accuracy, times, truth))
-    except Exception as failure:  # what is raised is a verdict too
+    except Exception as failure:  # an exception is a verdict too
         return nan, *failed(failure)
     return error / accuracy, judged(error, bound, said) if isfinite(bound) else "not judged", said
 

@@ -1,4 +1,4 @@
-"""Runs of some seeds alone, told in full: python validation/timed_inputs/one.py SEED ..., or FIRST-LAST for the tables; with the
+"""Some seeds alone, printed in full: python validation/timed_inputs/one.py SEED ..., or FIRST-LAST for the tables; with the
 word `laws` before the seeds those of the claim local_laws."""
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from timed_inputs.inputs import Input, numeric
 
 Array = NDArray[np.float64]
-States = tuple[list[Array], Array]  #: those wanted, and the last one
+States = tuple[list[Array], Array]  #: at the output times, and the last one
 RTOL, ATOL = 1e-12, 1e-14
-CHUNK = 40  #: steps made at once near something local in space
+CHUNK = 40  #: steps made at once near a feature that is narrow in space
 
 
 class Truth:
@@ -57,13 +57,13 @@ class Problem:
     largest_step: float = np.inf  #: of the reference, s
     rtol: float = RTOL
     tightest: float = 1e-8  #: accuracy its reference can judge
-    narrow: float = 1.0  #: width of what is narrow in space over the way
+    narrow: float = 1.0  #: width of a feature that is narrow in space, relative to the path
     kind: str = ""  #: of its inputs or of its law
-    positions_only: bool = False  #: the accuracy says nothing of velocities: beams, contact
+    positions_only: bool = False  #: whether the accuracy covers positions alone: beams, contact
 
     @property
     def width(self) -> float:
-        """Width of the narrowest feature over the run, or over the way."""
+        """Width of the narrowest feature, relative to the length of the run or of the path."""
         return min((i.width / self.t_end for i in self.inputs), default=self.narrow)
 
 

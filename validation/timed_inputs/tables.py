@@ -1,4 +1,4 @@
-"""Verdicts counted: in all, and by scene, kind of input or law, decade of width, and way of solving."""
+"""Counts of verdicts: of all runs, and by scene, kind of input or law, decade of width, and solver."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from math import floor, log10
 
+from runner import Found
 from timed_inputs.judge import VERDICTS, Run
-
-from mbdae.validation import Found
 
 #: shares of runs that may warn though right, and of those with error control that may say that they are wrong
 NEEDLESS, TOLD = 0.05, 0.1

@@ -24,7 +24,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Found:
-    """One measured error; tolerance and unit are the claim's where not given, `quantity` tells several of a run apart."""
+    """One measured error; tolerance and unit default to those of the claim, `quantity` names one of several of a run."""
 
     error: float
     tolerance: float | None = None
@@ -72,7 +72,7 @@ def _rows(claim: Claim, case: Case) -> list[Row]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)  # a claim judges them itself, from the result
             found = case.measure()
-    except Exception as error:  # one that fails is a row, the others are measured all the same
+    except Exception as error:  # a failed run becomes a row, and the others are still measured
         found = Found(math.nan, note=f"failed: {type(error).__name__}: {error}")
     spent = time.process_time() - begin
     return [_row(claim, case, f, spent) for f in ([found] if isinstance(found, Found) else found)]

@@ -1,17 +1,13 @@
-"""Recorded formulas as LaTeX, and their values in numbers."""
+"""Recorded formulas as LaTeX."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
-import numpy as np
 import symengine as se
-from numpy.typing import NDArray
 
 from mbdae.errors import LawError
-from mbdae.reports.vectors import Atom, Base, NamedVector, Product, Record, Vector
-from mbdae.symbolic.functions import complex_atan2
+from mbdae.reports.vectors import Atom, Base, NamedVector, Record, Vector
 from mbdae.symbolic.vectors import Expr
 
 _SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: how tightly a formula holds together
@@ -19,24 +15,21 @@ _VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\
             "z": r"\mathbf{z}",
             "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}", "du": r"\delta\mathbf{r}", "dpsi": r"\delta\boldsymbol{\psi}",
             "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}  # fmt: skip
-NAMES = (r"\mathbf{a}", r"\mathbf{b}", r"\mathbf{c}", r"\mathbf{e}", r"\mathbf{f}", r"\mathbf{g}", r"\mathbf{h}", r"\mathbf{p}",
-         r"\mathbf{q}")  # fmt: skip
 _FUNCTIONS = {"sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh", "exp": r"\exp", "log": r"\ln",
               "atan2": r"\operatorname{atan2}", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "sinh": r"\sinh",
               "cosh": r"\cosh", "sign": r"\operatorname{sgn}"}  # fmt: skip
-_RELATIONS = {"LessThan": (r"\le", np.less_equal), "StrictLessThan": ("<", np.less), "Equality": ("=", np.equal),
-              "Unequality": (r"\ne", np.not_equal)}  # fmt: skip
+_RELATIONS = {"LessThan": r"\le", "StrictLessThan": "<", "Equality": "=", "Unequality": r"\ne"}
 
 
 class Writer:
-    """LaTeX of the formulas of one record; remembers which symbols it wrote."""
+    """LaTeX of the formulas of one record; remembers the symbols, frame vectors and named vectors it wrote."""
 
     def __init__(self, record: Record, letters: Mapping[str, str], names: Mapping[int, str] | None = None) -> None:
         self.record, self.letters, self.names = record, letters, dict(names or {})
         self.used: set[str] = set()  #: scalar symbols
         self.bases: set[Base] = set()
         self.vectors: set[int] = set()
-        self.frame: Callable[[Base], str] | None = None  #: another way to write frame vectors
+        self.frame: Callable[[Base], str] | None = None  #: how frame vectors are written, where not as usual
 
     @staticmethod
     def plain(base: Base) -> str:
@@ -177,7 +170,7 @@ class Writer:
         left, right = e.args
         if left.is_Number and not right.is_Number and name in ("StrictLessThan", "LessThan"):  # read with the unknown first
             return f"{self.scalar(right)} {'>' if name[0] == 'S' else chr(92) + 'ge'} {self.scalar(left)}"
-        return f"{self.scalar(left)} {_RELATIONS[name][0]} {self.scalar(right)}"
+        return f"{self.scalar(left)} {_RELATIONS[name]} {self.scalar(right)}"
 
     def _cases(self, e: Expr) -> str:
         first, condition, second, _ = (*e.args, None, None)[:4]
@@ -235,143 +228,3 @@ class Writer:
 
 def _plain(c: Expr) -> bool:
     return bool(c == 1 or c == -1)
-
-
-def name_vectors(record: Record) -> dict[int, str]:
-    """Letters of the named vectors: the law's own, d from point to point, then a, b, c."""
-    found: dict[int, str] = {}
-    taken = {f"\\mathbf{{{label}}}" for key, label in record.labels.items() if isinstance(key, int)}
-    letters = [letter for letter in NAMES if letter not in taken]
-    difference = {Base("r", "l"): 1, Base("r", "k"): -1}
-    scalars = name_scalars(record)
-    for number, value in record.vectors.items():
-        if number in record.changes:
-            sign, of = record.changes[number]
-            found[number] = (
-                f"\\ddot{found[of].removeprefix(sign)}" if sign == r"\dot" == found[of][:4] else f"{sign}{{{found[of]}}}"
-            )
-        elif number in record.gradients:
-            kind, symbol, side = record.gradients[number]
-            found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
-        elif number in record.labels:
-            found[number] = _own(f"\\mathbf{{{record.labels[number]}}}", list(found.values()))
-        elif value.terms == difference:
-            found[number] = r"\mathbf{d}"
-        else:
-            found[number] = letters.pop(0) if letters else f"\\mathbf{{a}}_{{{number}}}"
-    return found
-
-
-def name_scalars(record: Record) -> dict[str, str]:
-    """Letters of the named scalars: the law's own, else eta with a number."""
-    found: dict[str, str] = {}
-    for symbol in record.scalars:
-        label = record.labels.get(symbol)
-        found[str(symbol)] = _own(label, list(found.values())) if label else f"\\eta_{{{len(found) + 1}}}"
-    return found
-
-
-def _own(letter: str, taken: list[str]) -> str:
-    """The letter, with a prime where it is taken."""
-    while letter in taken:
-        letter += "'"
-    return letter
-
-
-# ---- numbers -----------------------------------------------------------------------------------------------------------
-
-Values = dict[str, NDArray[Any]]
-
-
-def value(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """A scalar in numbers, real or complex; `get` gives symbols."""
-    if isinstance(e, se.Symbol):
-        return get(e)
-    if e.is_Number or e == se.pi or e == se.E:
-        return float(e)
-    if isinstance(e, se.Piecewise):
-        return _chosen(e, get)
-    a = [value(x, get) for x in e.args]
-    if isinstance(e, se.Add):
-        return sum(a[1:], a[0])
-    if isinstance(e, se.Mul):
-        out = a[0]
-        for factor in a[1:]:
-            out = out * factor
-        return out
-    if isinstance(e, se.Pow):
-        return _raised(a[0], a[1])
-    name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
-    if name in ("let", "UnevaluatedExpr"):
-        return a[0]
-    if name in _RELATIONS:
-        return _RELATIONS[name][1](np.real(a[0]), np.real(a[1]))
-    if name == "floor":
-        return np.floor(np.real(a[0]))
-    if name == "atan2":
-        return complex_atan2(a[0], a[1])
-    return getattr(np, {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}.get(name, name))(*a)
-
-
-def _raised(base: Any, exponent: Any) -> Any:
-    if isinstance(exponent, float) and exponent == int(exponent):
-        return base ** int(exponent) if exponent > 0 else 1.0 / base ** int(-exponent)
-    return base**exponent
-
-
-def _chosen(e: Expr, get: Callable[[Expr], Any]) -> Any:
-    """The first case whose condition holds; branches may be invalid elsewhere."""
-    conditions, values = [], []
-    with np.errstate(all="ignore"):
-        for result, condition in zip(e.args[::2], e.args[1::2], strict=True):
-            conditions.append(True if str(condition) == "True" else value(condition, get))
-            values.append(value(result, get))
-        shape = np.broadcast_shapes(*(np.shape(x) for x in (*conditions, *values)))
-        return np.select([np.broadcast_to(c, shape) for c in conditions], [np.broadcast_to(v, shape) for v in values])
-
-
-class Numbers:
-    """Values of the formulas of a record at many states at once: `atoms` (points, 3), symbols (points,)."""
-
-    def __init__(self, record: Record, atoms: Callable[[Base], NDArray[Any]], symbols: Callable[[str], Any],
-                 known: Mapping[Base, NDArray[Any]] | None = None) -> None:  # fmt: skip
-        self.record, self.atoms, self.symbols = record, atoms, symbols
-        self._known: dict[Any, Any] = dict(known or {})
-
-    def scalar(self, e: Expr) -> Any:
-        """A scalar."""
-        return value(se.sympify(e), self._symbol)
-
-    def _symbol(self, symbol: Expr) -> Any:
-        if symbol not in self._known:
-            if symbol in self.record.dots:
-                a, b = (self.atom(x) for x in self.record.dots[symbol])
-                self._known[symbol] = np.sum(a * b, axis=-1)
-            elif symbol in self.record.scalars:
-                self._known[symbol] = self.scalar(self.record.scalars[symbol])
-            else:
-                self._known[symbol] = self.symbols(str(symbol))
-        return self._known[symbol]
-
-    def atom(self, atom: Atom) -> NDArray[Any]:
-        """An atom."""
-        if atom not in self._known:
-            if isinstance(atom, Base):
-                axis = atom.kind == "E"
-                self._known[atom] = np.eye(3)["xyz".index(atom.side)] if axis else self.atoms(atom)
-            elif isinstance(atom, NamedVector):
-                self._known[atom] = self.vector(self.record.vectors[atom.number])
-            else:
-                self._known[atom] = np.cross(self.atom(atom.left), self.atom(atom.right))
-        found: NDArray[Any] = self._known[atom]
-        return found
-
-    def vector(self, a: Vector) -> NDArray[Any]:
-        """A vector."""
-        total: NDArray[Any] = np.zeros(3)
-        for atom, c in a.terms.items():
-            total = total + np.asarray(self.scalar(c))[..., None] * self.atom(atom)
-        return total
-
-
-__all__ = ["NAMES", "Numbers", "Product", "Values", "Writer", "name_scalars", "name_vectors", "value"]

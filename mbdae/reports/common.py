@@ -1,4 +1,4 @@
-"""What all reports of laws share: letters, definitions, checks, where the equations come from."""
+"""What all reports of laws share: letters, definitions of intermediate quantities, numeric checks, origin of the equations."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdae.documents.document import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
-from mbdae.reports.letters import Letter, letters, multiplier, unit_text
-from mbdae.reports.render import Numbers, Writer, name_scalars, name_vectors
+from mbdae.reports.evaluate import Numbers
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
+from mbdae.reports.units import row_unit
 from mbdae.reports.vectors import Base
+from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force
@@ -35,7 +37,7 @@ _BASES = {
     "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
 }
-BOUND = 1e-10  #: of every residual
+BOUND = 1e-10  #: largest relative difference that passes as round-off
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,8 @@ class Check:
 
 
 @dataclass
-class Book:
-    """Formulas of one statement with the letters they use and the checks they passed."""
+class LawFormulas:
+    """Formulas of one law in LaTeX, the letters of their symbols, and the numeric checks made so far."""
 
     statement: Statement
     what: str = "joint"
@@ -75,17 +77,17 @@ class Book:
         self.refresh()
 
     def refresh(self) -> None:
-        """Letters of all names the record has by now."""
+        """Give letters to the intermediate quantities named since the last call."""
         record = self.statement.record
         self.writer.names = name_vectors(record)
         self.writer.letters = {name: letter.latex for name, letter in self.known.items()} | name_scalars(record)
 
     def numbers(self, state: State) -> Numbers:
-        """Values of the formulas at states."""
+        """Evaluates formulas of the law at random states."""
         return Numbers(self.statement.record, state.atom, state.symbol)
 
     def definitions(self, start: tuple[set[str], set[int]]) -> list[Block]:
-        """What the formulas written since `start` name, and what those names name."""
+        """Definitions of the intermediate quantities that appear in the formulas written since `start`, a `mark`."""
         self.refresh()
         record, w = self.statement.record, self.writer
         lines: dict[tuple[int, int], str] = {}
@@ -106,7 +108,7 @@ class Book:
         return [Equation(joined(lines[key] for key in sorted(lines)))] if lines else []
 
     def mark(self) -> tuple[set[str], set[int]]:
-        """What is written so far."""
+        """Symbols and named vectors written so far."""
         return set(self.writer.used), set(self.writer.vectors)
 
     def symbols(self) -> Table:
@@ -132,9 +134,7 @@ def _base_row(base: Base, what: str) -> list[str]:
 
 
 def _unit_of_row(row: str, s: Statement) -> str:
-    """N for a row in m, N m for a row that is a pure number, whatever it is written in."""
-    from mbdae.reports.units import row_unit
-
+    """Unit of the multiplier of a row: N for a row in m, N m for a row that is a pure number or an angle."""
     return row_unit(s, s.rows[row])
 
 
@@ -150,8 +150,8 @@ def checks_table(checks: Sequence[Check], points: int) -> list[Block]:
     wrong = [c.what for c in checks if not c.holds]
     verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
     told = (
-        f"Every formula of this report was evaluated at {points} random states of motion (attitudes, places, velocities and"
-        f" parameters off every solution) and compared with the equations that are integrated. {verdict}"
+        f"Every formula of this report was evaluated at {points} random states of motion (attitudes, positions, velocities and"
+        f" parameters that satisfy no constraint) and compared with the equations that are integrated. {verdict}"
     )
     return [Paragraph(told), Table(["compared", "largest relative difference", f"below ${_power_of_ten(BOUND)}$"], rows)]
 
@@ -185,7 +185,7 @@ def kernel_counts(d: Derived, planar: Derived | None) -> list[list[str]]:
 
 
 def provenance(d: Derived, planar: Derived | None) -> Section:
-    """Hash, and the size of the compiled kernels."""
+    """The section on the origin of a report: hash of the derived equations, size of the compiled kernels."""
     blocks: list[Block] = [
         Paragraph(
             f"This report was made from the law object that is integrated, `{type(d.law).__module__}.{type(d.law).__qualname__}`."
@@ -208,20 +208,20 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
 
 
 def external(s: Statement) -> bool:
-    """Whether a law acts from outside on l."""
+    """Whether a law is an external load on l."""
     return isinstance(s.law, Force) and s.law.external
 
 
 def row_name(name: str) -> str:
-    """A row in text."""
+    """Name of a row in text."""
     return name.replace("_", " ")
 
 
 def joined(lines: Iterable[str]) -> str:
-    """Lines of one formula."""
+    """The lines of one displayed formula, joined."""
     return r" \\ ".join(lines)
 
 
 def title_of(law: type) -> str:
-    """Words of a class name."""
+    """The name of a class as words."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", law.__name__)

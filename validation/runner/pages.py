@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from mbdae.files import write_file
-from mbdae.validation.claim import Claim, Row
+from runner.claim import Claim, Row
 
 COLUMNS = ("case", "solver", "error", "tolerance", "unit", "holds", "CPU s")
 STYLE = """body { font: 15px/1.45 sans-serif; max-width: 70em; margin: 2em auto; padding: 0 1em; color: #222 }
@@ -33,7 +33,7 @@ class Measured:
 
     @property
     def cpu_s(self) -> float:
-        """CPU seconds; quantities of one run share its time."""
+        """CPU seconds of all runs; several quantities of one run count once."""
         return sum({(row.case.split(":")[0], row.solver): row.cpu_s for row in self.rows}.values())
 
 
@@ -69,12 +69,12 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def notes(m: Measured) -> list[str]:
-    """What rows add in words."""
+    """The remarks of the rows."""
     return [f"{row.case}, {row.solver}: {row.note}" for row in m.rows if row.note]
 
 
 def made_with() -> str:
-    """Versions behind the numbers."""
+    """Versions of the packages the numbers were measured with."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("mbdae", "scikit-sundae", "numpy", "scipy", "symengine"))
     return f"{packages}, Python {platform.python_version()} on {platform.system()} {platform.machine()}"
 

@@ -1,0 +1,31 @@
+"""The folder validation/ of a checkout, with the claims and the runner that measures them: neither is part of the package."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from mbdae.errors import OptionError
+
+
+def find(root: str | Path | None = None) -> Path:
+    """The folder validation/ of `root`, or of the working directory and those above it."""
+    here = Path.cwd() if root is None else Path(root).resolve()
+    for folder in [here] if root is not None else [here, *here.parents]:
+        with suppress(OSError):  # a name too long, a folder that may not be read
+            if any((folder / "validation").glob("*/check.py")):
+                return folder / "validation"
+    raise OptionError(f"there is no validation/ with claims in {here}{'' if root else ' or above'}: "
+                      "run it from a checkout, or give --root")  # fmt: skip
+
+
+def runner_of(folder: Path) -> Any:
+    """The package `runner` in a folder validation/; it and the checks import each other by the names they have there."""
+    if not (folder / "runner" / "__init__.py").is_file():
+        raise OptionError(f"{folder} has claims, but no runner/ that measures them: give --root of a whole checkout")
+    if sys.path[:1] != [str(folder)]:
+        sys.path.insert(0, str(folder))
+    return importlib.import_module("runner")

@@ -1,0 +1,72 @@
+"""The blocks of a document: text, equations, tables, pictures, and sections of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Text; what stands between two dollar signs is LaTeX mathematics, a backslash makes a dollar sign plain."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Equation:
+    r"""A displayed equation in LaTeX (a double backslash starts a line), its number and a remark in plain text with `$...$`."""
+
+    latex: str
+    number: int | str | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells are text in which `$...$` is mathematics."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text as it stands, in letters of equal width."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture (PNG as bytes, or the text of an SVG) and what it shows."""
+
+    content: bytes | str
+    caption: str
+
+    @property
+    def suffix(self) -> str:
+        """Of a file that holds it."""
+        return ".png" if isinstance(self.content, bytes) else ".svg"
+
+
+@dataclass(frozen=True)
+class Section:
+    """Blocks under a title; its level follows from where it stands unless it is given (2 below the document's title)."""
+
+    title: str
+    blocks: Sequence[Block] = ()
+    level: int | None = None
+
+
+Block = Paragraph | Equation | Table | Code | Picture | Section
+
+
+def pictures(blocks: Sequence[Block]) -> Iterator[Picture]:
+    """All pictures in blocks and their sections, in order."""
+    for block in blocks:
+        if isinstance(block, Picture):
+            yield block
+        elif isinstance(block, Section):
+            yield from pictures(block.blocks)
