@@ -24,10 +24,11 @@ FORMAT = "mbdae comparison in progress 1"
 
 @dataclass
 class State:
-    """What has been computed so far. truth: what is compared, of the reference; finals: of the tightest run of each label."""
+    """What has been computed so far. reference_values: what is compared, of the reference; finals: the same of the tightest run
+    of each label."""
 
     reference: Reference | None = None
-    truth: Array | None = None
+    reference_values: Array | None = None
     rows: list[Row] = field(default_factory=list)
     finals: dict[str, Final] = field(default_factory=dict)
     cpu_s: float = 0.0  #: CPU s in solver calls
@@ -49,19 +50,21 @@ class Checkpoint:
         with reading(self.path):
             reference = made(Reference, data["reference"]) if data["reference"] else None
             finals = {f["label"]: made(Final, f, values=unpacked(f["values"])) for f in data["finals"]}
-            truth = unpacked(data["truth"]) if data["truth"] else None
+            values = unpacked(data["truth"]) if data["truth"] else None
             rows = [made(Row, row) for row in data["rows"]]
-            return State(reference, truth, rows, finals, number(data["cpu_s"], least=0.0), number(data["total_cpu_s"], least=0.0))
+            cpu, total = (number(data[key], least=0.0) for key in ("cpu_s", "total_cpu_s"))
+            return State(reference, values, rows, finals, cpu, total)
 
     def save(self, state: State) -> None:
         """Replace the file by the state."""
         if self.path is None:
             return
         finals = [{"label": f.label, "asked": f.asked, "rtol": f.rtol, "values": packed(f.values)} for f in state.finals.values()]
+        values = None if state.reference_values is None else packed(state.reference_values)
         data = {
             "format": FORMAT, "statement": self.statement, "rows": [asdict(row) for row in state.rows],
             "reference": asdict(state.reference) if state.reference else None, "cpu_s": state.cpu_s,
-            "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": None if state.truth is None else packed(state.truth),
+            "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": values,
         }  # fmt: skip
         write_file(self.path, json.dumps(data, indent=1) + "\n")
 

@@ -10,13 +10,13 @@ from typing import Any
 
 from mbdae.compare.checkpoint import checkpoint
 from mbdae.compare.environment import environment
-from mbdae.compare.job import new_job
+from mbdae.compare.execution import Work
+from mbdae.compare.identity import identity
 from mbdae.compare.pairwise import Pairwise, pairwise
+from mbdae.compare.problem import new_problem
 from mbdae.compare.reference import Reference, given_reference, refuse_no_reference
 from mbdae.compare.rows import Row, asked_for, cheapest, with_front
 from mbdae.compare.run import Run, checked_runs, default_runs
-from mbdae.compare.statement import statement
-from mbdae.compare.work import Work
 from mbdae.errors import OptionError, Told
 from mbdae.integrators.base import Solver
 from mbdae.sweep.resume import place_of, progress_of_runs, resume_path, written
@@ -134,20 +134,20 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     own, tell = checked_runs(runs) if runs is not None else None, progress_of_runs(progress)
     resume = resume_path(resume)
     refuse_no_reference(reference)
-    job = new_job(scene, t_end, measure, max_wall)
-    chosen = own or default_runs(job.constrained, job.stated.given, job.other_models, job.resolving)
-    given = given_reference(job, reference) if reference is not None else None
-    kept = checkpoint(resume, statement(job, chosen, asked, given[1] if given else None))
+    problem = new_problem(scene, t_end, measure, max_wall)
+    chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
+    given = given_reference(problem, reference) if reference is not None else None
+    kept = checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None))
     state = kept.load()
     if given is not None:
-        state.reference, state.truth = given
+        state.reference, state.reference_values = given
     queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
-    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(job.system(None).label)) is not None)])
-    Work(job, queue, smallest, state, kept, begin).do(tell)
+    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
+    Work(problem, queue, smallest, state, kept, begin).do(tell)
     assert state.reference is not None
-    differences = pairwise(list(state.finals.values()), job.error)
-    return Comparison(job.name, job.t_end, measure, job.what, state.reference, asked, with_front(state.rows), differences,
-                      state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
+    differences = pairwise(list(state.finals.values()), problem.error)
+    return Comparison(problem.name, problem.t_end, measure, problem.what, state.reference, asked, with_front(state.rows),
+                      differences, state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 
 
 def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:

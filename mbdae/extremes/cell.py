@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.equations import Equations
-from mbdae.compare.job import Job, with_models
+from mbdae.compare.problem import Problem, with_models
 from mbdae.errors import AccuracyWarning, MbdaeError
-from mbdae.extremes.reference import SURE, Truth
+from mbdae.extremes.reference import SURE, Reference
 from mbdae.extremes.ways import Way
 from mbdae.results.result import Result
 
@@ -58,11 +58,11 @@ class Cell:
         return bool(self.warnings)
 
 
-def verdict(error: float, accuracy: float, told: bool, known: float | None) -> str:
-    """The verdict on an error that is known to within `known` (None: not at all); what doubt leaves open is not judged."""
+def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
+    """The verdict on an error that is known to within `uncertainty` (None: not at all); what doubt leaves open is not judged."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
-    doubt = math.inf if known is None else known if known > SURE * accuracy else 0.0
+    doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0
     if error + doubt <= accuracy:
         return MET
     if error - MARGIN * doubt > SILENCE * accuracy:
@@ -72,34 +72,35 @@ def verdict(error: float, accuracy: float, told: bool, known: float | None) -> s
     return TOLD if told else NEAR
 
 
-def cell(job: Job, way: Way, value: float, accuracy: float, truth: Truth) -> Cell:
+def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: Reference) -> Cell:
     """Run a way at a value and judge it. A run with a tolerance or step of its own is verified by another method, as a user
     would who wants to know its error."""
-    run, models, scene = way.run, way.run or way.models, job.scene
+    run, models, scene = way.run, way.run or way.models, problem.scene
     assert scene is not None
     facts: dict[str, Any] = {
         "value": value, "label": way.label, "solver": run.solver.label if run else "", "form": run.form.label if run and run.form
         else "", "model": models.model_label if models else None, "accuracy": accuracy,
-        "t_end": job.t_end,
+        "t_end": problem.t_end,
     }  # fmt: skip
     begin = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)
             variant: Any = with_models(scene, models) if models is not None else scene
-            r: Result = variant.simulate(job.t_end, accuracy, solver=run.solver if run else None, form=run.form if run else None,
-                                       max_wall=job.max_wall, verify=run is not None and run.as_it_is)  # fmt: skip
+            r: Result = variant.simulate(problem.t_end, accuracy, solver=run.solver if run else None,
+                                         form=run.form if run else None, max_wall=problem.max_wall,
+                                         verify=run is not None and run.as_it_is)  # fmt: skip
     except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as stop:
         name = "" if isinstance(stop, MbdaeError) else f"{type(stop).__name__}: "
         return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(stop).split()))
     cpu = time.process_time() - begin
     facts |= {"solver": r.info.solver.label, "form": r.info.form, "cpu_s": cpu}
-    values = job.values(r.solution, Equations(r.prepared))
-    if truth.values is None:
+    values = problem.values(r.solution, Equations(r.prepared))
+    if reference.values is None:
         error, found = math.nan, UNKNOWN
     else:
-        error = job.error(values, truth.values)
-        found = verdict(error, accuracy, bool(r.warnings), truth.known)
+        error = problem.error(values, reference.values)
+        found = verdict(error, accuracy, bool(r.warnings), reference.uncertainty)
     best = r.accuracy.verified if r.accuracy.verified is not None else r.accuracy.estimated
     known = best if best is not None and math.isfinite(best) else None
     return Cell(**facts, verdict=found, error=error if math.isfinite(error) else None, estimated=known, steps=r.stats.steps,

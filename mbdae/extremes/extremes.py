@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from mbdae.compare.job import SECONDS, Job, new_job
+from mbdae.compare.problem import SECONDS, Problem, new_problem
 from mbdae.compare.run import Run, checked_runs
 from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
-from mbdae.extremes.kept import Kept, kept_rows
+from mbdae.extremes.checkpoint import Checkpoint, checkpoint
 from mbdae.extremes.map import Block, Extremes
-from mbdae.extremes.reference import truth
+from mbdae.extremes.reference import reference_at
 from mbdae.extremes.vary import Varied, checked_vary, default_vary, stated, varied
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
@@ -47,10 +47,10 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     end = end_after(0.0, t_end)
     base = stated(scene)
     asked = checked_vary(vary) if vary is not None else default_vary(base)
-    first = new_job(base, end, measure, max_wall)
+    first = new_problem(base, end, measure, max_wall)
     parameters = varied(scene, end, asked)
     chosen = ways(first, own)
-    kept = kept_rows(resume, first, asked, own, accuracy)
+    kept = checkpoint(resume, first, asked, own, accuracy)
     work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell,
                  sum(len(p.values) for p in parameters) * (len(chosen) + 1))  # fmt: skip
     try:
@@ -64,8 +64,8 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
 class _Work:
     """The cells of a map, value after value, each value kept as soon as it is done."""
 
-    def __init__(self, measure: str | None, max_wall: float | None, accuracy: float, chosen: list[Way], first: Job,
-                 free_choice: bool, kept: Kept, tell: Callable[[int, int, str], None], total: int) -> None:  # fmt: skip
+    def __init__(self, measure: str | None, max_wall: float | None, accuracy: float, chosen: list[Way], first: Problem,
+                 free_choice: bool, kept: Checkpoint, tell: Callable[[int, int, str], None], total: int) -> None:  # fmt: skip
         self.measure, self.max_wall, self.accuracy, self.chosen = measure, max_wall, accuracy, chosen
         self.first, self.free_choice, self.kept, self.tell, self.total = first, free_choice, kept, tell, total
         self.done = 0
@@ -91,16 +91,16 @@ class _Work:
             t_end = min(t_end, STEPS * value)
         self._told(p, value, "reference")
         try:
-            job = new_job(p.scene(value), t_end, self.measure, self.max_wall)
+            problem = new_problem(p.scene(value), t_end, self.measure, self.max_wall)
         except MbdaeError as error:
             reason = " ".join(str(error).split())
             return "the scene is refused", [_refused(way, value, accuracy, t_end, reason) for way in chosen]
-        known = truth(job, accuracy, p.stops(value))
+        reference = reference_at(problem, accuracy, p.stops(value))
         cells = []
         for way in chosen:
             self._told(p, value, way.label)
-            cells.append(cell(job, way, value, accuracy, known))
-        return known.reference, cells
+            cells.append(cell(problem, way, value, accuracy, reference))
+        return reference.label, cells
 
     def _ways(self, p: Varied, value: float) -> list[Way]:
         if p.name != "step":

@@ -221,7 +221,7 @@ CALLS: dict[str, Call] = {
     "audit": Call(lambda: mb.audit, lambda: {"source": "title: none\n", "laws": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS}, "mbdae.compare.comparison.statement"),
+        "reference": None, **RUNS}, "mbdae.compare.comparison.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Work"),

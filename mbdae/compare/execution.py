@@ -11,8 +11,8 @@ import numpy as np
 
 from mbdae.compare.checkpoint import Checkpoint, State
 from mbdae.compare.equations import Equations
-from mbdae.compare.job import Job
 from mbdae.compare.pairwise import tightest
+from mbdae.compare.problem import Problem
 from mbdae.compare.reference import computed_reference
 from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
@@ -28,7 +28,7 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 class Work:
     """What is left of a comparison: the queue behind the rows of `state`."""
 
-    job: Job
+    problem: Problem
     queue: Sequence[tuple[Run, float | None]]
     smallest: float  #: tightest accuracy asked
     state: State
@@ -48,19 +48,19 @@ class Work:
         total = len(self.queue) + 1
         if self.state.reference is None:
             tell(0, total, "reference")
-            self.state.reference, self.state.truth = computed_reference(self.job, self.smallest)
+            self.state.reference, self.state.reference_values = computed_reference(self.problem, self.smallest)
             self._keep(before)
         for i in range(len(self.state.rows), len(self.queue)):
             run, accuracy = self.queue[i]
             tell(i + 1, total, f"{run.name('')} {asked_for(accuracy)}")
-            row, values = measured(self.job, run, accuracy, self.state.truth)
+            row, values = measured(self.problem, run, accuracy, self.state.reference_values)
             if values is not None:
                 tightest(self.state.finals, row, values)
             self.state.rows.append(row)
             self._keep(before)
 
     def _keep(self, before: tuple[float, float]) -> None:
-        self.state.cpu_s = before[0] + self.job.spent
+        self.state.cpu_s = before[0] + self.problem.spent
         self.state.total_cpu_s = before[1] + time.process_time() - self.begin
         self.kept.save(self.state)
 
@@ -71,31 +71,31 @@ class Work:
         return f"{done}, none is kept; with resume=FILE a comparison goes on where it was stopped"
 
 
-def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
+def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
     """One run: its row, and what is compared of it (None where it failed)."""
-    facts: dict[str, Any] = {**_told(job, run, None), "solver": run.solver.label, "accuracy": accuracy}
-    spent = job.spent
+    facts: dict[str, Any] = {**_told(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
+    spent = problem.spent
     try:
-        equations = job.equations(run)
-        facts |= _told(job, run, equations)
+        equations = problem.equations(run)
+        facts |= _told(problem, run, equations)
         solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
         facts["rtol"] = None if solver.fixed else solver.rtol
-        done = job.solve(solver, run.form, equations)
-        values = job.values(done.solution, equations)
+        done = problem.solve(solver, run.form, equations)
+        values = problem.values(done.solution, equations)
     except SolverError as error:
-        return Row(**facts, cpu_s=job.spent - spent, **counts(error.solution), failure=str(error)), None
+        return Row(**facts, cpu_s=problem.spent - spent, **counts(error.solution), failure=str(error)), None
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error)), None
-    error_now = job.error(values, reference)
+    error_now = problem.error(values, reference)
     if not np.isfinite(error_now):
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
     cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
 
 
-def _told(job: Job, run: Run, equations: Equations | None) -> dict[str, Any]:
+def _told(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
     """Label, form and joint model of what really runs; as asked for before the equations are known."""
-    form = run.form.label if run.form is not None else (equations or job.stated).system(None).label
+    form = run.form.label if run.form is not None else (equations or problem.stated).system(None).label
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
     model = None if run.model_label is None else run.model_label + part

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mbdae.compare.job import Job
+from mbdae.compare.identity import identity
+from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
-from mbdae.compare.statement import statement
 from mbdae.extremes.cell import VERDICTS, Cell
 from mbdae.files import write_file
 from mbdae.sweep.resume import made, read_kept, reading, resume_path
@@ -20,7 +20,7 @@ FORMAT = "mbdae extremes in progress 1"
 
 
 @dataclass
-class Kept:
+class Checkpoint:
     """Reference and cells by (parameter, value); written to `path` after every value, where there is one."""
 
     path: Path | None
@@ -46,17 +46,17 @@ class Kept:
         return f"{done}, none is kept; with resume=FILE a map goes on where it was stopped"
 
 
-def kept_rows(resume: Any, job: Job, vary: Mapping[str, Any], runs: Sequence[Run] | None, accuracy: float) -> Kept:
+def checkpoint(resume: Any, problem: Problem, vary: Mapping[str, Any], runs: Sequence[Run] | None, accuracy: float) -> Checkpoint:
     """What the file holds of this map; nothing where there is none. Another map is refused, the difference named."""
-    said = statement(job, runs or [], [accuracy], None) | {"vary": {str(k): [float(v) for v in vs] for k, vs in vary.items()}}
+    said = identity(problem, runs or [], [accuracy], None) | {"vary": {str(k): [float(v) for v in vs] for k, vs in vary.items()}}
     path = resume_path(resume)
     if path is None or not path.exists():
-        return Kept(path, said)
+        return Checkpoint(path, said)
     data = read_kept(path, FORMAT, "map", said)
     with reading(path):
         rows = {(_text(r["parameter"]), number(r["value"])): (_text(r["reference"]), [_cell(c) for c in r["cells"]])
                 for r in data["rows"]}  # fmt: skip
-    return Kept(path, said, rows, sum(c.cpu_s or 0.0 for _, row in rows.values() for c in row))
+    return Checkpoint(path, said, rows, sum(c.cpu_s or 0.0 for _, row in rows.values() for c in row))
 
 
 def _cell(stored: Any) -> Cell:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.environment import environment
-from mbdae.compare.job import Job
+from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
@@ -17,19 +17,19 @@ from mbdae.system.base import Array, System
 PROBES = 7  #: points at which equations without statements are evaluated to recognise them
 
 
-def statement(job: Job, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
+def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
     """Scene or equations, end time, measure, runs, accuracies, a given reference, versions."""
     return {
-        "scene": _scene(job), "t_end": job.t_end, "measure": job.measure, "accuracies": list(accuracies),
-        "max_wall": job.max_wall, "runs": [_run(run) for run in runs],
+        "scene": _scene(problem), "t_end": problem.t_end, "measure": problem.measure, "accuracies": list(accuracies),
+        "max_wall": problem.max_wall, "runs": [_run(run) for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given)}", "environment": environment(),
     }  # fmt: skip
 
 
-def _scene(job: Job) -> dict[str, Any]:
-    s = job.scene
+def _scene(problem: Problem) -> dict[str, Any]:
+    s = problem.scene
     if s is None:
-        return _equations(job.system(None), job.t_end)
+        return _equations(problem.system(None), problem.t_end)
     return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements}
 
 

@@ -48,7 +48,7 @@ class Timed:
 
 
 @dataclass
-class Job:
+class Problem:
     """A scene (or a System as it is), run to t_end s by many solvers; `stated` are its equations as the user states them."""
 
     scene: SceneData | None
@@ -191,8 +191,8 @@ def with_models(scene: Any, run: Run) -> Any:
 SECONDS = "give a positive number of seconds of wall time, or None"
 
 
-def new_job(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Job:
-    """A job for a scene or a System, its options checked."""
+def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
+    """A problem for a scene or a System, its options checked."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
@@ -202,11 +202,11 @@ def new_job(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Job:
     end = end_after(given.t0 if given is not None else 0.0, t_end)
     wall = optional("max_wall", max_wall, number, SECONDS, above=0)
     if given is not None:
-        return Job(None, Equations(None, given), end, None, wall)
+        return Problem(None, Equations(None, given), end, None, wall)
     stated = Equations(prepare(scene, t_end=end))
     if sensor is not None and stated.prepared is not None:
         refuse_unknown(stated.prepared, sensor)
-    return Job(scene, stated, end, sensor, wall)
+    return Problem(scene, stated, end, sensor, wall)
 
 
 def refuse_unknown(prepared: Prepared, sensor: str) -> None:
