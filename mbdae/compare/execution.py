@@ -25,7 +25,7 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 
 
 @dataclass
-class Work:
+class Execution:
     """What is left of a comparison: the queue behind the rows of `state`."""
 
     problem: Problem

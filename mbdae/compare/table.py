@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
-
-if TYPE_CHECKING:
-    from mbdae.compare.comparison import Comparison
 
 WIDTH = 128  #: of sentences; the grid is as wide as it must be
 MARKS = ("*", "failed")
@@ -33,7 +30,7 @@ COLUMNS = {
 }
 
 
-def table(w: Comparison) -> str:
+def table(w: ComparisonData) -> str:
     """Heading, one line per run, failures with their reasons, pairwise differences, verdict."""
     lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
     lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
@@ -69,7 +66,7 @@ def failure_lines(failures: Sequence[Row]) -> list[str]:
     return [f"failed: {label} asked for {', '.join(asked)}: {reason}" for (label, reason), asked in reasons.items()]
 
 
-def pairwise_cells(w: Comparison) -> list[tuple[str, ...]]:
+def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
     """Heading and lower triangle of the differences between the tightest runs; nothing for fewer than two."""
     p = w.pairwise
     if len(p.runs) < 2:
@@ -81,7 +78,7 @@ def pairwise_cells(w: Comparison) -> list[tuple[str, ...]]:
     return lines
 
 
-def environment_line(w: Comparison) -> str:
+def environment_line(w: ComparisonData) -> str:
     """CPU time spent, and what with."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "

@@ -11,18 +11,36 @@ from mbdae.compare.run import Run, checked_runs
 from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
-from mbdae.extremes.map import Block, Extremes
+from mbdae.extremes.data import Block, ExtremesData
+from mbdae.extremes.page import page
 from mbdae.extremes.reference import reference_at
+from mbdae.extremes.table import table
 from mbdae.extremes.vary import Varied, checked_vary, default_vary, stated, varied
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
 from mbdae.sweep.resume import progress_of_runs, resume_path
+from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
 ACCURACY = 1e-5
 MAX_WALL = 20.0  #: s of wall time per run, and per run of a reference
 STEPS = 20  #: of a constant step: the run is that short, so that small steps end
+
+
+class Extremes(ExtremesData):
+    """The whole map with its table and its page; `silent` must be empty."""
+
+    def to_html(self, path: Any = None) -> str:
+        """One self-contained HTML page, written to `path` where one is given."""
+        return written(lambda: page(self), path)
+
+    def table(self) -> str:
+        """A grid per parameter, the reasons of failures, and the counts."""
+        return table(self)
+
+    def __str__(self) -> str:
+        return self.table()
 
 
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,

@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbdae.errors import OptionError
-from mbdae.files import write_file
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, file_to_write, function, optional, shown, whole
 
@@ -38,20 +37,6 @@ def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
     told = optional("progress", progress, function, "give a function progress(done, total, label), or None",
                     takes="done, total, label")  # fmt: skip
     return told or (lambda done, total, label: None)
-
-
-def written(content: str, path: Any) -> str:
-    """The content, written to a file where a path is given."""
-    place = place_of(path)
-    if place is not None:
-        write_file(place, content)
-    return content
-
-
-def place_of(path: Any) -> Path | None:
-    """Where to write, None for nowhere; refused where that cannot be."""
-    place: Path | None = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
-    return place
 
 
 def read_kept(path: Path, file_format: str, what: str, statement: Any) -> dict[str, Any]:

@@ -19,8 +19,9 @@ import numpy as np
 
 from mbdae.errors import OptionError, Told, interrupted
 from mbdae.files import write_file
-from mbdae.sweep.resume import check_same, reading, resume_path, written
+from mbdae.sweep.resume import check_same, reading, resume_path
 from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
+from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
@@ -97,8 +98,7 @@ class Sweep(Told):
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
         rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
-        content = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False)
-        return written(content + "\n", path)
+        return as_json({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, path)
 
     def __repr__(self) -> str:
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
