@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from mbdae.compare.checkpoint import checkpoint
+from mbdae.compare.checkpoint import Checkpoint
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.environment import environment
 from mbdae.compare.execution import Execution
@@ -17,12 +17,12 @@ from mbdae.compare.picture import work_precision
 from mbdae.compare.problem import new_problem
 from mbdae.compare.reference import given_reference, refuse_no_reference
 from mbdae.compare.rows import with_front
-from mbdae.compare.run import Run, checked_runs, default_runs
+from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
 from mbdae.compare.table import table
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.show.plots import checked
-from mbdae.sweep.resume import progress_of_runs, resume_path
+from mbdae.sweep.resume import resume_path
 from mbdae.sweep.writing import written
 from mbdae.values import number, option, sequence, several, shown
 
@@ -70,7 +70,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     problem = new_problem(scene, t_end, measure, max_wall)
     chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
     given = given_reference(problem, reference) if reference is not None else None
-    kept = checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None))
+    kept = Checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None))
     state = kept.load()
     if given is not None:
         state.reference, state.reference_values = given

@@ -18,6 +18,7 @@ from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError, SolverError, interrupted
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.sweep.resume import interruption
 from mbdae.system.base import Array
 
 Progress = Callable[[int, int, str], None]
@@ -41,7 +42,8 @@ class Execution:
         try:
             self._do(tell, before)
         except KeyboardInterrupt as error:
-            interrupted(error, self._interrupted(), None)
+            done = interruption(self.kept.path, len(self.state.rows), len(self.queue), "runs")
+            interrupted(error, done, None)
             raise
 
     def _do(self, tell: Progress, before: tuple[float, float]) -> None:
@@ -63,12 +65,6 @@ class Execution:
         self.state.cpu_s = before[0] + self.problem.spent
         self.state.total_cpu_s = before[1] + time.process_time() - self.begin
         self.kept.save(self.state)
-
-    def _interrupted(self) -> str:
-        done = f"interrupted: {len(self.state.rows)} of {len(self.queue)} runs are done"
-        if self.kept.path is not None:
-            return f"{done} and kept in {self.kept.path}; the same call goes on from there"
-        return f"{done}, none is kept; with resume=FILE a comparison goes on where it was stopped"
 
 
 def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:

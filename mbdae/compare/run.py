@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,7 +15,7 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of
 from mbdae.scene.components import JointModel
 from mbdae.system.base import System
-from mbdae.values import option, sequence, set_option, shown, text
+from mbdae.values import function, option, optional, sequence, set_option, shown, text
 
 #: options that a label need not tell: the table has them in columns of their own, or the solver's name holds them
 TOLD_ELSEWHERE = ("rtol", "stages", "method")
@@ -123,3 +123,10 @@ def checked_runs(runs: Any) -> list[Run]:
         raise OptionError(f"runs = {shown(runs)} is empty: {remedy}")
     return [run if isinstance(run, Run) else Run(solver_of(run, f"runs = {shown(runs)}: entry {i}", remedy))
             for i, run in enumerate(given, 1)]
+
+
+def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
+    """The function called before every run; one that does nothing where there is none."""
+    remedy = "give a function progress(done, total, label), or None"
+    given = optional("progress", progress, function, remedy, takes="done, total, label")
+    return given or (lambda done, total, label: None)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mbdae.compare.problem import SECONDS, Problem, new_problem
-from mbdae.compare.run import Run, checked_runs
+from mbdae.compare.run import Run, checked_runs, progress_of_runs
 from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
@@ -19,7 +19,7 @@ from mbdae.extremes.vary import Varied, checked_vary, default_vary, stated, vari
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
-from mbdae.sweep.resume import progress_of_runs, resume_path
+from mbdae.sweep.resume import interruption, resume_path
 from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
@@ -74,7 +74,7 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     try:
         blocks = tuple(work.block(p) for p in parameters)
     except KeyboardInterrupt as error:
-        interrupted(error, kept.said(sum(len(p.values) for p in parameters)), None)
+        interrupted(error, interruption(kept.path, len(kept.rows), sum(len(p.values) for p in parameters), "values"), None)
         raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
@@ -94,7 +94,7 @@ class _Work:
         references = []
         for value in p.values:
             if (p.name, value) not in self.kept.rows:
-                self.kept.keep(p.name, value, *self._at(p, value))
+                self.kept.add(p.name, value, *self._at(p, value))
             reference, row = self.kept.rows[p.name, value]
             references.append(reference)
             cells += row

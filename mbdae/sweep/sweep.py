@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdae.errors import OptionError, Told, interrupted
 from mbdae.files import write_file
-from mbdae.sweep.resume import check_same, reading, resume_path
+from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
 from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
@@ -143,16 +143,10 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
                     if tell is not None:
                         tell(len(done), len(points))
         except (KeyboardInterrupt, SystemExit) as error:
-            interrupted(error, _said(made, resume), made)
+            come_so_far = interruption(resume, len(done), len(points), "points")
+            interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
     return made
-
-
-def _said(made: Sweep, resume: Any) -> str:
-    """What is kept of a sweep that was interrupted."""
-    done = f"the sweep was interrupted: {len(made.done)} of {len(made.points)} points are done"
-    where = f"kept in {resume}; the same call goes on from there" if resume is not None else "kept in no file (resume=FILE does)"
-    return f"{done} and {where}; this exception has them as its attribute `solution`"
 
 
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
@@ -282,7 +276,7 @@ class _Kept:
                 data = json.loads(line)
             except (ValueError, RecursionError):
                 continue  # the run was stopped while it was written
-            with reading(path):
+            with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):
