@@ -31,11 +31,10 @@ class Checkpoint(ResumeFile):
                              for (p, v), (r, row) in self.rows.items()]})  # fmt: skip
 
 
-def checkpoint(path: Path | None, problem: Problem, vary: Mapping[str, Any], runs: Sequence[Run] | None,
+def checkpoint(path: Path | None, problem: Problem, values: Mapping[str, Sequence[float]], runs: Sequence[Run] | None,
                accuracy: float) -> Checkpoint:  # fmt: skip
     """The file of this map with what it holds already. That of another map is refused, the difference named."""
-    varied = {"vary": {str(k): [float(v) for v in vs] for k, vs in vary.items()}}
-    found = Checkpoint(path, identity(problem, runs or [], [accuracy], None) | varied)
+    found = Checkpoint(path, identity(problem, runs or [], [accuracy], None) | {"vary": values})
     with found.stored() as data:
         for r in data["rows"] if data is not None else []:
             found.rows[_text(r["parameter"]), number(r["value"])] = _text(r["reference"]), [_cell(c) for c in r["cells"]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from mbdae.compare.problem import SECONDS, Problem, new_problem
@@ -12,10 +13,12 @@ from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
 from mbdae.extremes.data import Block, ExtremesData
+from mbdae.extremes.defaults import default_vary
 from mbdae.extremes.page import page
 from mbdae.extremes.reference import reference_at
 from mbdae.extremes.table import table
-from mbdae.extremes.vary import Varied, checked_vary, default_vary, stated, varied
+from mbdae.extremes.values import asked_values
+from mbdae.extremes.vary import Varied, stated, varied
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
@@ -64,29 +67,35 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     resume, max_wall = resume_path(resume), optional("max_wall", max_wall, number, SECONDS, above=0)
     end = end_after(0.0, t_end)
     base = stated(scene)
-    asked = checked_vary(vary) if vary is not None else default_vary(base)
+    asked = asked_values(vary) if vary is not None else default_vary(base)
     first = new_problem(base, end, measure, max_wall)
     parameters = varied(scene, end, asked)
     chosen = ways(first, own)
     kept = checkpoint(resume, first, asked, own, accuracy)
-    work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell,
-                 sum(len(p.values) for p in parameters) * (len(chosen) + 1))  # fmt: skip
+    total = sum(len(p.values) for p in parameters)
+    execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
     try:
-        blocks = tuple(work.block(p) for p in parameters)
+        blocks = tuple(execution.block(p) for p in parameters)
     except KeyboardInterrupt as error:
-        interrupted(error, interruption(kept.path, len(kept.rows), sum(len(p.values) for p in parameters), "values"), None)
+        interrupted(error, interruption(kept.path, len(kept.rows), total, "values"), None)
         raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
 
-class _Work:
-    """The cells of a map, value after value, each value kept as soon as it is done."""
+@dataclass
+class _Execution:
+    """The cells of a map, value after value, each value stored as soon as it is done."""
 
-    def __init__(self, measure: str | None, max_wall: float | None, accuracy: float, chosen: list[Way], first: Problem,
-                 free_choice: bool, kept: Checkpoint, tell: Callable[[int, int, str], None], total: int) -> None:  # fmt: skip
-        self.measure, self.max_wall, self.accuracy, self.chosen = measure, max_wall, accuracy, chosen
-        self.first, self.free_choice, self.kept, self.tell, self.total = first, free_choice, kept, tell, total
-        self.done = 0
+    measure: str | None
+    max_wall: float | None
+    accuracy: float
+    chosen: list[Way]
+    first: Problem  #: the scene as it is stated
+    free_choice: bool  #: whether the user named no runs
+    kept: Checkpoint
+    tell: Callable[[int, int, str], None]
+    total: int  #: of runs and references
+    done: int = 0
 
     def block(self, p: Varied) -> Block:
         """All values of one parameter."""

@@ -225,7 +225,7 @@ CALLS: dict[str, Call] = {
         "reference": None, **RUNS}, "mbdae.compare.comparison.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
-        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Work"),
+        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Execution"),
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
