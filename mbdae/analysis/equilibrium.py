@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.statics import CONVERGED, Point, Statics
-from mbdae.analysis.steady import Rest, acceleration_scale, departure
+from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
@@ -146,7 +146,7 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
 def confirmed(statics: Statics, point: Point) -> Equilibrium:
     """The Result of a point at rest that is determined, and stays at rest as time goes on."""
     if statics.mechanics.reactive and not statics.elastic:  # the motion settles before the multipliers do
-        point = statics.carried(point)
+        point = statics.with_reactions(point)
     result = as_result(statics, point)
     soft = statics.soft_motions(statics.tangent(point))
     if soft:
@@ -155,7 +155,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
-    reason = departure(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
+    reason = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
     if reason:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
                                f"in that frame with time; take another frame", result)  # fmt: skip
@@ -220,12 +220,12 @@ class _Path:
 
     def _refuse_free_motions(self, begin: Point) -> None:
         """A motion without stiffness under the full loads too, at the start and beside it, has none anywhere."""
-        s, full = self.statics, self.statics.carried(replace(begin, load_factor=1.0))
+        s, full = self.statics, self.statics.with_reactions(replace(begin, load_factor=1.0))
         T = s.tangent(full)
         aside = np.zeros(T.K.shape[0])
         free = s.free_motions(T) if s.elastic else T.N
         aside[: s.mechanics.nu] = free @ np.random.default_rng(5).uniform(0.03, 0.1, free.shape[1])
-        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.carried(s.moved(full, T.p, aside))))
+        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.with_reactions(s.moved(full, T.p, aside))))
         if soft:
             raise EquilibriumError(f"no state at rest can be determined: {soft[0]} meets no stiffness; {REMEDY}")
 

@@ -104,7 +104,7 @@ def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None
         u[node.u + 2] = omega[2]
 
 
-def carriers(model: Model) -> list[Node]:
+def nodes_in_space(model: Model) -> list[Node]:
     """Nodes with a place in space: all but the coordinates of joints."""
     return [n for n in model.nodes if n.kind is not NodeKind.COORDINATE]
 
@@ -112,7 +112,7 @@ def carriers(model: Model) -> list[Node]:
 def steady_acceleration(model: Model, frame: RotatingFrame, q: Array, u: Array) -> Array:
     """u' (nu,) of the motion that is steady in the frame."""
     up = np.zeros(model.nu)
-    for node in carriers(model) if frame.turns else ():
+    for node in nodes_in_space(model) if frame.turns else ():
         v, omega = velocity(node, u), angular_velocity(node, q, u)
         set_velocity(node, q, up, np.cross(frame.rate, v), np.cross(frame.rate, omega))
     return up

@@ -15,7 +15,7 @@ from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, mot
 from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
 from mbdae.analysis.shapes import Mode, motion, scaled, shares
-from mbdae.analysis.steady import STEADY, departure, times_to_compare
+from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
 from mbdae.errors import OptionError, SteadyError, Told
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
@@ -193,7 +193,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
     found = Linearization(prepared, axes, start.t, p, count)
     beams = (system, z) if m.model.lines else None
-    reason = departure(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
+    reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
         raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
                           f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a "

@@ -77,7 +77,7 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
         raise OptionError(f"{system.names[rigid[0]]} has no compliance: floquet needs finite stiffnesses of all sections")
 
 
-def carried(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
+def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
     solve = _sparse_step if system.sparsity is not None else _dense_step
     for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):

@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.monodromy import Departures, carried, departures
+from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
 from mbdae.analysis.shapes import Mode, motion, scaled, shares
 from mbdae.errors import AccuracyWarning, SolverError, Told
@@ -193,7 +193,7 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
     before: Found | None = None
     while True:
         try:
-            now = _of(system, directions, period, steps)
+            now = _in_steps(system, directions, period, steps)
         except SolverError:  # the motion itself needs shorter steps
             if 2 * steps > MOST:
                 raise
@@ -208,8 +208,8 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
         before, steps = now, 2 * steps
 
 
-def _of(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
-    matrix = directions.read(carried(system, followed(system, period, steps), directions.start))
+def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
+    matrix = directions.read(propagated(system, followed(system, period, steps), directions.start))
     values, vectors = np.linalg.eig(matrix)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)

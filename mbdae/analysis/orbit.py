@@ -79,7 +79,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
     acting = acting_states(system, run)
-    off, what = _departure(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
+    off, what = _difference(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
     remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
               "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
     if off > RETURN:
@@ -114,7 +114,7 @@ def _some(count: int) -> Numbers:
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
 
 
-def _departure(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
+def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
     """Largest relative difference of two states (2, ...), and what it is in words."""
     m = prepared.mechanics
     found = [_moved(node, q[0], q[1], prepared.length) for node in m.model.nodes]

@@ -56,9 +56,9 @@ class _Blocks:
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
     """A scene in a form with the absolute coordinates of all nodes and all rows: recursive joints and shared
     displacements keep theirs, so that every motion and every reaction is seen."""
-    everything = Carried(mechanics.model, [])
-    everything.sharing = Sharing()
-    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, everything)
+    bodies = Carried(mechanics.model, [])
+    bodies.sharing = Sharing()
+    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, bodies)
 
 
 @dataclass(frozen=True)

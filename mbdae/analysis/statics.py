@@ -60,7 +60,7 @@ class Point:
     iterations: int = 0
 
 
-PRESSED = 100  #: iterations in which friction and the reactions that press it agree
+FRICTION_ITERATIONS = 100  #: iterations in which friction and the reactions that press it agree
 
 
 class Statics:
@@ -78,7 +78,7 @@ class Statics:
         y = np.zeros(self.system.n)
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
         self.unbalanced = np.zeros(self.system.n)
-        self.begin = self.carried(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
+        self.begin = self.with_reactions(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
         self.unbalanced = self._unloaded(self.begin)
 
     def q(self, point: Point) -> Array:
@@ -124,7 +124,7 @@ class Statics:
                     out[m.numbering.velocity(target, g, i)] += values[0, i, o]
         return out
 
-    def carried(self, point: Point) -> Point:
+    def with_reactions(self, point: Point) -> Point:
         """The point with the multipliers that carry what constraints can carry: of all forces, or below load factor 1 of
         inertia alone (the pull of a rotation, which gives a rotor its stiffness). Preload stays where it acts: a couple that
         turned into forces would lose its lever as the body turns."""
@@ -132,12 +132,12 @@ class Statics:
         if not m.m:
             return point
         if self.elastic:
-            return self._stressed(point)
+            return self._with_stresses(point)
         G = m.constraint_jacobian(self.rest.t, self.q(point)[None])[0]
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
         point, multipliers = replace(point, y=y), np.zeros(m.m)
-        for _ in range(PRESSED if m.reactive else 1):  # friction follows from the multipliers it changes
+        for _ in range(FRICTION_ITERATIONS if m.reactive else 1):  # friction follows from the multipliers it changes
             r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
             less = r - G.T @ multipliers if point.load_factor == 1 else r
             mobile, before = np.linalg.solve(m.weight, np.column_stack([G.T, less])), multipliers
@@ -147,7 +147,7 @@ class Statics:
                 break
         return point
 
-    def _stressed(self, point: Point) -> Point:
+    def _with_stresses(self, point: Point) -> Point:
         """The same with the stresses of beams, both by linear theory. Below load factor 1 the strains that belong to them
         are part of what is left unbalanced: they come about as the loads are raised."""
         m, nu, n = self.mechanics, self.mechanics.nu, self.system.n

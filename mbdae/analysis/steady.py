@@ -13,8 +13,8 @@ from mbdae.analysis.frame import (
     advanced,
     angular_velocity,
     attitude,
-    carriers,
     frame_at,
+    nodes_in_space,
     position,
     set_velocity,
     steady_acceleration,
@@ -35,7 +35,7 @@ from mbdae.ties import largest
 STEADY = 1e-4  #: relative: departures below change eigenvalues by as little
 
 
-def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
+def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
               tolerance: float = STEADY, beams: tuple[SceneSystem, Array] | None = None) -> str | None:  # fmt: skip
     """Why a state does not go on as a motion that is steady in the frame; None where it does. beams: for a scene with
     beams its complete system with stresses, and their values, which a steady motion keeps."""
@@ -45,7 +45,7 @@ def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: A
         qt, ut = advanced(m, frame, q, u, tau) if tau else (q, u)
         reason = _constraints_broken(m, t + tau, qt, ut, tolerance)
         if reason is None and beams is not None:
-            reason = _pulled(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
+            reason = _accelerates_by_stresses(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
         elif reason is None:
             reason = _accelerates(m, frame, t + tau, qt, ut, s + tau * rates, tolerance)
         if reason:
@@ -55,7 +55,7 @@ def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: A
 
 def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> tuple[float, ...]:
     """Times (s) after which a steady motion is looked at again: fractions of a turn no symmetric rotor repeats after."""
-    spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in carriers(m.model)]
+    spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in nodes_in_space(m.model)]
     fastest = max([*spins, float(np.linalg.norm(frame.rate))])
     timed = any(instance.timed for group in m.model.groups for instance in group.instances)
     natural = np.sqrt(np.max(acceleration_scale(m, np.array([t]), q, np.zeros_like(u), s), initial=0.0))
@@ -91,8 +91,8 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
     return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
 
 
-def _pulled(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array], state: tuple[float, Array, Array, Array],
-            tolerance: float) -> str | None:  # fmt: skip
+def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array],
+                             state: tuple[float, Array, Array, Array], tolerance: float) -> str | None:  # fmt: skip
     t, q, u, s = state
     found = dynamics(beams[0], m, t, q, u, s, beams[1])
     off = forces_off(m, steady_acceleration(m.model, frame, q, u), found)
@@ -173,7 +173,7 @@ class Rest:
     def _spins(self) -> list[tuple[Node, Array]]:
         """Angular velocity (3,) of every node relative to the frame, along the axes of its body."""
         q, u = self.start.q, self._at_start
-        relative = [(node, angular_velocity(node, q, u) - self.frame.rate) for node in carriers(self.model)]
+        relative = [(node, angular_velocity(node, q, u) - self.frame.rate) for node in nodes_in_space(self.model)]
         return [(node, attitude(node, q).T @ spin if node.kind.turns else np.zeros(3)) for node, spin in relative]
 
     @cached_property
@@ -188,7 +188,7 @@ class Rest:
     def _at_start(self) -> Array:
         """u (nu,) at the start's positions, with the spins that joints and drives ask for."""
         q, u = self.start.q, np.zeros(self.mechanics.nu)
-        for node in carriers(self.model):
+        for node in nodes_in_space(self.model):
             self._turn(node, q, u, self.frame.rate)
         if self._fits(q, u):
             return u
@@ -233,7 +233,7 @@ class Rest:
     def departs(self, q: Array, u: Array) -> str | None:
         """Why velocities are not rest in the frame; None where they are. Spins on the spot are rest."""
         size = 1e-7 * (float(np.max(np.abs(u) / self.mechanics.velocity_units, initial=0.0)) + 1e-12)
-        for node in carriers(self.model):
+        for node in nodes_in_space(self.model):
             off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
             if np.linalg.norm(off) > size * self.model.length:
                 return f"'{node.name}' moves in it at {np.linalg.norm(off):.4g} m/s"
@@ -251,7 +251,7 @@ class Rest:
         G, gamma = (f(self.t, q[None], *more)[0] for f, more in
                     ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))  # fmt: skip
         off, terms = G @ up + gamma, np.abs(G) @ np.abs(up) + np.abs(gamma)
-        spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in carriers(self.model))
+        spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in nodes_in_space(self.model))
         worst = largest(np.abs(off))
         if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
             return None

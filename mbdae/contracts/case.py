@@ -95,7 +95,7 @@ class Case:
         return sections
 
     @cached_property
-    def everything(self) -> Plan:
+    def all_outputs(self) -> Plan:
         """All outputs the contracts look at, in one kernel: one compilation, one oracle."""
         return Plan(self.d, lambda d: [entry for outputs in self._sections for entry in outputs(d)])
 
@@ -113,7 +113,7 @@ class Case:
         targets, part = self._sections[outputs]
         if not targets:
             return np.zeros((len(next(iter(values.values()))), 0))
-        return self.everything.kernel.oracle(columns(self.everything.all_inputs.symbols, values))[:, part]
+        return self.all_outputs.kernel.oracle(columns(self.all_outputs.all_inputs.symbols, values))[:, part]
 
     def slope(self, outputs: Outputs, u: dict[str, NDArray[Any]], clock: bool = False) -> Array:
         """d/dt (points, outputs) along velocities u, by complex step."""
@@ -169,7 +169,7 @@ def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Itera
 
 
 def label(d: Derived, target: Target) -> str:
-    """A target in words: constraint rows by name, everything else by kind, side and number."""
+    """A target in words: constraint rows by name, all else by kind, side and number."""
     if target[0] in ("g", "gd", "gdd", "lambda", "mu"):
         return f"{target[0]}[{d.rows[target[1]]}]"
     return " ".join(map(str, target))

@@ -73,7 +73,7 @@ def jacobian(case: Case) -> Iterator[Measured]:
 
 def compiled(case: Case) -> Iterator[Measured]:
     """LLVM against numpy for everything that is evaluated of the law."""
-    p = case.everything
+    p = case.all_outputs
     if not p.targets:
         return
     x = columns(p.all_inputs.symbols, case.values)
