@@ -13,12 +13,11 @@ from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
 from mbdae.extremes.checkpoint import Checkpoint, checkpoint
 from mbdae.extremes.data import Block, ExtremesData
-from mbdae.extremes.defaults import default_vary
 from mbdae.extremes.page import page
 from mbdae.extremes.reference import reference_at
 from mbdae.extremes.table import table
 from mbdae.extremes.values import asked_values
-from mbdae.extremes.vary import Varied, stated, varied
+from mbdae.extremes.vary import Varied, default_vary, stated, varied
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible

@@ -67,7 +67,7 @@ def items_of(scene: SceneData) -> str:
 def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
     """Set one argument of a call; returns the factor on the length of the run."""
     if keys == ["speed"]:
-        return set_speed(call, method, value, name)
+        return _set_speed(call, method, value, name)
     if keys == ["mass"] and method in ("rigid_body", "link"):
         _set_mass(call, method, value)
     elif keys == ["stiffness"] and not {"stiffness", "law"} & set(call):
@@ -111,7 +111,7 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
     return dict.__getitem__(call[key], "fields") if isinstance(call[key], dict) else fields
 
 
-def set_speed(call: dict[str, Any], method: str, value: float, name: str) -> float:
+def _set_speed(call: dict[str, Any], method: str, value: float, name: str) -> float:
     """Speed of a drive, of a held start rate, or of a body's start; the run is as many times shorter."""
     motion = {"revolute": "angle", "prismatic": "position"}.get(method, "")
     drive = call.get(motion)
@@ -170,3 +170,26 @@ def _listed(holder: Any) -> str:
         return f"a list of {len(holder)}"
     names = [str(k) for k in holder if k not in ("self", "name")] if isinstance(holder, dict) else []
     return (", ".join(names) or "nothing more") + f"; shorthands: {SHORTHANDS}"
+
+
+def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
+    """The mass, stiffness or speed an item states; None where it states none."""
+    index, bound = call_of(scene, scene.statements, item)
+    method, call = scene.statements[index][0], bound.arguments
+    if kind == "mass":
+        body = next((b for b in scene.bodies if b.name == item), None)
+        return body.mass if body is not None and method != "beam" else None
+    if kind == "speed":
+        try:
+            return _set_speed(copy.deepcopy(call), method, 1.0, item)
+        except OptionError:
+            return None
+    model = call.get("model")
+    normal = model.get("fields", {}).get("normal") if isinstance(model, dict) else None
+    section = call.get("section")
+    own = call.get("law", {}).get("values", {})
+    for holder, key in ((call, "stiffness"), (own, "stiffness"), (call, "spring"), (section, "EA"), (normal, "stiffness")):
+        fields = holder.get("fields", holder) if isinstance(holder, dict) else {}
+        if fields.get(key) is not None:
+            return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
+    return None

@@ -8,11 +8,10 @@ import sympy
 
 import mbdae as mb
 from mbdae.compare.problem import new_problem
-from mbdae.extremes.defaults import default_vary
 from mbdae.extremes.reference import reference_at
 from mbdae.extremes.statements import changed
 from mbdae.extremes.values import asked_values, ladder
-from mbdae.extremes.vary import varied
+from mbdae.extremes.vary import default_vary, varied
 from mbdae.inputs.timed import expression, values
 from mbdae.laws.forces import PointSpring
 
