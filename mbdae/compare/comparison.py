@@ -60,7 +60,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     default the motion of the bodies. reference: a Result, or a function of the times that returns the measure; default a
     tight Radau run that a second method confirms. max_wall: s of wall time per run. progress(done, total, label): called
     before every run.
-    resume: a JSON file that keeps every finished run; where it exists, runs it holds are not made again.
+    resume: a JSON file that stores every finished run; runs that an existing one holds are not repeated.
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)

@@ -59,14 +59,14 @@ class ComparisonData(Told):
 
     @property
     def caution(self) -> str | None:
-        """Said where errors are smaller than what is known of the reference."""
+        """A sentence where errors are smaller than the uncertainty of the reference; else None."""
         known = self.reference.difference
         if known is None or not any(row.error is not None and row.error < known for row in self.runs):
             return None
         return f"Errors below {known:.1e} are within the reference's own uncertainty."
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values; unknown ones are None."""
+        """All data as plain values; unknown ones are None."""
         best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
         data = {
             "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,

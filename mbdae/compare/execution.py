@@ -1,4 +1,4 @@
-"""The runs of a comparison, one after another, each kept as soon as it is done."""
+"""The runs of a comparison, one after another, each stored as soon as it is done."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 
 @dataclass
 class Execution:
-    """What is left of a comparison: the queue behind the rows of `state`."""
+    """The runs of `queue` that have no row in `state` yet."""
 
     problem: Problem
     queue: Sequence[tuple[Run, float | None]]
@@ -37,7 +37,7 @@ class Execution:
     begin: float  #: process time at which the comparison began
 
     def do(self, tell: Progress) -> None:
-        """Reference and runs that are not done yet; Ctrl-C says what is done."""
+        """Compute the reference and the rows that are missing; a KeyboardInterrupt says how many rows there are."""
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
@@ -68,7 +68,7 @@ class Execution:
 
 
 def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
-    """One run: its row, and what is compared of it (None where it failed)."""
+    """One run: its row, and its values that are compared (None where it failed)."""
     facts: dict[str, Any] = {**_told(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = problem.spent
     try:
@@ -90,7 +90,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
 
 
 def _told(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
-    """Label, form and joint model of what really runs; as asked for before the equations are known."""
+    """Label, form and joint model of the equations of a run; of the run as asked where there are none yet."""
     form = run.form.label if run.form is not None else (equations or problem.stated).system(None).label
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
@@ -99,7 +99,7 @@ def _told(problem: Problem, run: Run, equations: Equations | None) -> dict[str, 
 
 
 def counts(solution: Solution | None) -> dict[str, Any]:
-    """The evaluations and the size a row tells."""
+    """Evaluations and memory of a run, as entries of a Row."""
     stats = solution.stats if solution is not None else Stats()
     size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
     return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}

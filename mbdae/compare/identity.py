@@ -1,4 +1,4 @@
-"""What a comparison is, as plain data: two comparisons are the same where these are equal."""
+"""The identity of a comparison as plain data: two comparisons are the same where these are equal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.compare.run import Run
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
 
-PROBES = 7  #: points at which equations without statements are evaluated to recognise them
+PROBES = 7  #: states at which the equations of a System are evaluated to recognise them
 
 
 def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def _run(run: Run) -> dict[str, Any]:
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:
-    """Functions have no statements: their values at fixed points tell them apart."""
+    """A System is functions, which cannot be written down: their values at fixed states identify them."""
     out, values = np.empty(system.n), []
     for k in range(PROBES):
         wave = np.sin((1 + k) * (1.0 + np.arange(system.n)))

@@ -16,7 +16,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate"
 BELOW = "below the reference's own uncertainty"
-LETTERS = 13.5  #: of small text per inch
+LETTERS = 13.5  #: letters of small text per inch
 
 
 def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
@@ -46,7 +46,7 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
 
 
 def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
-    """The picture as an <svg> element for a page, told to screen readers by its title; ids begin with `name`."""
+    """The picture as an <svg> element for a page; title: its text for screen readers; ids begin with `name`."""
     import matplotlib
 
     out = io.StringIO()
@@ -73,7 +73,7 @@ def _name(label: str, rows: Sequence[Row]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text in which a dollar is a dollar."""
+    """Text in which matplotlib reads no dollar as the begin of a formula."""
     return text.replace("$", r"\$")
 
 

@@ -15,14 +15,14 @@ from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.values import array, function, option
 
-TIGHTER = 100.0  #: accuracy of the reference below the smallest one asked
-CONFIRM = 10.0  #: accuracy of the second method below the smallest one asked
+TIGHTER = 100.0  #: the smallest accuracy asked, over that of the reference
+CONFIRM = 10.0  #: the smallest accuracy asked, over that of the second method
 FLOOR = 1e-11
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the truth comes from. `difference`: of the second method, as the measure says; None where there is none."""
+    """The run that errors are measured against. `difference`: of the second method to it, in the unit of the measure."""
 
     label: str
     accuracy: float | None
@@ -34,7 +34,7 @@ class Reference:
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing speaks against it: given by the user, or confirmed to a third of the smallest accuracy."""
+        """Whether it was given by the user, or confirmed to a third of the smallest accuracy."""
         return self.note is None
 
     def __str__(self) -> str:
@@ -43,7 +43,7 @@ class Reference:
 
 
 def refuse_no_reference(given: Any) -> None:
-    """Refuse what is no reference."""
+    """Raise OptionError for what is no reference."""
     if given is not None and not isinstance(given, Result):
         option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
                takes="times")  # fmt: skip
@@ -74,7 +74,7 @@ def _given_result(problem: Problem, given: Result) -> tuple[Reference, Any]:
 
 
 def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, Any]:
-    """The tightest Radau run and its values; a second method tells how far it can be trusted."""
+    """The tightest Radau run and its values; the difference of a second method is its uncertainty."""
     system = problem.system(None)
     solver = _radau(problem, max(smallest / TIGHTER, FLOOR))
     run = problem.solve(solver, problem.resolving, repeat=False)
@@ -105,7 +105,7 @@ def _radau(problem: Problem, accuracy: float) -> Solver:
 
 
 def _seconds(problem: Problem, smallest: float) -> list[Solver]:
-    """Methods that may confirm, each tried at a tolerance and, where its own error hides the answer, at a tighter one."""
+    """Second methods in the order in which they are tried, at tighter tolerances where their own error may be the difference."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
 

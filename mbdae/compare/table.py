@@ -1,4 +1,4 @@
-"""A comparison as plain text; the page shows the same cells."""
+"""A comparison as plain text; its page shows the same cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 
-WIDTH = 128  #: of sentences; the grid is as wide as it must be
+WIDTH = 128  #: letters per line of sentences; the grid may be wider
 MARKS = ("*", "failed")
 #: heading of each column, and what it means
 COLUMNS = {
@@ -24,7 +24,7 @@ COLUMNS = {
     "Jacobians": "evaluations of the Jacobian",
     "factoris.": "factorisations",
     "Newton": "Newton iterations",
-    "kB": "size of the accepted steps kept (t, y, y')",
+    "kB": "memory of the accepted steps (t, y, y')",
     "MB": "peak memory of the whole process during the run",
     "": "* no other run is both cheaper in CPU time and more accurate",
 }
@@ -59,7 +59,7 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def failure_lines(failures: Sequence[Row]) -> list[str]:
-    """Accuracies asked, by run and reason: the same reason is told once."""
+    """Accuracies asked, by run and reason: one line per reason."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
         reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
@@ -79,7 +79,7 @@ def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
 
 
 def environment_line(w: ComparisonData) -> str:
-    """CPU time spent, and what with."""
+    """CPU time spent, versions and machine."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
             f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where methods break: a scene run every way at the extremes of its parameters."""
+"""Where methods fail: a scene run by every method at extreme values of its parameters."""
 
 from mbdae.extremes.extremes import Extremes, extremes
 

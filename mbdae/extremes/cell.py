@@ -1,4 +1,4 @@
-"""One cell of a map of extremes: a run at the accuracy asked, its error against a trustworthy reference, and the verdict."""
+"""One cell of a map of extremes: a run at the accuracy asked, its error against a reference, and the verdict."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ VERDICTS = {
     TOLD: "the error is above what was asked, and the run said so",
     SILENT: "the error is more than 3 times what was asked, without warning or error",
     FAILED: "the run stopped, or was refused, with its reason",
-    UNKNOWN: "no trustworthy reference: nobody knows the error of this run",
+    UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-SILENCE = 3.0  #: error over accuracy above which nothing said is a silent miss
-MARGIN = 10.0  #: a doubtful reference judges what is off by that many times its doubt
+SILENCE = 3.0  #: error over accuracy above which a run without warning counts as missed silently
+MARGIN = 10.0  #: a run is judged by an uncertain reference where its error is above this multiple of the uncertainty
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A run at one value of the parameter. error as the measure says, estimated by the run itself, cpu_s of all its runs."""
+    """A run at one value of the parameter. error: in the unit of the measure; estimated: error estimate of the run itself; cpu_s:
+    of the run with its companions."""
 
     value: float
     label: str
@@ -59,7 +60,7 @@ class Cell:
 
 
 def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
-    """The verdict on an error that is known to within `uncertainty` (None: not at all); what doubt leaves open is not judged."""
+    """The verdict on an error known to within `uncertainty` (None: not at all); not judged where that decides the verdict."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
     doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0
@@ -73,8 +74,8 @@ def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None
 
 
 def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: Reference) -> Cell:
-    """Run a way at a value and judge it. A run with a tolerance or step of its own is verified by another method, as a user
-    would who wants to know its error."""
+    """Run a way at a value and judge it. A run with a tolerance or step of its own has no error estimate, so it is verified by
+    another method."""
     run, models, scene = way.run, way.run or way.models, problem.scene
     assert scene is not None
     facts: dict[str, Any] = {

@@ -16,7 +16,7 @@ from mbdae.values import number, option, text
 
 @dataclass(frozen=True)
 class Block:
-    """One varied parameter: its values, what the runs at each value were measured against, and their cells."""
+    """One varied parameter: its values, the reference of each, and the cells."""
 
     parameter: str
     values: tuple[float, ...]
@@ -60,17 +60,17 @@ class ExtremesData(Told):
 
     @property
     def silent(self) -> tuple[Cell, ...]:
-        """Runs that were wrong and said nothing."""
+        """Runs that missed the accuracy without a warning."""
         return tuple(cell for cell in self.cells if cell.verdict == SILENT)
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """The number of runs by verdict, in one sentence."""
         told = ", ".join(f"{n} {name}" for name, n in self.counts.items())
         return f"{len(self.cells)} runs: {told}."
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values."""
+        """All data as plain values."""
         return dict(json.loads(json.dumps({
             "scene": self.scene, "t_end": self.t_end, "accuracy": self.accuracy, "measure": self.measure, "error_is": self.what,
             "counts": self.counts, "blocks": [asdict(block) for block in self.blocks], "cpu_s": self.cpu_s,

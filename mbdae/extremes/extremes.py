@@ -1,4 +1,4 @@
-"""Where methods break: a scene at the extremes of its parameters, run every way, each run judged against a reference."""
+"""Where methods fail: a scene at extreme values of its parameters, run every way, each run judged against a reference."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class Extremes(ExtremesData):
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
              progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:  # fmt: skip
-    """Run a scene at the extremes of its parameters and say where which method keeps its promise.
+    """Run a scene at extreme values of its parameters and tell which methods reach the accuracy asked, and which say that they
+    do not.
 
     scene: a mb.Scene, or a function scene(**parameters) that returns one. t_end: s.
     vary: {parameter: (low, high)}, a ladder of at most seven values, decades apart; or {parameter: [values]}. Values are in the
@@ -56,10 +57,10 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     "C.spring", "beam.section.EA", "B.model.outer"; shorthands: mass, stiffness, speed, clearance), an argument of scene(),
     or "accuracy", "step" (s, constant, at most `STEPS` of them), "t_end" (s). A faster drive or start runs for as many
     turns: its t_end shrinks. Default: what the scene states, by factors.
-    runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae comes last.
+    runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae itself comes last.
     measure: a sensor, "C.angle"; default the motion of the bodies. max_wall: s of wall time per run.
-    progress(done, total, label): called before every run. resume: a JSON file that keeps every finished value, also where Ctrl-C
-    or an error ends the map.
+    progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
+    the same call goes on after Ctrl-C or an error.
     """
     begin = time.process_time()
     accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None

@@ -10,7 +10,7 @@ from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDIC
 from mbdae.extremes.data import Block, ExtremesData
 from mbdae.extremes.table import MARKS, doubted, notes, text
 
-#: background, text: told apart in lightness as well as in hue (Okabe and Ito's palette, lightened where text is dark)
+#: background and text colour, different in lightness and in hue (Okabe and Ito's palette, lightened under dark text)
 COLOURS = {
     MET: ("#cfe5f5", "#10334d"), NEAR: ("#8fc1e3", "#0b2536"), TOLD: ("#f6dca6", "#4d3300"), SILENT: ("#8a0f3c", "#ffffff"),
     FAILED: ("#e08e45", "#2b1500"), UNKNOWN: ("#e6e6e6", "#333333"),
@@ -47,8 +47,8 @@ def _summary(m: ExtremesData) -> str:
 def _legend(m: ExtremesData) -> str:
     lines = [f'<li><span class="swatch {KINDS[name]}">{MARKS[name]} {n}</span>'
              f"<span><b>{name}</b>: {escape(VERDICTS[name])}</span></li>\n" for name, n in m.counts.items()]  # fmt: skip
-    note = ("A cell holds its mark and the largest error of the run; what else is known of it shows when it is pointed at, and "
-            "stands in the JSON file.")  # fmt: skip
+    note = ("A cell holds its mark and the largest error of the run; its other data show when it is pointed at, and "
+            "are in the JSON file.")  # fmt: skip
     return section("legend", "Legend and counts", f'<ul class="legend">{"".join(lines)}</ul>\n<p class="note">{note}</p>')
 
 
@@ -65,7 +65,7 @@ def _cell(cell: Cell | None) -> str:
 
 
 def _told(cell: Cell) -> str:
-    """What is known of a cell, for the pointer."""
+    """The data of a cell, shown where the pointer rests on it."""
     parts = [cell.verdict, f"{cell.solver} {cell.form}".strip()]
     for name, value, form in (("estimated", cell.estimated, ".1e"), ("CPU s", cell.cpu_s, ".2f")):
         parts += [f"{name} {value:{form}}"] if value is not None else []
@@ -74,7 +74,7 @@ def _told(cell: Cell) -> str:
 
 
 def _said(block: Block) -> str:
-    """What runs said, and which references could not be trusted."""
+    """Uncertain references, and warnings and errors of runs."""
     told = [*(f"not judged at {value:g}: reference {reference}" for value, reference in doubted(block)), *notes(block)]
     if not told:
         return ""

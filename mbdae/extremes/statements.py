@@ -22,8 +22,7 @@ Statements = list[Any]
 
 def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tuple[SceneData, float]:
     """The scene with the argument `name` ("item.argument", dots go into a model or section, numbers into a list) set, and
-    the factor on the length of its run: faster drives run for as many turns, not for as many seconds. Pulses of inputs are
-    sought in t_end s."""
+    the factor on the end of its run: a faster drive runs for the same number of turns. Pulses of inputs are sought in t_end s."""
     item, *keys = name.split(".")
     statements = copy.deepcopy(scene.statements)
     index, call = call_of(scene, statements, item)
@@ -41,17 +40,12 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
 
 
 def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, inspect.BoundArguments]:
-    """Where the statement of an item is, and its arguments by name."""
-    index = _statement(scene, statements, item)
-    method, args, kwargs = statements[index]
-    return index, inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
-
-
-def _statement(scene: SceneData, statements: Statements, item: str) -> int:
+    """Number of the statement of an item, and its arguments by name."""
     names = [name_of(s) for s in statements]
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
-    return names.index(item)
+    method, args, kwargs = statements[names.index(item)]
+    return names.index(item), inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
 
 
 def name_of(statement: Any) -> Any:
@@ -65,7 +59,7 @@ def items_of(scene: SceneData) -> str:
 
 
 def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:
-    """Set one argument of a call; returns the factor on the length of the run."""
+    """Set one argument of a statement; returns the factor on the end of the run."""
     if keys == ["speed"]:
         return _set_speed(call, method, value, name)
     if keys == ["mass"] and method in ("rigid_body", "link"):
@@ -81,7 +75,7 @@ def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name:
 
 
 def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
-    """Mass with the inertia in proportion: the same body of another density."""
+    """Set the mass, and the inertia in proportion: the same body with another density."""
     if method == "rigid_body" and call["mass"]:
         call["inertia"] = (np.asarray(call["inertia"], dtype=float) * (value / call["mass"])).tolist()
     call.pop("mass_per_length", None)
@@ -89,7 +83,7 @@ def _set_mass(call: dict[str, Any], method: str, value: float) -> None:
 
 
 def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
-    """Of a joint: its spring, or the contact of its clearance; of a beam: all stiffnesses in proportion, EA the value."""
+    """Set the spring of a joint, the contact stiffness of a clearance, or EA of a beam with the others in proportion."""
     if call.get("spring") is not None:
         call["spring"] = value
     elif "section" in call:
@@ -112,7 +106,7 @@ def _fields(call: Mapping[str, Any], key: str, wanted: Sequence[str], name: str)
 
 
 def _set_speed(call: dict[str, Any], method: str, value: float, name: str) -> float:
-    """Speed of a drive, of a held start rate, or of a body's start; the run is as many times shorter."""
+    """Set the speed of a drive, of rate0 of a joint, or of a body at the start; returns the factor on the end of the run."""
     motion = {"revolute": "angle", "prismatic": "position"}.get(method, "")
     drive = call.get(motion)
     if isinstance(drive, dict) and "expression" in drive:
@@ -140,7 +134,7 @@ def _ratio(value: float, before: float, name: str) -> float:
 
 
 def _descend(holder: Any, keys: list[str], value: float, name: str) -> None:
-    """Set the number that the keys lead to; a list of numbers keeps its ratios, its largest entry becomes the value."""
+    """Set the number at the path of keys; a list of numbers is scaled so that its largest entry is the value."""
     key: Any = keys[0]
     if isinstance(holder, dict) and ("fields" in holder or "values" in holder):
         holder = holder.get("fields", holder.get("values"))

@@ -8,11 +8,11 @@ from mbdae.compare.table import grid
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
 from mbdae.extremes.data import Block, ExtremesData
 
-#: numbers, and what resists a run most: sentences that differ in them alone are told once
+#: numbers, and details of failures: of sentences that differ in them alone the first is shown
 NUMBERS = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?|\(resisting most: [^)]*\)+|; the iteration matrix is singular"
                      r"|Convergence tests failed too many times, or reached min step size"
                      r"|the step fell below the round-off of the time")  # fmt: skip
-#: how a verdict is marked where there is no colour
+#: mark of each verdict, for text and for readers who see no colours
 MARKS = {MET: "=", NEAR: "~", TOLD: "!", SILENT: "SILENT", FAILED: "x", UNKNOWN: "?"}
 
 
@@ -34,7 +34,7 @@ def rows(block: Block) -> list[tuple[str, ...]]:
 
 
 def text(cell: Cell | None, mark: bool = False) -> str:
-    """What a cell shows: its error, or that there is none."""
+    """The text of a cell: its error, "failed", or "-" where the error is not known."""
     if cell is None:
         return ""
     shown = "failed" if cell.verdict == FAILED else "-" if cell.error is None else f"{cell.error:.0e}"
@@ -42,7 +42,7 @@ def text(cell: Cell | None, mark: bool = False) -> str:
 
 
 def notes(block: Block) -> list[str]:
-    """What runs said, each sentence once with the cells it belongs to; silent misses first."""
+    """Warnings and errors of runs, each sentence once with the cells it belongs to; silent misses first."""
     said: dict[tuple[str, str], list[str]] = {}
     first: dict[tuple[str, str], str] = {}
     for cell in sorted(block.cells, key=lambda c: c.verdict != SILENT):
@@ -66,5 +66,5 @@ def doubted(block: Block) -> list[tuple[float, str]]:
 
 
 def _short(sentence: str) -> str:
-    """Short enough to be read beside others."""
+    """At most 300 letters of a sentence."""
     return sentence if len(sentence) <= 300 else sentence[:297] + "..."

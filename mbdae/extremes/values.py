@@ -10,7 +10,7 @@ from mbdae.errors import OptionError
 from mbdae.values import number, option, sequence, shown
 
 OPTIONS = {"accuracy": "accuracy asked", "step": "constant step, s", "t_end": "end of the run, s"}
-RUNGS = 7  #: values of a ladder between two bounds at most
+RUNGS = 7  #: most values of a ladder between two bounds
 
 
 def asked_values(vary: Any) -> dict[str, tuple[float, ...]]:
@@ -40,10 +40,10 @@ def _values(name: str, asked: Any) -> tuple[float, ...]:
 
 
 def ladder(low: float, high: float) -> tuple[float, ...]:
-    """Both bounds and the decades between them, evenly thinned to at most `RUNGS` values."""
+    """Both bounds and whole decades between them, at equal distances, at most `RUNGS` values."""
     decades = abs(math.log10(high / low))
     steps = max(1, math.ceil(decades - 1e-9)) if decades <= RUNGS - 1 else 0
-    if not steps:  # the largest number of whole-decade strides that fits, else as many strides as allowed
+    if not steps:  # the largest number of steps of whole decades, else as many steps as allowed
         whole = [n for n in range(RUNGS - 1, 0, -1) if abs(decades / n - round(decades / n)) < 1e-9]
         steps = whole[0] if whole else RUNGS - 1
     return tuple(float(f"{low * (high / low) ** (i / steps):.6g}") for i in range(steps + 1))

@@ -23,7 +23,7 @@ FEW = 4  #: items of a kind that are varied by default
 @dataclass(frozen=True)
 class Varied:
     """A parameter with its values. scene(value): the scene at that value; t_end: the end of its run, s; stops: times at which
-    a run that is to see every pulse of its inputs starts anew, s."""
+    a reference restarts so that it steps over no pulse of the inputs, s."""
 
     name: str
     values: tuple[float, ...]
@@ -38,7 +38,7 @@ def varied(scene: Any, t_end: float, values: Mapping[str, Sequence[float]]) -> l
 
 
 def stated(scene: Any) -> SceneData:
-    """The scene as it is without variation; `scene` is one, or a function that makes it."""
+    """The scene without variation; `scene` is one, or a function that returns it."""
     remedy = "give a mb.Scene, or a function scene(**parameters) with defaults that returns one"
     made = scene
     if callable(scene) and not isinstance(scene, SceneData | type):
@@ -72,9 +72,9 @@ def _one(scene: Any, t_end: float, name: str, values: tuple[float, ...]) -> Vari
 
 
 def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]) -> Varied:
-    """An argument of a statement, or a number of the pulse its inputs of time make."""
+    """An argument of a statement, or a number of the pulse of its inputs."""
     for value in values:
-        changed(base, name, value, t_end)  # refuses what cannot be varied before anything runs
+        changed(base, name, value, t_end)  # refuses before any run what cannot be varied
 
     def stops(value: float) -> list[float]:
         s, factor = changed(base, name, value, t_end)

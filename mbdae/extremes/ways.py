@@ -15,7 +15,7 @@ from mbdae.integrators.sundials.ida import IDA
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.variants import MODELLED
 
-#: a form or a solver that is added to the package is mapped by a line here
+#: a form or a solver that is added to the package is added to the maps by a line here
 CONSTRAINED = (
     Run(IDA(), GGL()),
     Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
@@ -42,11 +42,11 @@ CHOICE = "chosen by mbdae"
 
 @dataclass(frozen=True)
 class Way:
-    """A run, or with `run` None the choice mbdae makes (of its joint models too where `model` is None)."""
+    """A run; or, with `run` None, the choice that mbdae makes (of the joint models too where `models` is None)."""
 
     label: str
     run: Run | None
-    models: Run | None = None  #: a run that carries the joint models of a choice
+    models: Run | None = None  #: a run whose joint models are used for the choice
 
     def with_step(self, h: float) -> Run | None:
         """The run at a constant step; None where its solver has none."""
@@ -70,7 +70,7 @@ def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
 
 
 def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
-    """Name, joint models and whether they leave an ODE: as stated, and the others. Joints with clearance keep theirs."""
+    """Name, joint models and whether they give an ODE: as stated, and the others. Joints with clearance keep theirs."""
     joints = [c for c in problem.scene.joints if c.kind in MODELLED] if problem.scene is not None else []
     ideal = [c for c in joints if not c.loose]
     if len(ideal) == len(joints):
@@ -81,7 +81,7 @@ def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointMod
 
 
 def stepped_ways(problem: Problem, h: float) -> list[Way]:
-    """Constant steps of h s, on the form the scene takes."""
+    """Methods with constant steps of h s; ODE where the scene has no constraints."""
     found: list[Way] = []
     for make in STEPPED:
         run = make(h)

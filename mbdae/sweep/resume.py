@@ -81,7 +81,7 @@ def damage_refused(path: Path) -> Iterator[None]:
 
 
 def record(cls: type[T], data: Any, **further: Any) -> T:
-    """A record from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
+    """A dataclass from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
     if not isinstance(data, dict):
         raise BadValueError(f"{shown(data)} is no {cls.__name__}")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
