@@ -148,6 +148,7 @@ class Rest:
 
     @cached_property
     def starter(self) -> Starter:
+        """Closes joints and projects velocities, at the start's time."""
         return Starter(self.mechanics, float(self.t[0]), holding=False, changes=[])
 
     def axes(self, q: Array) -> RotatingFrame:

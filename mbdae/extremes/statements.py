@@ -49,12 +49,14 @@ def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, i
 
 
 def name_of(statement: Any) -> Any:
+    """Name of the item that a statement makes."""
     _, args, kwargs = statement
     first = args[0] if args else kwargs.get("name")
     return first["name"] if isinstance(first, dict) and "law" in first else first
 
 
 def items_of(scene: SceneData) -> str:
+    """Names of all items of a scene, in words."""
     return ", ".join(repr(n) for n in (name_of(s) for s in scene.statements) if isinstance(n, str))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from textwrap import shorten
 
 from mbdae.compare.table import grid
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
@@ -53,9 +54,9 @@ def notes(block: Block) -> list[str]:
         for kind, sentence in (("failed", cell.failure), *(("said", w) for w in cell.warnings)):
             if sentence:
                 alike = kind, NUMBERS.sub("#", sentence)
-                first.setdefault(alike, sentence)
+                first.setdefault(alike, shorten(sentence, 300, placeholder="..."))
                 said.setdefault(alike, []).append(where)
-    return [f"{kind}: {_short(first.get((kind, sentence), sentence))} ({p[0]}{f' and {len(p) - 1} more' if len(p) > 1 else ''})"
+    return [f"{kind}: {first.get((kind, sentence), sentence)} ({p[0]}{f' and {len(p) - 1} more' if len(p) > 1 else ''})"
             for (kind, sentence), p in said.items()]  # fmt: skip
 
 
@@ -63,8 +64,3 @@ def doubted(block: Block) -> list[tuple[float, str]]:
     """Values whose runs were not all judged, with their reference."""
     open_ = {cell.value for cell in block.cells if cell.verdict == UNKNOWN}
     return [(value, told) for value, told in zip(block.values, block.references, strict=True) if value in open_]
-
-
-def _short(sentence: str) -> str:
-    """At most 300 letters of a sentence."""
-    return sentence if len(sentence) <= 300 else sentence[:297] + "..."
