@@ -58,9 +58,11 @@ def public() -> set[str]:
         for name in dir(owner):
             method = inspect.getattr_static(owner, name)
             named = not name.startswith("_") or name in ("__call__", "__getitem__")
-            statement = inspect.isfunction(method) and hasattr(method, "__wrapped__") and method.__module__.startswith("mbdae.scene")
+            if not inspect.isfunction(method):
+                continue
+            statement = hasattr(method, "__wrapped__") and method.__module__.startswith("mbdae.scene")
             stated = statement or _elsewhere(owner, name)
-            if named and inspect.isfunction(method) and not stated and len(inspect.signature(method).parameters) > 1:
+            if named and not stated and len(inspect.signature(method).parameters) > 1:
                 found.add(method.__qualname__)
     return found - set(ELSEWHERE)
 
