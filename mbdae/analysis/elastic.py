@@ -1,5 +1,4 @@
-"""Accelerations of scenes with beams from their stresses: strains of stiff beams are lost in the rounding of positions,
-the stresses of a state at rest are known to all digits."""
+"""Accelerations of scenes with beams from given stresses: positions are too rounded to give the strains of stiff beams."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
-UNRESOLVED = 1e-10  #: strains below (over the tolerance) are rounding of positions
+UNRESOLVED = 1e-10  #: strain that may be a rounding error of positions, over the tolerance of the comparison
 
 
 @dataclass(frozen=True)
@@ -46,25 +45,25 @@ def dynamics(system: SceneSystem, m: Mechanics, t: float, q: Array, u: Array, s:
     a, multipliers = x[: m.nu], x[m.nu :]
     yp[momentum] = a
     y[kinds == "lambda"] = multipliers / system.numbering.scaling()
-    parts = (np.abs(F[momentum]), np.abs(m.mass @ a), abs(G.T) @ np.abs(multipliers), _dead(m))
+    parts = (np.abs(F[momentum]), np.abs(m.mass @ a), abs(G.T) @ np.abs(multipliers), add_dead_loads(m, np.zeros(m.nu)))
     return Dynamics(y, yp, a, max(float(np.max(part * m.velocity_units, initial=0.0)) for part in parts))
 
 
-def _dead(m: Mechanics) -> Array:
-    force = np.zeros(m.nu)
+def add_dead_loads(m: Mechanics, force: Array) -> Array:
+    """Forces (nu,) with the absolute values of the dead loads of beams added."""
     for line in m.model.lines:
         np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
     return force
 
 
 def unresolved(m: Mechanics) -> float:
-    """Forces (N m, over unit displacements) that rounding of the positions can cause."""
+    """Size of forces (N m, over unit displacements) that rounding errors of the positions can cause."""
     stiffest = [1 / min((v for n, v in line.numbers.items() if n.startswith("compliance_N") and v > 0), default=np.inf)
                 for line in m.model.lines]  # fmt: skip
     return UNRESOLVED * max(stiffest, default=0.0) * m.model.length
 
 
 def forces_off(m: Mechanics, acceleration: Array, found: Dynamics) -> Array:
-    """(nu,) forces that take accelerations to others, over the largest force."""
+    """(nu,) forces that belong to the difference of two accelerations, over the largest force."""
     off: Any = np.abs(m.mass @ (found.acceleration - acceleration)) * m.velocity_units
     return np.asarray(off / max(found.force, unresolved(m), 1e-300))

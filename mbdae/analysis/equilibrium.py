@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from mbdae.analysis.frame import body_of, motion_in_words
 from mbdae.analysis.statics import CONVERGED, Point, Statics
-from mbdae.analysis.steady import Rest, acceleration_scale, departure
+from mbdae.analysis.steady import Rest, acceleration_scale, reason_not_steady
 from mbdae.analysis.stiffness import DenseStiffness, Tangent
 from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
@@ -30,23 +30,23 @@ from mbdae.values import array, function, option, optional, shown
 
 SMALLEST_STEP = 1e-6  #: relative to the load factor reached
 REACH = 0.1  #: largest displacement per step of the loads, in the scene's length and rad: a longer one may skip a limit point
-BENT = 0.7  #: the same for scenes with beams, whose steps are checked from both ends
-NEAR = 0.3  #: how far, over the step, its result may be from its tangent
+BENT = 0.7  #: the same for scenes with beams, whose steps are checked by the tangents at both ends
+NEAR = 0.3  #: largest distance of a step from the prediction of its tangent, over the step
 TRUST = 0.5  #: largest step of the search for a stable state, in the scene's length and rad
 REMEDY = "stop that motion with a joint, or give it a spring"
 ASIDE = 0.02  #: distance from an unstable state at which a stable one is looked for, in the scene's length and rad
-FAR = 30.0  #: way in the scene's lengths and rad after which a search has run away
-SEARCHES = 200  #: corrections of that search
+FAR = 30.0  #: distance, in the scene's length and rad, after which a search has diverged
+SEARCHES = 200  #: most corrections of that search
 OFF = 1e-6  #: of the scene's length, or rad: a redundant row that is off by more is not satisfied
 SOLVED = "no error is estimated: the equations are solved to the residual that the state at rest has"
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
-           "mesh": "not measured: the same beams with one order more show it"}  #: of its accuracy  # fmt: skip
+           "mesh": "not measured: the same beams with one order more show it"}  #: what its accuracy says  # fmt: skip
 Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
 
 
 @dataclass(frozen=True)
 class _Newton:
-    """What made an equilibrium, where a Result names its solver."""
+    """Stands for the solver in the Result of an equilibrium."""
 
     label: str = "Newton"
 
@@ -89,7 +89,7 @@ class Equilibrium(Result):
     unstable: int
 
     def __call__(self, t: Any) -> Equilibrium:
-        """Itself: a state at rest has one instant, which goes on."""
+        """The state itself, which is the same at any time."""
         option("t", t, array, "give a time in s, or a list of them")
         return self
 
@@ -109,7 +109,7 @@ class Equilibrium(Result):
         return p.start.acceleration[None], multipliers[None]
 
     def _start_value(self, item: Connection) -> float:
-        """Where whole turns are counted from: what a spring of the joint has followed, else the start."""
+        """Angle from which whole turns are counted: that which a spring of the joint has followed, else that of the start."""
         followed = self.prepared.mechanics.followed.get(item.name)
         return super()._start_value(item) if followed is None else float(self._states[2][0, followed])
 
@@ -144,9 +144,9 @@ def equilibrium(scene: SceneData, frame: Any = None, progress: Progress | None =
 
 
 def confirmed(statics: Statics, point: Point) -> Equilibrium:
-    """The Result of a point at rest that is determined, and stays at rest as time goes on."""
-    if statics.mechanics.reactive and not statics.elastic:  # the motion settles before the multipliers do
-        point = statics.carried(point)
+    """The Result of a point at rest; EquilibriumError where it is not the only one nearby, or does not stay at rest."""
+    if statics.mechanics.reactive and not statics.elastic:  # Newton ends as the motion has converged, multipliers follow
+        point = statics.with_reactions(point)
     result = as_result(statics, point)
     soft = statics.soft_motions(statics.tangent(point))
     if soft:
@@ -155,7 +155,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
     statics.check_steady(point)
     axes = statics.rest.axes(statics.q(point))
     beams = (statics.system, point.y[statics.kinds == "z"]) if statics.elastic else None
-    reason = departure(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
+    reason = reason_not_steady(result.prepared, axes, statics.t, result.q[0], result.u[0], statics.s(point), 1e-6, beams)
     if reason:
         raise EquilibriumError(f"no state stays at rest in the frame of '{axes.name}': {reason}; the loads or the joints change "
                                f"in that frame with time; take another frame", result)  # fmt: skip
@@ -163,7 +163,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
 
 
 def _refuse_other_branch(found: Equilibrium) -> None:
-    """Raises where a redundant row is not satisfied: the rows in force allow motions that all rows together do not."""
+    """Raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not."""
     m, q, t = found.prepared.everything, found.prepared.start.q[None], np.array([found.prepared.start.t])
     off = np.abs(m.position_residual(t, q)[0])
     if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
@@ -191,13 +191,13 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
 
 
 class _Path:
-    """The way from the start without loads to rest under the loads."""
+    """The sequence of states from the start without loads to rest under the loads."""
 
     def __init__(self, statics: Statics, progress: Progress) -> None:
         self.statics, self.progress = statics, progress
 
     def run(self) -> Equilibrium:
-        """By raising the loads where the scene has stiffness without them; else, or for a stable state, by a search."""
+        """Raises the loads where the scene has stiffness without them; otherwise, or for a stable state, searches."""
         s, begin = self.statics, self.statics.begin
         if s.soft_motions(s.tangent(begin)):
             self._refuse_free_motions(begin)
@@ -212,27 +212,27 @@ class _Path:
         return found
 
     def _beside(self, point: Point) -> Point:
-        """Off an unstable state along its softest motion: symmetry would lead a search back to it."""
+        """A point beside an unstable state along its softest motion: from the state itself a search keeps its symmetry."""
         s, T = self.statics, self.statics.tangent(point)
         motion = s.stiffness(T).softest()[1][:, 0]
         aside = np.r_[ASIDE * motion / s.size(motion), np.zeros(T.K.shape[0] - len(motion))]
         return s.moved(point, T.p, aside)
 
     def _refuse_free_motions(self, begin: Point) -> None:
-        """A motion without stiffness under the full loads too, at the start and beside it, has none anywhere."""
-        s, full = self.statics, self.statics.carried(replace(begin, load_factor=1.0))
+        """Refuse a motion that has no stiffness under the full loads either, at the start and at a random point near it."""
+        s, full = self.statics, self.statics.with_reactions(replace(begin, load_factor=1.0))
         T = s.tangent(full)
         aside = np.zeros(T.K.shape[0])
         free = s.free_motions(T) if s.elastic else T.N
         aside[: s.mechanics.nu] = free @ np.random.default_rng(5).uniform(0.03, 0.1, free.shape[1])
-        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.carried(s.moved(full, T.p, aside))))
+        soft = s.soft_motions(T) and s.soft_motions(s.tangent(s.with_reactions(s.moved(full, T.p, aside))))
         if soft:
             raise EquilibriumError(f"no state at rest can be determined: {soft[0]} meets no stiffness; {REMEDY}")
 
     # -- raising the loads
 
     def _step_loads(self, point: Point) -> Point:
-        """Follow the state at rest from load factor 0 to 1; a step counts where its result is near its tangent."""
+        """Follow the state at rest from load factor 0 to 1; a step is accepted where its result is near its tangent."""
         step = 1.0
         while point.load_factor < 1:
             step = min(step, 1 - point.load_factor)
@@ -266,7 +266,7 @@ class _Path:
         return (found[0], quality) if quality <= NEAR else None
 
     def _apart(self, way: Array, predicted: Array) -> float:
-        """How far a step is from what a tangent predicts, relative to it."""
+        """Distance of a step from the prediction of a tangent, relative to the prediction."""
         off, size = self.statics.size(way - predicted), self.statics.size(predicted)
         return off / size if size > 1e-7 else 0.0
 
@@ -286,7 +286,8 @@ class _Path:
     # -- scenes without stiffness of their own
 
     def _search(self, point: Point) -> Point:
-        """Go down to a stable state under the full loads: Newton with as much inertia as keeps the stiffness positive."""
+        """A stable state under the full loads, by Newton's method on the stiffness plus the multiple of the mass that makes it
+        positive."""
         s, radius, last, far = self.statics, TRUST, np.zeros(self.statics.mechanics.nu), 0.0
         for _ in range(SEARCHES):
             T = s.tangent(point)
@@ -310,7 +311,7 @@ class _Path:
                                f"nearer to rest")  # fmt: skip
 
     def _downhill(self, T: Tangent, point: Point, radius: float) -> Array:
-        """A correction that lowers the potential where there is one, no longer than the radius."""
+        """A correction no longer than the radius; where the loads have a potential, it lowers that."""
         s, nu = self.statics, self.statics.mechanics.nu
         W = T.p.C.T @ (T.p.C.T @ s.mechanics.weight).T
         found = s.stiffness(T)

@@ -64,7 +64,7 @@ def frame_at(model: Model, frame: Any, q: Array, u: Array) -> RotatingFrame:
         return RotatingFrame("ground", np.eye(3), np.zeros(3))
     rate = angular_velocity(node, q, u)
     size = float(np.max(np.abs(u), initial=0.0))
-    rate = np.where(np.abs(rate) > 1e-10 * size, rate, 0.0)  # what a projection leaves of a zero
+    rate = np.where(np.abs(rate) > 1e-10 * size, rate, 0.0)  # rounding errors of a projection
     return RotatingFrame(body.name, attitude(node, q), rate, node)
 
 
@@ -104,15 +104,15 @@ def set_velocity(node: Node, q: Array, u: Array, v: Array, omega: Array) -> None
         u[node.u + 2] = omega[2]
 
 
-def carriers(model: Model) -> list[Node]:
-    """Nodes with a place in space: all but the coordinates of joints."""
+def nodes_in_space(model: Model) -> list[Node]:
+    """Nodes that have a position in space: all but the coordinates of joints."""
     return [n for n in model.nodes if n.kind is not NodeKind.COORDINATE]
 
 
 def steady_acceleration(model: Model, frame: RotatingFrame, q: Array, u: Array) -> Array:
     """u' (nu,) of the motion that is steady in the frame."""
     up = np.zeros(model.nu)
-    for node in carriers(model) if frame.turns else ():
+    for node in nodes_in_space(model) if frame.turns else ():
         v, omega = velocity(node, u), angular_velocity(node, q, u)
         set_velocity(node, q, up, np.cross(frame.rate, v), np.cross(frame.rate, omega))
     return up

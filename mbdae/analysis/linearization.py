@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -14,9 +13,9 @@ from mbdae.analysis.equilibrium import Equilibrium
 from mbdae.analysis.frame import RotatingFrame, advanced, body_of, frame_at, motion_in_words
 from mbdae.analysis.modes import DEFAULT, Complex, lowest, softest_beam
 from mbdae.analysis.pencil import Pencil, Reduced, complete_system, free_basis, pencil, reduced
-from mbdae.analysis.shapes import Mode, motion, scaled, shares
-from mbdae.analysis.steady import STEADY, departure, times_to_compare
-from mbdae.errors import OptionError, SteadyError, Told
+from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
+from mbdae.analysis.steady import STEADY, reason_not_steady, times_to_compare
+from mbdae.errors import OptionError, SteadyError
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
@@ -32,15 +31,15 @@ from mbdae.values import optional, shown, whole
 
 LARGEST = 1600  #: states up to which all eigenvalues are found
 AT = "give a Result, (Result, t), an equilibrium, or None for the start of the scene"
-RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding of a double zero
+RESOLVED = 1e-7  #: eigenvalues below this part of the largest are rounding errors of a double 0
 
 
-class Linearization(Told):
+class Linearization(Modes[Mode]):
     """Linear equations of small departures from a steady motion, and their modes by rising frequency.
 
     Arrays over the modes: `eigenvalues` (1/s), `frequencies` (Hz), `angular_frequencies` (rad/s), `damping` (ratios),
     `growth` (1/s). One mode per conjugate pair, one per real eigenvalue. `M`, `C`, `K`: the second-order equations
-    M x'' + C x' + K x = 0 of the displacements p = `basis` x the constraints leave, p (nu,) along the frame's axes.
+    M x'' + C x' + K x = 0 of the displacements p = `basis` x that the constraints allow, p (nu,) along the frame's axes.
     """
 
     def __init__(self, prepared: Prepared, frame: RotatingFrame, t: float, pencil: Pencil, count: int | None) -> None:
@@ -56,7 +55,7 @@ class Linearization(Told):
 
     @cached_property
     def equations(self) -> Reduced:
-        """The second-order equations on the displacements the constraints leave, dense."""
+        """The second-order equations of the displacements that the constraints allow, dense."""
         return reduced(self.pencil, free_basis(self.pencil.constraints, self.prepared.mechanics.velocity_units))
 
     @property
@@ -85,36 +84,15 @@ class Linearization(Told):
         return np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
 
     @property
-    def frequencies(self) -> Array:
-        """(modes,) Hz."""
-        return np.array([mode.frequency for mode in self.modes])
-
-    @property
-    def angular_frequencies(self) -> Array:
-        """(modes,) rad/s."""
-        return np.array([mode.angular_frequency for mode in self.modes])
-
-    @property
     def damping(self) -> Array:
         """(modes,) damping ratios."""
         return np.array([mode.damping for mode in self.modes])
-
-    @property
-    def growth(self) -> Array:
-        """(modes,) 1/s, positive where a mode grows."""
-        return np.array([mode.growth for mode in self.modes])
 
     @property
     def stable(self) -> bool:
         """Whether no mode grows (by more than rounding)."""
         size = np.max(np.abs(self.eigenvalues), initial=0.0)
         return bool(np.all(self.growth <= 1e-9 * size))
-
-    def __iter__(self) -> Iterator[Mode]:
-        return iter(self.modes)
-
-    def __len__(self) -> int:
-        return len(self.modes)
 
     @cached_property
     def _metric(self) -> Any:
@@ -130,9 +108,8 @@ class Linearization(Told):
         head = f"scene '{self.prepared.model.scene.name}', t = {self.t:g} s, departures resolved in the frame of '{self.frame}'"
         lines = [head, f"{'mode':>4}  {'Hz':>11}  {'rad/s':>11}  {'damping':>10}  {'growth 1/s':>11}  bodies"]
         for i, mode in enumerate(self.modes):
-            who = ", ".join(f"{name} {share:.0%}" for name, share in list(mode.participation.items())[:4] if share >= 0.05)
             lines.append(f"{i + 1:>4}  {mode.frequency:>11.5g}  {mode.angular_frequency:>11.5g}  {mode.damping:>10.3g}  "
-                         f"{mode.growth:>11.4g}  {who}")  # fmt: skip
+                         f"{mode.growth:>11.4g}  {participants(mode)}")  # fmt: skip
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -193,7 +170,7 @@ def linearize(scene: SceneData, at: Any = None, frame: Any = None, count: int | 
     p = _pencil(system, m, axes, (start.t, start.q, start.u, start.s, z))
     found = Linearization(prepared, axes, start.t, p, count)
     beams = (system, z) if m.model.lines else None
-    reason = departure(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
+    reason = reason_not_steady(prepared, axes, start.t, start.q, start.u, start.s, beams=beams) or _varies(system, found, axes, z)
     if reason:
         raise SteadyError(f"the linearised equations depend on t in the frame of '{axes.name}': {reason}; periodic, use floquet: "
                           f"s.floquet(period), where the motion or its equations repeat; otherwise resolve in the frame of a "
@@ -239,7 +216,7 @@ def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, state: tupl
 
 
 def _varies(system: SceneSystem, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
-    """What in the equations has changed a while later on the steady motion; None where they are constant."""
+    """What in the equations differs at later times of the steady motion; None where they are constant."""
     m, start = found.prepared.mechanics, found.prepared.start
     rates = state_rates(m, start.t, start.q, start.u, start.s) if len(start.s) else start.s
     for tau in times_to_compare(m, frame, start.t, start.q, start.u, start.s):
@@ -253,8 +230,8 @@ def _varies(system: SceneSystem, found: Linearization, frame: RotatingFrame, z: 
 
 
 def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
-    """With beams the equations are compared as they stand, sparse; in the mixed form their stiffness is not among them, so that
-    it does not hide what else changes."""
+    """With beams the sparse equations are compared. The stiffness of the beams, which would hide smaller changes, is not among
+    their entries, since the stresses are unknowns."""
     row = _turned_row(m, *(p.constraints * m.velocity_units for p in (a, b)))
     if row:
         return row
@@ -269,7 +246,7 @@ def _changed(m: Mechanics, a: Pencil, b: Pencil) -> str | None:
 
 
 def _turned_row(m: Mechanics, before: Array, after: Array) -> str | None:
-    """A constraint row that leaves the span the rows had before."""
+    """A constraint row that is no linear combination of the rows before."""
     if not len(after):
         return None
     span = np.linalg.qr(before.T)[0]

@@ -21,11 +21,11 @@ from mbdae.system.model.model import Model
 Complex = NDArray[np.complex128]
 
 SYMMETRIC = 1e-9  #: relative to the largest entry
-ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam are rounding of zero
+ZERO = 3e-4  #: eigenvalues below this part of the lowest frequency of the softest beam count as 0
 ROUND_OFF = 1e-9  #: imaginary part of an eigenvalue, relative to its size
 GROWTH = 1e-8  #: the same for its real part
 FEW = 60  #: freedoms up to which all eigenvalues are found
-FINITE = 1e-12  #: relative to the largest inverse eigenvalue
+FINITE = 1e-12  #: relative to the largest inverse eigenvalue; smaller ones belong to unknowns without inertia
 DEFAULT = 20  #: modes found where the user asks for no number
 
 
@@ -66,7 +66,7 @@ def quadratic(p: Pencil) -> Quadratic:
 
 
 def softest_beam(model: Model) -> float:
-    """rad/s: what the lowest frequency of the softest beam of a model is like."""
+    """rad/s: about the lowest frequency of the softest beam of a model."""
     found = []
     for line in model.lines:
         bending = 1 / max(line.numbers["compliance_M2"], line.numbers["compliance_M3"], 1e-300)
@@ -89,7 +89,7 @@ def lowest(p: Pencil, count: int, scale: float) -> tuple[Complex, Complex]:
 
 
 def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
-    """K X = w M X: real squares of frequencies, below zero where a motion runs away."""
+    """K X = s M X: the squares s of the frequencies are real, and negative where a motion grows."""
     n, shift = q.K.shape[0], -(scale**2)
     factors = splu((q.K - shift * q.M).tocsc())
     if q.freedoms <= FEW:
@@ -98,14 +98,14 @@ def _conservative(q: Quadratic, count: int, scale: float) -> tuple[Complex, Comp
         squares, vectors = found.real, shapes.real
     else:
         begin = np.random.default_rng(3).normal(size=n)
-        for _ in range(2):  # into the range of the inverse: without parts that have no inertia
+        for _ in range(2):  # removes parts that have no inertia
             begin = factors.solve(q.M @ begin)
         inverse = LinearOperator((n, n), matvec=factors.solve, dtype=float)
         squares, vectors = eigsh(q.K, k=count, M=q.M, sigma=shift, OPinv=inverse, v0=begin,
                                  ncv=min(q.freedoms - 1, max(2 * count + 1, 40)))  # fmt: skip
     squares = np.where(np.abs(squares) <= (ZERO * scale) ** 2, 0.0, squares)
     roots = np.where(squares >= 0, 1j, 1.0) * np.sqrt(np.abs(squares))
-    double = squares <= 0  # zero twice, or growth and decay
+    double = squares <= 0  # a double 0, or one growing and one decaying motion
     return np.r_[roots, -roots[double]], np.hstack([vectors[: q.nu], vectors[: q.nu, double]])
 
 
@@ -134,7 +134,7 @@ def _general(q: Quadratic, count: int, scale: float) -> tuple[Complex, Complex]:
 
 
 def _of_inverse(inverse: Array, shift: float) -> tuple[Complex, Complex]:
-    """Eigenvalues and vectors from all of 1 / (w - shift); zeros belong to what has no inertia."""
+    """Eigenvalues and vectors from all of 1 / (w - shift); zeros belong to unknowns without inertia."""
     values, vectors = np.linalg.eig(inverse)
     keep = np.abs(values) > FINITE * np.max(np.abs(values), initial=0.0)
     return shift + 1 / values[keep], vectors[:, keep]

@@ -1,7 +1,7 @@
-"""The linear equations of departures from a motion, carried over one period along the stages of its steps.
+"""Small departures from a motion over one period, by the exact derivatives of its Radau steps.
 
 With the stages Y_i of a step, F_y dY_i + F_y' sum_j A^-1_ij (dY_j - dy_0) / h = 0: the exact derivative of the step. The
-departures are those the constraints leave, of positions by virtual displacements, of velocities, and of internal states.
+departures are those that the constraints allow, of positions (as virtual displacements), velocities and internal states.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mbdae.system.prepare import Prepared
 
 @dataclass(frozen=True)
 class Departures:
-    """Departures of the unknowns that the constraints leave at the start: dy = map x, x = units * Q a.
+    """Departures of the unknowns that the constraints allow at the start: dy = map x, x = units * Q a.
 
     map (n, nx): unknowns from (p, w, s); back (nx, n): the reverse after the period; units (nx,): size of each; Q (nx, k)
     orthonormal; velocities: number of entries of p, and of w.
@@ -36,11 +36,11 @@ class Departures:
 
     @property
     def start(self) -> Array:
-        """dy (n, k) of every departure."""
+        """dy (n, k) of every unit vector a."""
         return np.asarray(self.map @ (self.units[:, None] * self.Q))
 
     def read(self, dy: Array) -> Array:
-        """(k, columns) departures that dy (n, columns) are."""
+        """a (k, columns) of dy (n, columns)."""
         return np.asarray(self.Q.T @ ((self.back @ dy) / self.units[:, None]))
 
 
@@ -65,7 +65,7 @@ def departures(prepared: Prepared, system: SceneSystem, returned: Return, period
     Q = free_basis(C, units) / units[:, None]
     expected = nx - 2 * nb.m
     if Q.shape[1] != expected:
-        raise OptionError(f"the constraints leave {Q.shape[1]} departures at the start, {expected} are expected: the position is "
+        raise OptionError(f"the constraints allow {Q.shape[1]} departures at the start, {expected} are expected: the position is "
                           f"singular; start at another instant of the motion (at=(result, t))")  # fmt: skip
     return Departures(T, back * returned.sign, units, Q, nu)
 
@@ -77,7 +77,7 @@ def _refuse_rigid(system: SceneSystem, Fy: sp.csr_matrix) -> None:
         raise OptionError(f"{system.names[rigid[0]]} has no compliance: floquet needs finite stiffnesses of all sections")
 
 
-def carried(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
+def propagated(system: SceneSystem, orbit: Orbit, dy: Array) -> Array:
     """dy (n, k) at the end of the orbit, from that at its start."""
     solve = _sparse_step if system.sparsity is not None else _dense_step
     for i, (stages, own) in enumerate(zip(orbit.t, orbit.systems, strict=True)):

@@ -1,6 +1,6 @@
 """Floquet multipliers: growth and modes of small departures from a periodic motion.
 
-Departures x(t) from a motion of period T, in the directions that the constraints leave, obey x(T) = Phi x(0). The
+Departures x(t) from a motion of period T, in the directions that the constraints allow, obey x(T) = Phi x(0). The
 eigenvalues mu of the monodromy matrix Phi are the multipliers, log(mu) / T the exponents: growth rates, and frequencies
 up to multiples of 2 pi / T.
 """
@@ -8,7 +8,6 @@ up to multiples of 2 pi / T.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,10 +19,10 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdae.analysis.frame import attitude
 from mbdae.analysis.linearization import start_at
-from mbdae.analysis.monodromy import Departures, carried, departures
+from mbdae.analysis.monodromy import Departures, departures, propagated
 from mbdae.analysis.orbit import check_return, followed
-from mbdae.analysis.shapes import Mode, motion, scaled, shares
-from mbdae.errors import AccuracyWarning, SolverError, Told
+from mbdae.analysis.shapes import Mode, Modes, motion, participants, scaled, shares
+from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
@@ -36,10 +35,10 @@ from mbdae.values import number, option, optional, whole
 Complex = NDArray[np.complex128]
 
 FEWEST, MOST = 16, 8192  #: equal steps over a period
-GAIN = 8.0  #: error of the finer of two runs, at most: their difference over this (2^5 - 1 where nothing is stiff)
-NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root: their mean is known best
-LOST = 1e-9  #: multipliers below this part of the largest have decayed within the period to nothing
-ROUND = 1e-6  #: changes below may be rounding, where more steps do not help
+GAIN = 8.0  #: the finer of two runs is off by at most their difference over this (2^5 - 1 without stiffness)
+NEAR = 1e-3  #: relative distance of multipliers that may be one multiple root, whose mean is the most accurate
+LOST = 1e-9  #: multipliers below this part of the largest count as 0
+ROUND = 1e-6  #: changes below this may be rounding errors, where more steps do not reduce them
 ELASTIC = 10  #: multipliers of a scene with beams that are found without `count`
 
 
@@ -52,7 +51,7 @@ class FloquetMode(Mode):
     error: float
 
 
-class Floquet(Told):
+class Floquet(Modes[FloquetMode]):
     """Multipliers of a periodic motion and their modes, by falling size.
 
     `multipliers` (k,), `exponents` (k,) 1/s and `errors` (k,) 1/s (estimated) are all of them: 2 x degrees of freedom and one
@@ -63,7 +62,6 @@ class Floquet(Told):
     """
 
     axes = np.eye(3)
-
     prepared: Prepared
 
     def __init__(self, prepared: Prepared, period: float, found: Found, basis: Array, departure: float) -> None:
@@ -76,30 +74,9 @@ class Floquet(Told):
                       for i, mu in enumerate(found.values) if mu.imag >= 0]  # fmt: skip
 
     @property
-    def growth(self) -> Array:
-        """(modes,) 1/s, positive where a mode grows."""
-        return np.array([mode.growth for mode in self.modes])
-
-    @property
-    def angular_frequencies(self) -> Array:
-        """(modes,) rad/s, from 0 to pi / period: known up to multiples of 2 pi / period."""
-        return np.array([mode.angular_frequency for mode in self.modes])
-
-    @property
-    def frequencies(self) -> Array:
-        """(modes,) Hz, from 0 to 1 / (2 period): known up to multiples of 1 / period."""
-        return np.array([mode.frequency for mode in self.modes])
-
-    @property
     def stable(self) -> bool:
         """Whether no multiplier found is larger than 1 (by more than its error)."""
         return bool(np.all(self.exponents.real <= np.maximum(2 * self.errors, 1e-9 / self.period)))
-
-    def __iter__(self) -> Iterator[FloquetMode]:
-        return iter(self.modes)
-
-    def __len__(self) -> int:
-        return len(self.modes)
 
     @cached_property
     def _frames(self) -> Array:
@@ -121,10 +98,9 @@ class Floquet(Told):
                 f"steps; frequencies are known up to multiples of {2 * np.pi / self.period:.5g} rad/s")  # fmt: skip
         lines = [head, f"{'mode':>4}  {'growth 1/s':>11}  {'error':>8}  {'rad/s':>11}  {'multiplier':>24}  bodies"]
         for i, mode in enumerate(self.modes):
-            who = ", ".join(f"{name} {share:.0%}" for name, share in list(mode.participation.items())[:4] if share >= 0.05)
             mu = f"{mode.multiplier.real:.6g}" + (f"{mode.multiplier.imag:+.6g}i" if mode.multiplier.imag else "")
             numbers = f"{i + 1:>4}  {mode.growth:>11.5g}  {mode.error:>8.1e}  {mode.angular_frequency:>11.5g}"
-            lines.append(f"{numbers}  {mu:>24}  {who}")
+            lines.append(f"{numbers}  {mu:>24}  {participants(mode)}")
         if self.unresolved:
             lines.append(f"{self.unresolved} more multipliers belong to vibrations that {self.steps} steps do not follow")
         return "\n".join(lines)
@@ -141,8 +117,8 @@ def exponents(multipliers: Complex, period: float) -> Array:
 
 @dataclass(frozen=True)
 class Found:
-    """The monodromy matrix (k, k) in so many steps and its eigenvalues by falling size; relative to them what they changed by
-    from half as many steps, over GAIN, and their errors, in which multiple roots count with their scatter."""
+    """The monodromy matrix (k, k) and its eigenvalues by falling size. change: their relative change from half as many steps,
+    over GAIN; errors: the same, and for multiple roots their scatter added."""
 
     matrix: Array
     steps: int
@@ -161,7 +137,8 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
     accuracy: largest error of exponent x period. count: number of multipliers, the largest first, that have to be that
     accurate (default: all; of a scene with beams the largest 10). The rest are left out where the steps do not follow them.
     The equations of the departures are integrated along the motion with exact Jacobians, in steps that are halved until the
-    multipliers stay; an AccuracyWarning says where they do not. Frequencies are known up to multiples of 2 pi / period only.
+    multipliers are that accurate; an AccuracyWarning says where they are not. Frequencies are known up to multiples of
+    2 pi / period only.
     Raises SteadyError where state or equations do not repeat, with what differs.
     """
     period = option("period", period, number, "give the time in s after which the motion repeats, such as 2 pi / rotor speed",
@@ -189,11 +166,11 @@ def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departure
 
 
 def _converged(system: SceneSystem, directions: Departures, period: float, steps: int, count: int, accuracy: float) -> Found:
-    """Twice as many steps until the largest multipliers stay, or steps do not help any more."""
+    """Steps are doubled until the largest multipliers are as accurate as asked, or more steps do not help."""
     before: Found | None = None
     while True:
         try:
-            now = _of(system, directions, period, steps)
+            now = _in_steps(system, directions, period, steps)
         except SolverError:  # the motion itself needs shorter steps
             if 2 * steps > MOST:
                 raise
@@ -208,8 +185,8 @@ def _converged(system: SceneSystem, directions: Departures, period: float, steps
         before, steps = now, 2 * steps
 
 
-def _of(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
-    matrix = directions.read(carried(system, followed(system, period, steps), directions.start))
+def _in_steps(system: SceneSystem, directions: Departures, period: float, steps: int) -> Found:
+    matrix = directions.read(propagated(system, followed(system, period, steps), directions.start))
     values, vectors = np.linalg.eig(matrix)
     order = np.lexsort((-values.imag, -np.round(np.abs(values), 12)))
     unknown = np.full(len(values), np.inf)
@@ -217,7 +194,8 @@ def _of(system: SceneSystem, directions: Departures, period: float, steps: int) 
 
 
 def _compared(fine: Found, coarse: Found) -> Found:
-    """With the errors. Nearly equal roots with nearly the same vector count as a multiple one, whose mean is known best."""
+    """The finer with its errors. Nearly equal roots with nearly the same vector count as a multiple one, whose mean is the most
+    accurate."""
     a, b, V = fine.values, coarse.values, fine.vectors
     b = b[linear_sum_assignment(np.abs(a[:, None] - b))[1]]
     group = (np.abs(a[:, None] - a) <= NEAR * np.abs(a)) & (np.abs(V.conj().T @ V) > 1 - NEAR)
@@ -228,7 +206,7 @@ def _compared(fine: Found, coarse: Found) -> Found:
 
 
 def _judged(found: Found, asked: Array, worst: float, accuracy: float) -> Found:
-    """Without the multipliers that were not asked for and not found; warns where one that was is not as accurate."""
+    """Leaves out inaccurate multipliers that were not asked for; warns where one that was asked for is inaccurate."""
     if worst > accuracy:
         text = (f"multipliers are known to {worst:.1e} of their size, accuracy = {accuracy:g} was asked: {found.steps} steps of "
                 f"the period do not give more; ask for fewer (count=) or for less accuracy")  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.analysis.frame import attitude, position
-from mbdae.analysis.pencil import derivatives
+from mbdae.analysis.pencil import acting, derivatives
 from mbdae.errors import SteadyError
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.runge_kutta.radau import RadauIIA
@@ -26,15 +26,15 @@ Numbers = NDArray[np.intp]
 
 SOLVER = RadauIIA(3)
 FIRST = 1e-8  #: tolerance of the run that shows whether the motion repeats
-WHOLE = 16  #: steps of a period that may cover the whole width of an input
-RETURN = 1e-4  #: relative: departures below change the exponents by as little
+WHOLE = 16  #: up to this number of steps, a step may cover the whole width of an input
+RETURN = 1e-4  #: relative: a motion that returns this near repeats; exponents change by as little
 SAMPLES = 24  #: times at which the equations are compared with those of a period later
 
 
 @dataclass(frozen=True)
 class Orbit:
     """One period in steps of h (steps,) s, shorter at breaks of inputs: t (steps, s), y and y' (steps, s, n) at all stages, and
-    the system (steps,) that every step is of."""
+    the system (steps,) that holds in every step."""
 
     h: Array
     systems: list[SceneSystem]
@@ -47,7 +47,7 @@ class Orbit:
 def followed(system: SceneSystem, period: float, steps: int) -> Orbit:
     """The motion over a period from the system's start; raises SolverError where the steps are too long."""
     h = period / steps
-    share = min(1.0, WHOLE / steps)  # what inputs divide becomes finer with the steps, or their number would show no error
+    share = min(1.0, WHOLE / steps)  # steps that inputs shorten have to become finer with all others
     solution = RadauIIA(SOLVER.stages, step=h).solve(system, system.t0 + period, share=share)
     dense = solution.interpolant
     assert isinstance(dense, Collocation)
@@ -79,7 +79,7 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
     run = RadauIIA(SOLVER.stages, rtol=FIRST).solve(system, system.t0 + period)
     ends = prepared.states(run.t[[0, -1]], run.y[[0, -1]])
     acting = acting_states(system, run)
-    off, what = _departure(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
+    off, what = _difference(prepared, period, *ends, acting - system.numbering.nq - system.numbering.nu)
     remedy = ("give a whole period of the motion, and start on that motion: pass at=(result, t) of a run whose transients "
               "have died out, or at=s.equilibrium(frame=...)")  # fmt: skip
     if off > RETURN:
@@ -92,21 +92,14 @@ def check_return(prepared: Prepared, system: SceneSystem, period: float) -> Retu
 
 
 def acting_states(system: SceneSystem, run: Solution) -> Numbers:
-    """Numbers of the internal states something depends on along a motion; one that only follows it has no multiplier."""
-    first = system.numbering.nq + system.numbering.nu
-    keep = first + np.arange(len(system.numbering.states))
-    if not len(keep):
-        return keep
+    """Numbers of the internal states that other equations depend on along a motion; others have no multiplier."""
+    states = system.numbering.nq + system.numbering.nu + np.arange(len(system.numbering.states))
+    if not len(states):
+        return states
     some = _some(len(run.t))
     size = sum(abs(derivatives(of, run.t[i], run.y[i], run.yp[i])[0])
                for i, of in zip(some, _systems(run, system, run.t[some]), strict=True))  # fmt: skip
-    while len(keep):
-        rows = np.setdiff1d(np.arange(system.n), np.setdiff1d(first + np.arange(len(system.numbering.states)), keep))
-        acts = np.asarray(size[rows][:, keep].sum(axis=0)).ravel() > 0
-        if acts.all():
-            break
-        keep = keep[acts]
-    return keep
+    return acting(size, np.setdiff1d(np.arange(system.n), states), states)
 
 
 def _some(count: int) -> Numbers:
@@ -114,8 +107,8 @@ def _some(count: int) -> Numbers:
     return np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).astype(int))
 
 
-def _departure(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
-    """Largest relative difference of two states (2, ...), and what it is in words."""
+def _difference(prepared: Prepared, period: float, q: Array, u: Array, s: Array, acting: Numbers) -> tuple[float, str]:
+    """Largest relative difference of two states (2, ...), and which it is, in words."""
     m = prepared.mechanics
     found = [_moved(node, q[0], q[1], prepared.length) for node in m.model.nodes]
     speed = np.maximum(np.max(np.abs(u[0]) / m.velocity_units, initial=0.0), 1 / period) * m.velocity_units
@@ -132,7 +125,7 @@ def _departure(prepared: Prepared, period: float, q: Array, u: Array, s: Array, 
 
 
 def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[float, str]:
-    """How far a node is from where it was, whole turns apart."""
+    """How far a node is from where it was, whole turns not counted."""
     if node.kind is NodeKind.COORDINATE:
         off = float(after[node.q] - before[node.q])
         off = abs(off - 2 * np.pi * round(off / (2 * np.pi))) if node.unit == "rad" else abs(off)
@@ -148,7 +141,7 @@ def _moved(node: Node, before: Array, after: Array, length: float) -> tuple[floa
 
 def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: float,
              later: tuple[Array, Array]) -> str | None:  # fmt: skip
-    """What in the equations is another a period later on the same motion; None where they repeat."""
+    """Which equation differs a period later on the same motion; None where all repeat."""
     sign, turns = later
     scale = np.maximum(system.scale, np.max(np.abs(run.y), axis=0))
     rates, F = scale * (2 * np.pi / period), np.empty(system.n)
@@ -173,7 +166,7 @@ def _changed(prepared: Prepared, system: SceneSystem, run: Solution, period: flo
 
 
 def _later(prepared: Prepared, system: SceneSystem, run: Solution, acting: Numbers) -> tuple[Array, Array]:
-    """What takes unknowns (n,) to those of a period later, as signs of quaternions and whole turns of angles."""
+    """Signs of quaternions and whole turns of angles (n,) by which unknowns differ after a period."""
     nb, sign = system.numbering, np.ones(system.n)
     for node in prepared.model.nodes:
         if node.kind is NodeKind.SPATIAL:

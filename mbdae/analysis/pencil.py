@@ -1,4 +1,4 @@
-"""The equations linearised about a motion, in coordinates that a frame carries along: E x' + A x = 0.
+"""The equations linearised about a motion, in coordinates along the axes of a moving frame: E x' + A x = 0.
 
 y = y0(t) + T(t) x with x = (p, w, rest): p virtual displacements and w velocity changes (nu each, components of
 translation and rotation in the frame's axes), the rest (multipliers, internal states, algebraic unknowns) as they are.
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from mbdae.analysis.frame import RotatingFrame, skew
 from mbdae.symbolic.frames import NodeKind
@@ -54,11 +55,11 @@ class _Blocks:
 
 
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
-    """A scene in a form with the absolute coordinates of all nodes and all rows: recursive joints and shared
-    displacements keep theirs, so that every motion and every reaction is seen."""
-    everything = Carried(mechanics.model, [])
-    everything.sharing = Sharing()
-    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, everything)
+    """The equations with absolute coordinates of all nodes and all constraint rows, also of recursive joints and shared
+    displacements, so that every reaction is an unknown."""
+    bodies = Carried(mechanics.model, [])
+    bodies.sharing = Sharing()
+    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, bodies)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Basis:
 
 
 def basis(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array) -> Basis:
-    """The tangent basis the frame carries along at positions q (nq,) and velocities u (nu,)."""
+    """The tangent basis along the frame's axes at positions q (nq,) and velocities u (nu,)."""
     nq, nu, rest = mechanics.nq, mechanics.nu, system.n - mechanics.nq - mechanics.nu
     T, rate, L = _Blocks((system.n, 2 * nu + rest)), _Blocks((system.n, 2 * nu + rest)), _Blocks((2 * nu + rest, system.n))
     C = _Blocks((nu, nu))
@@ -205,7 +206,7 @@ def _places(system: SceneSystem, mechanics: Mechanics, A: Any) -> dict[str, Arra
 
 
 def free_basis(G: Array, units: Array) -> Array:
-    """(nu, freedoms) basis of the displacements that rows G (m, nu) leave, orthonormal over `units`."""
+    """(nu, freedoms) basis of the displacements that rows G (m, nu) allow, orthonormal over `units`."""
     B = G * units
     if not len(B):
         return np.diag(units)
@@ -219,7 +220,7 @@ def free_basis(G: Array, units: Array) -> Array:
 class Reduced:
     """M x'' + C x' + K x + B s' + D s = 0, Es s' + As s + S2 x'' + S1 x' + S0 x = 0; displacements p = N x.
 
-    Symmetric K: conservative loads. `states`: places of the internal states that act on anything.
+    K is symmetric where the loads are conservative.
     """
 
     N: Array
@@ -270,12 +271,15 @@ def _eliminate(out: dict[str, list[Array]]) -> None:
 
 
 def acting_states(p: Pencil) -> Array:
-    """Internal states something depends on; one that only follows a motion would add a root at zero."""
-    keep = p.places["s"]
-    while len(keep):
-        rows = np.concatenate([p.places["w"], p.places["z"], keep])
-        acts = np.asarray(abs(p.A[rows][:, keep]).sum(axis=0)).ravel() > 0
+    """Internal states that other equations depend on; each of the others would add an eigenvalue 0."""
+    return acting(abs(p.A), np.concatenate([p.places["w"], p.places["z"]]), p.places["s"])
+
+
+def acting(size: Any, rows: NDArray[Any], states: NDArray[Any]) -> NDArray[Any]:
+    """Those of the states (columns of `size`, sparse) that the given rows depend on, directly or through other states."""
+    while len(states):
+        acts = np.asarray(size[np.concatenate([rows, states])][:, states].sum(axis=0)).ravel() > 0
         if acts.all():
             break
-        keep = keep[acts]
-    return keep
+        states = states[acts]
+    return states

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -124,8 +125,43 @@ class Mode(Told):
         return self.owner.shares(self.vector)
 
 
+M = TypeVar("M", bound=Mode)
+
+
+class Modes(Told, Generic[M]):
+    """The modes that an analysis found, and arrays over them."""
+
+    modes: list[M]
+
+    @property
+    def frequencies(self) -> Array:
+        """(modes,) Hz."""
+        return np.array([mode.frequency for mode in self.modes])
+
+    @property
+    def angular_frequencies(self) -> Array:
+        """(modes,) rad/s."""
+        return np.array([mode.angular_frequency for mode in self.modes])
+
+    @property
+    def growth(self) -> Array:
+        """(modes,) 1/s, positive where a mode grows."""
+        return np.array([mode.growth for mode in self.modes])
+
+    def __iter__(self) -> Iterator[M]:
+        return iter(self.modes)
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+
+def participants(mode: Mode) -> str:
+    """The bodies with the largest shares in a mode, in words."""
+    return ", ".join(f"{name} {share:.0%}" for name, share in list(mode.participation.items())[:4] if share >= 0.05)
+
+
 def motion(m: Mechanics, vector: Any) -> Array:
-    """A motion (nu,), real or complex, that a user gave."""
+    """A motion (nu,), real or complex, as an array; refused where it is none."""
     try:
         found = np.asarray(vector)
     except ValueError:  # ragged
@@ -149,6 +185,6 @@ def shares(m: Mechanics, metric: Any, vector: Array) -> dict[str, float]:
 
 
 def scaled(vector: Any) -> Any:
-    """The vector with its largest component 1: with the first of those that are as large."""
+    """The vector over its largest component: the first where several are as large."""
     component = vector[largest(np.abs(vector))] if len(vector) else 1.0
     return np.asarray(vector / component) if component else vector

@@ -1,8 +1,8 @@
 """The equations of rest in a frame, their tangent, and Newton's method on them.
 
-Unknowns: displacements p (frame axes), internal states s, algebraic unknowns z, multipliers c. Applied loads and gravity
-carry the load factor mu, and what the scene as drawn leaves unbalanced without them (preload of springs, rotation) the
-factor 1 - mu on the other side: at mu = 0 the start is at rest, at mu = 1 the scene is as stated.
+Unknowns: displacements p (frame axes), internal states s, algebraic unknowns z, multipliers c. Applied loads and gravity are
+multiplied by the load factor mu; forces that are unbalanced at the start without them (preload of springs, rotation) are
+subtracted, times 1 - mu: at mu = 0 the start is at rest, at mu = 1 the scene is as stated.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from mbdae.symbolic.outputs import Target, loads
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.start.start import Starter
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
 BANDED = 120  #: the same with beams, whose equations are nearly banded
-FREE = 1e-4  #: of the stiffness of the softest beam, given to motions without any to find stresses
+FREE = 1e-4  #: stiffness that motions without any get while stresses are found, over that of the softest beam
 LONGEST = 1.0  #: correction of Newton's method, in the scene's length and rad
+FRICTION_ITERATIONS = 100  #: most iterations for reactions and the friction that depends on them
 CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad; convergence is quadratic
 
 
 def applied_loads(d: Derived) -> list[tuple[Target, Expr]]:
-    """What carries the load factor: gravity, applied forces and torques, motors of joints."""
+    """The loads that the load factor multiplies: gravity, applied forces and torques, motors of joints."""
     scaled = getattr(d.law, "external", False) or isinstance(d.law, Gravity | JointTorque | JointForce)
     return loads(d) if scaled else []
 
@@ -51,16 +51,13 @@ def gyroscopic(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass
 class Point:
-    """A state at rest, or on the way there: q, y and y' of the system, what holds the frame (N m), iterations so far."""
+    """A state at rest, or on the way there: y and y' of the system; hold: torque that holds the frame (N m)."""
 
     y: Array
     yp: Array
     load_factor: float = 1.0
     hold: float = 0.0
     iterations: int = 0
-
-
-PRESSED = 100  #: iterations in which friction and the reactions that press it agree
 
 
 class Statics:
@@ -78,7 +75,7 @@ class Statics:
         y = np.zeros(self.system.n)
         y[: m.nq], y[self.kinds == "s"] = rest.start.q, rest.start.s
         self.unbalanced = np.zeros(self.system.n)
-        self.begin = self.carried(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
+        self.begin = self.with_reactions(self.at_rest(Point(y, np.zeros(self.system.n), 0.0)))
         self.unbalanced = self._unloaded(self.begin)
 
     def q(self, point: Point) -> Array:
@@ -124,20 +121,20 @@ class Statics:
                     out[m.numbering.velocity(target, g, i)] += values[0, i, o]
         return out
 
-    def carried(self, point: Point) -> Point:
-        """The point with the multipliers that carry what constraints can carry: of all forces, or below load factor 1 of
-        inertia alone (the pull of a rotation, which gives a rotor its stiffness). Preload stays where it acts: a couple that
-        turned into forces would lose its lever as the body turns."""
+    def with_reactions(self, point: Point) -> Point:
+        """The point with the multipliers that balance, as far as constraints can, all forces, or below load factor 1 inertial
+        forces alone (centrifugal forces, which give a rotor its stiffness). Preload is not among them: forces that balance a
+        torque would lose their lever arm as the body turns."""
         m = self.mechanics
         if not m.m:
             return point
         if self.elastic:
-            return self._stressed(point)
+            return self._with_stresses(point)
         G = m.constraint_jacobian(self.rest.t, self.q(point)[None])[0]
         y = point.y.copy()
         y[self.kinds == "lambda"] = 0.0
         point, multipliers = replace(point, y=y), np.zeros(m.m)
-        for _ in range(PRESSED if m.reactive else 1):  # friction follows from the multipliers it changes
+        for _ in range(FRICTION_ITERATIONS if m.reactive else 1):  # friction follows from the multipliers it changes
             r = self._residual(self.system, point)[m.nq : m.nq + m.nu] if point.load_factor == 1 else self._inertia(point)
             less = r - G.T @ multipliers if point.load_factor == 1 else r
             mobile, before = np.linalg.solve(m.weight, np.column_stack([G.T, less])), multipliers
@@ -147,9 +144,9 @@ class Statics:
                 break
         return point
 
-    def _stressed(self, point: Point) -> Point:
-        """The same with the stresses of beams, both by linear theory. Below load factor 1 the strains that belong to them
-        are part of what is left unbalanced: they come about as the loads are raised."""
+    def _with_stresses(self, point: Point) -> Point:
+        """The same with the stresses of beams, both by linear theory. Below load factor 1 the strains of these stresses are
+        part of the unbalanced terms: they develop as the loads are raised."""
         m, nu, n = self.mechanics, self.mechanics.nu, self.system.n
         still = replace(point, y=np.r_[point.y[: m.nq], np.zeros(n - m.nq)], yp=np.zeros(n))
         still.y[self.kinds == "s"] = self.s(point)
@@ -159,7 +156,7 @@ class Statics:
         if not np.any(force):
             return point
         T = self.tangent(still, full=True)
-        W = T.p.C.T @ (T.p.C.T @ m.weight).T  # what no stress can carry accelerates the scene
+        W = T.p.C.T @ (T.p.C.T @ m.weight).T  # forces that no stress can balance accelerate the scene
         inertia = sp.block_diag([FREE * softest_beam(m.model) ** 2 * W, sp.csr_matrix((T.K.shape[0] - nu,) * 2)])
         x = self.solve(T.K + inertia, -np.r_[T.p.C.T @ force, np.zeros(T.K.shape[0] - nu)])
         y, at = point.y.copy(), nu + len(T.p.places["s"])
@@ -210,7 +207,7 @@ class Statics:
         return -np.concatenate([*parts, np.zeros(held)])
 
     def _followed(self, p: Pencil, K: Any) -> Any:
-        """States whose rate vanishes at rest whatever they are follow the displacements: ds = d(rate)/dw dp."""
+        """Internal states whose rate vanishes at rest for any value follow the displacements: ds = d(rate)/dw dp."""
         nu, count = self.mechanics.nu, len(p.places["s"])
         self._following = np.zeros(count, dtype=bool)
         if not count:
@@ -232,7 +229,7 @@ class Statics:
             return False
         G = self.mechanics.constraint_jacobian(self.rest.t, self.rest.start.q[None])[0]
         angle = self._angle(self.rest.start.q)
-        if self.elastic:  # many displacements, few rows: whether the rows say all about the angle
+        if self.elastic:  # many displacements, few rows: whether the rows determine the angle
             rows, wanted = (G * self.units).T, angle * self.units
             return bool(np.linalg.norm(wanted - rows @ np.linalg.lstsq(rows, wanted, rcond=1e-12)[0]) > 1e-9)
         return bool(np.max(np.abs(angle @ free_basis(G, self.units)), initial=0.0) > 1e-9)
@@ -279,12 +276,8 @@ class Statics:
         if self.elastic:
             return point
         y = point.y.copy()
-        y[: self.mechanics.nq] = self._closer.close(self.q(point))
+        y[: self.mechanics.nq] = self.rest.starter.close(self.q(point))
         return self.at_rest(replace(point, y=y))
-
-    @cached_property
-    def _closer(self) -> Starter:
-        return Starter(self.mechanics, self.t, holding=False, changes=[])
 
     def size(self, x: Array) -> float:
         """Largest displacement of a correction, in the scene's length and rad."""
@@ -308,15 +301,15 @@ class Statics:
     # -- stiffness
 
     def stiffness(self, T: Tangent) -> DenseStiffness | SparseStiffness:
-        """What the constraints leave of a tangent."""
+        """The stiffness of the motions that the constraints allow."""
         return stiffness(T, self.elastic)
 
     def soft_motions(self, T: Tangent) -> list[str]:
-        """Motions left by the constraints that meet no stiffness, in words."""
+        """Motions that the constraints allow and that meet no stiffness, in words."""
         return [motion_in_words(self.mechanics.model, motion, self.units) for motion in self.free_motions(T).T]
 
     def free_motions(self, T: Tangent) -> Array:
-        """(nu, k) motions left by the constraints that meet no stiffness."""
+        """(nu, k) motions that the constraints allow and that meet no stiffness."""
         sizes, motions, floor = self.stiffness(T).softest()
         return motions[:, : int(np.sum(sizes <= floor))]
 

@@ -1,4 +1,4 @@
-"""Steady motions: which velocities belong to rest in a frame, and whether a state goes on as a steady motion."""
+"""Steady motions: the velocities of rest in a frame, and whether the motion from a state is steady."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.analysis.elastic import dynamics, forces_off
+from mbdae.analysis.elastic import add_dead_loads, dynamics, forces_off
 from mbdae.analysis.frame import (
     RotatingFrame,
     advanced,
     angular_velocity,
     attitude,
-    carriers,
     frame_at,
+    nodes_in_space,
     position,
     set_velocity,
     steady_acceleration,
@@ -32,20 +32,20 @@ from mbdae.system.prepare import Prepared
 from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 
-STEADY = 1e-4  #: relative: departures below change eigenvalues by as little
+STEADY = 1e-4  #: relative: what varies by less is steady; eigenvalues change by as little
 
 
-def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
+def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
               tolerance: float = STEADY, beams: tuple[SceneSystem, Array] | None = None) -> str | None:  # fmt: skip
-    """Why a state does not go on as a motion that is steady in the frame; None where it does. beams: for a scene with
-    beams its complete system with stresses, and their values, which a steady motion keeps."""
+    """Why the motion from a state is not steady in the frame; None where it is. beams: for a scene with beams its complete
+    system with stresses, and their values, which a steady motion keeps."""
     m = prepared.mechanics
     rates = state_rates(m, t, q, u, s) if len(s) else s
     for tau in (0.0, *times_to_compare(m, frame, t, q, u, s)):
         qt, ut = advanced(m, frame, q, u, tau) if tau else (q, u)
         reason = _constraints_broken(m, t + tau, qt, ut, tolerance)
         if reason is None and beams is not None:
-            reason = _pulled(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
+            reason = _accelerates_by_stresses(m, frame, beams, (t + tau, qt, ut, s + tau * rates), tolerance)
         elif reason is None:
             reason = _accelerates(m, frame, t + tau, qt, ut, s + tau * rates, tolerance)
         if reason:
@@ -54,12 +54,12 @@ def departure(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: A
 
 
 def times_to_compare(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array) -> tuple[float, ...]:
-    """Times (s) after which a steady motion is looked at again: fractions of a turn no symmetric rotor repeats after."""
-    spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in carriers(m.model)]
+    """Times (s) after which a steady motion is evaluated again: parts of a turn after which no symmetric rotor looks the same."""
+    spins = [float(np.linalg.norm(angular_velocity(node, q, u))) for node in nodes_in_space(m.model)]
     fastest = max([*spins, float(np.linalg.norm(frame.rate))])
     timed = any(instance.timed for group in m.model.groups for instance in group.instances)
     natural = np.sqrt(np.max(acceleration_scale(m, np.array([t]), q, np.zeros_like(u), s), initial=0.0))
-    if fastest <= STEADY * natural:  # at rest but for rounding
+    if fastest <= STEADY * natural:  # at rest, up to rounding
         moving = np.max(np.abs(u) / m.velocity_units, initial=0.0) > STEADY
         return (0.37, 1.3) if timed or moving else ()
     return (0.61 / fastest, 1.7 / fastest)
@@ -91,8 +91,8 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
     return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
 
 
-def _pulled(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array], state: tuple[float, Array, Array, Array],
-            tolerance: float) -> str | None:  # fmt: skip
+def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array],
+                             state: tuple[float, Array, Array, Array], tolerance: float) -> str | None:  # fmt: skip
     t, q, u, s = state
     found = dynamics(beams[0], m, t, q, u, s, beams[1])
     off = forces_off(m, steady_acceleration(m.model, frame, q, u), found)
@@ -104,17 +104,16 @@ def _pulled(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array]
 
 
 def acceleration_scale(m: Mechanics, t: Array, q: Array, u: Array, s: Array | None) -> Array:
-    """(nu,) what accelerations (in units of the scene's length and 1 rad, 1/s^2) are compared with: forces and spins.
+    """(nu,) sizes that accelerations (in units of the scene's length and 1 rad, 1/s^2) are compared with.
 
-    The sizes of the single forces on a node, as their sum vanishes at rest, at least a thousandth of the largest in the
-    scene (joints pass forces on); the largest where a node has no mass."""
+    The absolute values of the single forces on a node (their sum vanishes at rest) over its mass, at least a thousandth of the
+    largest in the scene since joints transmit forces, and the largest where a node has no mass; plus the squared speed."""
     units, force = m.velocity_units, np.zeros(m.nu)
     for g, p, values in m.evaluate(loads, t, q[None], u[None], None if s is None else s[None]):
         for o, target in enumerate(p.targets):
             for i in range(values.shape[1]):
                 force[m.numbering.velocity(target, g, i)] += abs(values[0, i, o])
-    for line in m.model.lines:
-        np.add.at(force, line.places("u").ravel(), np.abs(line.dead).ravel())
+    force = add_dead_loads(m, force)
     heavy = m.mass.diagonal() > 0
     force = np.where(heavy, force / m.weight.diagonal() / units, 0.0)
     scale = np.full(m.nu, np.max(force, initial=0.0))
@@ -148,7 +147,8 @@ class Rest:
         return r + np.cross(rate, v) / size**2 if size else r
 
     @cached_property
-    def _starter(self) -> Starter:
+    def starter(self) -> Starter:
+        """Closes joints and projects velocities, at the start's time."""
         return Starter(self.mechanics, float(self.t[0]), holding=False, changes=[])
 
     def axes(self, q: Array) -> RotatingFrame:
@@ -157,7 +157,7 @@ class Rest:
                              self.frame.node)  # fmt: skip
 
     def velocities(self, q: Array) -> Array:
-        """u (nu,): every node turns with the frame, but for the spins found at the start, which are fixed to their bodies."""
+        """u (nu,): every node turns with the frame, and its body spins relative to it as at the start, about axes of the body."""
         u = self._coordinate_rates.copy()
         if not self._turning:
             return u
@@ -173,7 +173,7 @@ class Rest:
     def _spins(self) -> list[tuple[Node, Array]]:
         """Angular velocity (3,) of every node relative to the frame, along the axes of its body."""
         q, u = self.start.q, self._at_start
-        relative = [(node, angular_velocity(node, q, u) - self.frame.rate) for node in carriers(self.model)]
+        relative = [(node, angular_velocity(node, q, u) - self.frame.rate) for node in nodes_in_space(self.model)]
         return [(node, attitude(node, q).T @ spin if node.kind.turns else np.zeros(3)) for node, spin in relative]
 
     @cached_property
@@ -186,9 +186,9 @@ class Rest:
 
     @cached_property
     def _at_start(self) -> Array:
-        """u (nu,) at the start's positions, with the spins that joints and drives ask for."""
+        """u (nu,) at the start's positions, with the spins that joints and drives prescribe."""
         q, u = self.start.q, np.zeros(self.mechanics.nu)
-        for node in carriers(self.model):
+        for node in nodes_in_space(self.model):
             self._turn(node, q, u, self.frame.rate)
         if self._fits(q, u):
             return u
@@ -196,7 +196,7 @@ class Rest:
         if self._fits(q, u):
             return u
         try:
-            return self._starter.project_velocities(q, u)
+            return self.starter.project_velocities(q, u)
         except StartError as error:
             raise OptionError(f"no state is at rest in the frame of '{self.frame.name}': {error.problems[0]}") from error
 
@@ -211,29 +211,30 @@ class Rest:
         return bool(np.max(off, initial=0.0) <= 1e-9 * (1e-9 + float(np.max(np.abs(u), initial=0.0))))
 
     def _spin(self, q: Array, u: Array) -> None:
-        """From the roots outwards: a body the frame's rotation does not suit turns with its parent, or as driven."""
+        """From the roots of the tree outwards: where a joint does not allow the frame's rotation, its body turns with the body
+        before it, or as the joint is driven."""
         spin: dict[Body, Array] = {self.model.scene.ground: np.zeros(3)}
         nodes: dict[Body, list[Node]] = {}
         for node, body in self.model.bodies:
             nodes.setdefault(body.owner, []).append(node)
-        for root in self._starter.tree.roots:
+        for root in self.starter.tree.roots:
             spin.setdefault(root, self.frame.rate)
-        poses = self._starter._poses(q)
-        for parent, joint, child in self._starter.tree.edges:
+        poses = self.starter._poses(q)
+        for parent, joint, child in self.starter.tree.edges:
             spin[child] = self.frame.rate
             if self._fits(q, u, joint.name):
                 continue
             law: Any = joint.joint
-            rate = 0.0 if joint.prescribed is None or not joint.turns else self._starter.held_rate(joint) or 0.0
+            rate = 0.0 if joint.prescribed is None or not joint.turns else self.starter.held_rate(joint) or 0.0
             axis = poses[parent][1] @ parent.rotation.T @ law.axis
             spin[child] = spin[parent] + (rate if joint.l is child else -rate) * axis
             for node in nodes[child]:
                 self._turn(node, q, u, spin[child])
 
     def departs(self, q: Array, u: Array) -> str | None:
-        """Why velocities are not rest in the frame; None where they are. Spins on the spot are rest."""
+        """Why velocities are not those of rest in the frame; None where they are. A body may spin on the spot."""
         size = 1e-7 * (float(np.max(np.abs(u) / self.mechanics.velocity_units, initial=0.0)) + 1e-12)
-        for node in carriers(self.model):
+        for node in nodes_in_space(self.model):
             off = velocity(node, u) - np.cross(self.frame.rate, position(node, q) - self.center)
             if np.linalg.norm(off) > size * self.model.length:
                 return f"'{node.name}' moves in it at {np.linalg.norm(off):.4g} m/s"
@@ -251,7 +252,7 @@ class Rest:
         G, gamma = (f(self.t, q[None], *more)[0] for f, more in
                     ((self.mechanics.constraint_jacobian, ()), (self.mechanics.acceleration_bias, (u[None],))))  # fmt: skip
         off, terms = G @ up + gamma, np.abs(G) @ np.abs(up) + np.abs(gamma)
-        spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in carriers(self.model))
+        spin = max(float(np.linalg.norm(angular_velocity(n, q, u))) for n in nodes_in_space(self.model))
         worst = largest(np.abs(off))
         if abs(off[worst]) <= 1e-7 * (terms[worst] + spin**2 * np.max(np.abs(G[worst]))) + 1e-12:
             return None

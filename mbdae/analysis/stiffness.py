@@ -1,7 +1,7 @@
-"""Stiffness of the motions that constraints leave: what meets none, and in how many directions it is negative.
+"""Stiffness of the motions that constraints allow: which have none, and in how many directions it is negative.
 
 Scenes of rigid bodies are small: their stiffness is reduced to the free motions and decomposed. Beams have many nodes:
-there the tangent stays sparse, free of stiffness is what inverse iteration finds, and signs come from a factorisation.
+the tangent stays sparse, inverse iteration finds motions without stiffness, a factorisation the number of negative directions.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu, spsolve
 from mbdae.analysis.pencil import Pencil, free_basis
 from mbdae.system.base import Array
 
-SOFT = 1e-11  #: relative to the largest stiffness: no stiffness at all
+SOFT = 1e-11  #: relative to the largest stiffness: less counts as none
 ROUND_OFF = 1e-14  #: relative to the largest entry of the tangent
 CLAMP = 3.0  #: stiffness put on constraint rows, relative to the largest of the scene
 SYMMETRIC = 1e-6  #: relative to the largest entry
@@ -46,12 +46,12 @@ class Tangent:
 
     @cached_property
     def N(self) -> Array:
-        """(nu, freedoms) displacements that constraints leave."""
+        """(nu, freedoms) displacements that constraints allow."""
         return free_basis(np.vstack([self.p.constraints, self.hold]), self.units)
 
     @cached_property
     def condensed(self) -> Any:
-        """(nu, nu) sparse: the tangent on displacements, internal states and algebraic unknowns solved for."""
+        """(nu, nu) sparse: the tangent of the displacements, with internal states and algebraic unknowns eliminated."""
         nu, inner = self.nu, slice(self.nu, self.nu + self.inner)
         K = self.K[:nu, :nu]
         if not self.inner:
@@ -64,14 +64,14 @@ class Tangent:
 
 
 class DenseStiffness:
-    """Of small scenes, by singular values and eigenvalues on the free motions."""
+    """The stiffness of small scenes, by singular values and eigenvalues."""
 
     def __init__(self, T: Tangent) -> None:
         self.T, self.full = T, T.condensed.toarray()
         self.reduced = T.N.T @ self.full @ T.N
 
     def softest(self) -> tuple[Array, Array, float]:
-        """Stiffnesses in rising order, their motions (nu, k), and what counts as none."""
+        """Stiffnesses in rising order, their motions (nu, k), and the size up to which a stiffness counts as none."""
         if not len(self.reduced):
             return np.zeros(0), np.zeros((self.T.nu, 0)), 0.0
         units = self.T.units
@@ -81,7 +81,7 @@ class DenseStiffness:
 
     @property
     def symmetric(self) -> bool:
-        """Taken for granted: a search costs little."""
+        """True without a test: it decides whether to search, which costs little here."""
         return True
 
     def negative(self) -> int:
@@ -91,7 +91,7 @@ class DenseStiffness:
 
 
 class SparseStiffness:
-    """Of scenes with beams."""
+    """The stiffness of scenes with beams."""
 
     def __init__(self, T: Tangent) -> None:
         D = sp.diags(T.units)
@@ -99,7 +99,7 @@ class SparseStiffness:
         self.largest = float(np.max(np.abs(self.scaled.data), initial=0.0))
 
     def softest(self) -> tuple[Array, Array, float]:
-        """A few of the lowest stiffnesses (roughly, those below the floor exactly told), motions (nu, k), and the floor."""
+        """Estimates of a few of the lowest stiffnesses, their motions (nu, k), and the size up to which one counts as none."""
         T, nu = self.T, self.T.nu
         floor = max(ROUND_OFF * self.largest, 1e-300)
         metric = 1 / T.units**2
@@ -120,7 +120,7 @@ class SparseStiffness:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the loads are conservative: only then a negative direction is one the scene would leave by."""
+        """Whether the loads are conservative: only then does a negative direction mean that the state is unstable."""
         K = self.T.K[: self.T.nu, : self.T.nu].tocsr()
         scaled = sp.diags(self.T.units) @ K @ sp.diags(self.T.units)
         return bool(abs(scaled - scaled.T).max() <= SYMMETRIC * abs(scaled).max())
@@ -154,5 +154,5 @@ def _negatives(S: Any) -> int:
 
 
 def stiffness(T: Tangent, sparse: bool) -> DenseStiffness | SparseStiffness:
-    """What is asked of a tangent."""
+    """The stiffness of a tangent."""
     return SparseStiffness(T) if sparse else DenseStiffness(T)

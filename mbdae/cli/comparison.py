@@ -6,8 +6,7 @@ from types import ModuleType
 from typing import Any
 
 from mbdae.compare.comparison import Comparison, compare
-from mbdae.extremes.extremes import extremes
-from mbdae.extremes.map import Extremes
+from mbdae.extremes.extremes import Extremes, extremes
 from mbdae.run.progress import bar
 
 

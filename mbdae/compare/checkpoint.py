@@ -1,71 +1,79 @@
-"""A comparison on its way: rows done, the reference, and what is needed to go on, kept in one JSON file after every run.
-
-The file says what is compared (statements of the scene, runs, accuracies, versions); it is gone on with only where all of
-that is the same. It is replaced as a whole, so it is valid whenever the run stops.
-"""
+"""A comparison in progress: rows done, the reference, and what is needed to go on, stored in one JSON file after every run."""
 
 from __future__ import annotations
 
-import json
+import base64
+import math
+import zlib
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mbdae.compare.pairwise import Final
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
-from mbdae.files import write_file
-from mbdae.sweep.resume import made, packed, read_kept, reading, resume_path, unpacked
+from mbdae.sweep.resume import ResumeFile, record
 from mbdae.system.base import Array
-from mbdae.values import number
-
-FORMAT = "mbdae comparison in progress 1"
+from mbdae.values import BadValueError, number, whole
 
 
 @dataclass
 class State:
-    """What has been computed so far. truth: what is compared, of the reference; finals: of the tightest run of each label."""
+    """What has been computed so far. reference_values: what is compared, of the reference; finals: the same of the tightest run
+    of each label."""
 
     reference: Reference | None = None
-    truth: Array | None = None
+    reference_values: Array | None = None
     rows: list[Row] = field(default_factory=list)
     finals: dict[str, Final] = field(default_factory=dict)
     cpu_s: float = 0.0  #: CPU s in solver calls
     total_cpu_s: float = 0.0  #: CPU s in all
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """The file at `path` for the comparison that `statement` (plain data) says; path None: nothing is kept."""
+class Checkpoint(ResumeFile):
+    """The file of a comparison."""
 
-    path: Path | None
-    statement: dict[str, Any]
+    kind, file_format = "comparison", "mbdae comparison in progress 1"
 
     def load(self) -> State:
-        """What the file holds; an empty state where there is none."""
-        if self.path is None or not self.path.exists():
-            return State()
-        data = read_kept(self.path, FORMAT, "comparison", self.statement)
-        with reading(self.path):
-            reference = made(Reference, data["reference"]) if data["reference"] else None
-            finals = {f["label"]: made(Final, f, values=unpacked(f["values"])) for f in data["finals"]}
-            truth = unpacked(data["truth"]) if data["truth"] else None
-            rows = [made(Row, row) for row in data["rows"]]
-            return State(reference, truth, rows, finals, number(data["cpu_s"], least=0.0), number(data["total_cpu_s"], least=0.0))
+        """The state in the file; an empty one where there is no file."""
+        with self.stored() as data:
+            if data is None:
+                return State()
+            reference = record(Reference, data["reference"]) if data["reference"] else None
+            finals = {f["label"]: record(Final, f, values=unpacked(f["values"])) for f in data["finals"]}
+            values = unpacked(data["truth"]) if data["truth"] else None
+            rows = [record(Row, row) for row in data["rows"]]
+            cpu, total = (number(data[key], least=0.0) for key in ("cpu_s", "total_cpu_s"))
+            return State(reference, values, rows, finals, cpu, total)
 
     def save(self, state: State) -> None:
         """Replace the file by the state."""
         if self.path is None:
             return
         finals = [{"label": f.label, "asked": f.asked, "rtol": f.rtol, "values": packed(f.values)} for f in state.finals.values()]
-        data = {
-            "format": FORMAT, "statement": self.statement, "rows": [asdict(row) for row in state.rows],
-            "reference": asdict(state.reference) if state.reference else None, "cpu_s": state.cpu_s,
-            "total_cpu_s": state.total_cpu_s, "finals": finals, "truth": None if state.truth is None else packed(state.truth),
-        }  # fmt: skip
-        write_file(self.path, json.dumps(data, indent=1) + "\n")
+        self.store({
+            "rows": [asdict(row) for row in state.rows], "reference": asdict(state.reference) if state.reference else None,
+            "cpu_s": state.cpu_s, "total_cpu_s": state.total_cpu_s, "finals": finals,
+            "truth": None if state.reference_values is None else packed(state.reference_values),
+        })  # fmt: skip
 
 
-def checkpoint(path: Any, statement: dict[str, Any]) -> Checkpoint:
-    """The checkpoint at a path the user gave."""
-    return Checkpoint(resume_path(path), statement)
+def packed(values: Array) -> dict[str, Any]:
+    """An array as plain data."""
+    content = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
+    return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(content).decode("ascii")}
+
+
+def unpacked(stored: Any) -> Array:
+    """The array again; no more is unpacked than its shape says."""
+    shape = [whole(n, least=0) for n in stored["shape"]]
+    content, size = base64.b64decode(stored["zlib_float64"], validate=True), 8 * math.prod(shape)
+    if size > 2000 * len(content) + 64:
+        raise BadValueError(f"an array has shape {shape}, but {len(content)} bytes")
+    unpacking = zlib.decompressobj()
+    raw = unpacking.decompress(content, size + 1)
+    if len(raw) != size or not unpacking.eof:
+        raise BadValueError(f"an array of shape {shape} has other bytes")
+    return np.frombuffer(raw, dtype="<f8").reshape(shape)

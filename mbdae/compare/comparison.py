@@ -2,115 +2,48 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
-from mbdae.compare.checkpoint import checkpoint
+from mbdae.compare.checkpoint import Checkpoint
+from mbdae.compare.data import ComparisonData
 from mbdae.compare.environment import environment
-from mbdae.compare.job import new_job
-from mbdae.compare.pairwise import Pairwise, pairwise
-from mbdae.compare.reference import Reference, given_reference, refuse_no_reference
-from mbdae.compare.rows import Row, asked_for, cheapest, with_front
-from mbdae.compare.run import Run, checked_runs, default_runs
-from mbdae.compare.statement import statement
-from mbdae.compare.work import Work
-from mbdae.errors import OptionError, Told
+from mbdae.compare.execution import Execution
+from mbdae.compare.identity import identity
+from mbdae.compare.page import page
+from mbdae.compare.pairwise import pairwise
+from mbdae.compare.picture import work_precision
+from mbdae.compare.problem import new_problem
+from mbdae.compare.reference import given_reference, refuse_no_reference
+from mbdae.compare.rows import with_front
+from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
+from mbdae.compare.table import table
+from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
-from mbdae.sweep.resume import place_of, progress_of_runs, resume_path, written
+from mbdae.show.plots import checked
+from mbdae.sweep.resume import resume_path
+from mbdae.sweep.writing import written
 from mbdae.values import number, option, sequence, several, shown
 
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 MAX_WALL = 60.0  #: s of wall time per run
 
 
-@dataclass(frozen=True)
-class Comparison(Told):
-    """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
-
-    scene: str
-    t_end: float  #: s
-    measure: str | None
-    what: str  #: what the error is
-    reference: Reference
-    accuracies: tuple[float, ...]
-    runs: tuple[Row, ...]
-    pairwise: Pairwise
-    cpu_s: float  #: CPU s in all solver calls, repeats and reference included
-    total_cpu_s: float  #: CPU s of the whole comparison
-    environment: dict[str, str | int]
-
-    @property
-    def failures(self) -> tuple[Row, ...]:
-        """Runs that did not finish."""
-        return tuple(row for row in self.runs if row.failure)
-
-    def cheapest(self, accuracy: float) -> Row | None:
-        """The run that reached an error of at most `accuracy` in the least CPU time."""
-        return cheapest(self.runs, option("accuracy", accuracy, number, "give a positive number such as 1e-6", above=0))
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """For each accuracy wanted, the cheapest run that reached it, in words."""
-        parts = []
-        for wanted in self.accuracies:
-            row = self.cheapest(wanted)
-            if row is None:
-                parts.append(f"{wanted:.0e} by no run")
-            else:
-                cost = f"{row.cpu_s:.3f} s, error {row.error:.1e}"
-                parts.append(f"{wanted:.0e} by {row.label} asked for {asked_for(row.accuracy)} ({cost})")
-        return tuple(parts)
-
-    @property
-    def verdict(self) -> str:
-        """One sentence: the cheapest run that reached each accuracy wanted."""
-        return "Reached at least cost: " + "; ".join(self.choices) + "."
-
-    @property
-    def caution(self) -> str | None:
-        """Said where errors are smaller than what is known of the reference."""
-        known = self.reference.difference
-        if known is None or not any(row.error is not None and row.error < known for row in self.runs):
-            return None
-        return f"Errors below {known:.1e} are within the reference's own uncertainty."
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values; unknown ones are None."""
-        best = [{"accuracy": a, "run": row.label if (row := self.cheapest(a)) else None} for a in self.accuracies]
-        data = {
-            "scene": self.scene, "t_end": self.t_end, "measure": self.measure, "error_is": self.what,
-            "reference": asdict(self.reference), "accuracies": list(self.accuracies),
-            "runs": [asdict(row) for row in self.runs], "cheapest": best, "pairwise": asdict(self.pairwise),
-            "cpu_s": self.cpu_s, "total_cpu_s": self.total_cpu_s, "environment": self.environment,
-        }  # fmt: skip
-        return dict(json.loads(json.dumps(data)))
-
-    def to_json(self, path: Any = None) -> str:
-        """JSON text, written to `path` where one is given."""
-        return written(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", path)
+class Comparison(ComparisonData):
+    """A comparison with its table, its picture and its page."""
 
     def to_html(self, path: Any = None) -> str:
         """One self-contained HTML page with picture, tables and verdict, written to `path` where one is given."""
-        from mbdae.compare.page import page
-
-        place = place_of(path)
-        return written(page(self), place)
+        return written(lambda: page(self), path)
 
     def table(self) -> str:
         """The rows as plain text, with reference, failures, pairwise differences and verdict."""
-        from mbdae.compare.table import table
-
         return table(self)
 
     def plot(self, path: Any = None) -> Any:
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
-        from mbdae.compare.picture import work_precision
-        from mbdae.show.plots import checked
-
         return work_precision(self, checked(path, what="compare") if path is not None else None)
 
     def __str__(self) -> str:
@@ -127,27 +60,27 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     default the motion of the bodies. reference: a Result, or a function of the times that returns the measure; default a
     tight Radau run that a second method confirms. max_wall: s of wall time per run. progress(done, total, label): called
     before every run.
-    resume: a JSON file that keeps every finished run; where it exists, runs it holds are not made again.
+    resume: a JSON file that stores every finished run; runs that an existing one holds are not repeated.
     """
     begin = time.process_time()
     asked = _checked_accuracies(accuracies)
     own, tell = checked_runs(runs) if runs is not None else None, progress_of_runs(progress)
     resume = resume_path(resume)
     refuse_no_reference(reference)
-    job = new_job(scene, t_end, measure, max_wall)
-    chosen = own or default_runs(job.constrained, job.stated.given, job.other_models, job.resolving)
-    given = given_reference(job, reference) if reference is not None else None
-    kept = checkpoint(resume, statement(job, chosen, asked, given[1] if given else None))
+    problem = new_problem(scene, t_end, measure, max_wall)
+    chosen = own or default_runs(problem.constrained, problem.stated.given, problem.other_models, problem.resolving)
+    given = given_reference(problem, reference) if reference is not None else None
+    kept = Checkpoint(resume, identity(problem, chosen, asked, given[1] if given else None))
     state = kept.load()
     if given is not None:
-        state.reference, state.truth = given
+        state.reference, state.reference_values = given
     queue = [(run, a) for run in chosen for a in ([None] if run.as_it_is else asked)]
-    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(job.system(None).label)) is not None)])
-    Work(job, queue, smallest, state, kept, begin).do(tell)
+    smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
+    Execution(problem, queue, smallest, state, kept, begin).do(tell)
     assert state.reference is not None
-    differences = pairwise(list(state.finals.values()), job.error)
-    return Comparison(job.name, job.t_end, measure, job.what, state.reference, asked, with_front(state.rows), differences,
-                      state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
+    differences = pairwise(list(state.finals.values()), problem.error)
+    return Comparison(problem.name, problem.t_end, measure, problem.what, state.reference, asked, with_front(state.rows),
+                      differences, state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 
 
 def _checked_accuracies(accuracies: Any) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Where a comparison ran: versions and the number of CPUs, nothing that names a machine or a person."""
+"""Where a comparison ran: versions and the number of CPUs; nothing identifies the computer or its user."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PACKAGES = ("mbdae", "numpy", "scipy", "scikit-sundae", "symengine")
 
 
 def environment() -> dict[str, str | int]:
-    """Versions of Python and of the packages that do the work, kind of machine, CPUs this process may use."""
+    """Versions of Python and of the numerical packages, operating system and processor type, CPUs this process may use."""
     found: dict[str, str | int] = {"python": platform.python_version()}
     found |= {name: _version(name) for name in PACKAGES}
     return found | {"machine": f"{platform.system()} {platform.machine()}", "cpus": _cpus()}

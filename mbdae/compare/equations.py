@@ -1,4 +1,4 @@
-"""The equations runs share: a scene prepared once per joint model (or a System as it is), assembled once per form."""
+"""The equations that runs share: a scene prepared once per joint model (or a System as given), assembled once per form."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Equations:
     systems: dict[Form | None, System] = field(default_factory=dict)
 
     def system(self, form: Form | None) -> System:
-        """The equations in a form, assembled once and called once so that compilation is not timed."""
+        """The equations in a form, assembled and evaluated once so that the CPU time of runs includes no compilation."""
         if form not in self.systems:
             self.systems[form] = self._assemble(form)
             _warm(self.systems[form])
@@ -41,7 +41,7 @@ class Equations:
         return self.given
 
     def for_solver(self, form: Form | None, solver: Solver) -> System:
-        """The variant of the form a solver takes."""
+        """The equations in the form, with its index reduced where the solver needs a lower one."""
         if self.prepared is None:
             return self.system(form)
         return self.system((form if form is not None else default_form(self.prepared)).for_index(solver.highest_index))
@@ -54,7 +54,7 @@ class Equations:
 
     @property
     def recursive(self) -> tuple[int, int]:
-        """Numbers of joints that are recursive, and of those that were to be."""
+        """Numbers of joints that are recursive, and that were asked to be."""
         if self.prepared is None:
             return 0, 0
         model = self.prepared.model
@@ -62,7 +62,7 @@ class Equations:
 
     @property
     def bodies_alone(self) -> bool:
-        """Whether no joint has unknowns of its own."""
+        """Whether all positions and velocities are those of bodies: no joint has unknowns of its own."""
         return self.prepared is None or all(node.body is not None for node in self.prepared.model.nodes)
 
     def motion_as_in(self, other: Equations, t: Array, y: Array) -> Array:
@@ -74,7 +74,7 @@ class Equations:
 
 
 def _columns(own: Prepared, wanted: Prepared) -> list[int]:
-    """Where the unknowns of the bodies of `wanted` are among those of `own`."""
+    """Places, among the unknowns of `own`, of the unknowns of the bodies of `wanted`."""
     twins = {node.body.name: node for node in own.model.nodes if node.body is not None}
     positions: list[int] = []
     velocities: list[int] = []
@@ -90,7 +90,7 @@ def _columns(own: Prepared, wanted: Prepared) -> list[int]:
 
 
 def _warm(system: System) -> None:
-    """Call everything once: kernels compile and caches fill on first use."""
+    """Call every function once: kernels compile and caches fill on first use."""
     y, yp, out = system.y0, system.yp0, np.empty(system.n)
     shape: Any = (system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,)
     system.residual(system.t0, y, yp, out)

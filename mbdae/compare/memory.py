@@ -1,4 +1,4 @@
-"""Peak memory of the process while a run goes on, where the system tells it (Linux)."""
+"""Peak memory of the process during a run, where the operating system measures it (Linux)."""
 
 from __future__ import annotations
 

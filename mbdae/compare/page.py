@@ -4,50 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
+from mbdae.compare.data import ComparisonData
+from mbdae.compare.html import bullets, document, headings, made_with, row, section, table
 from mbdae.compare.picture import inline_svg
 from mbdae.compare.table import COLUMNS, cells, failure_lines, pairwise_cells
 
-if TYPE_CHECKING:
-    from mbdae.compare.comparison import Comparison
-
-STYLE = """
-:root { color-scheme: only light; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 84rem; padding: 1rem 1.25rem 2rem; color: #1a1a1a; background: #fff;
-  font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Liberation Sans", sans-serif; overflow-wrap: anywhere; }
-h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0; }
-h2 { font-size: 1.15rem; margin: 2rem 0 .5rem; }
-p, li { max-width: 46rem; }
-ul { padding-left: 1.25rem; }
-.scroll { overflow-x: auto; width: fit-content; max-width: 100%; border-bottom: 1px solid #999; }
-.scroll:focus-visible, button:focus-visible { outline: 2px solid #0072b2; outline-offset: 2px; }
-table { border-collapse: collapse; font-size: .875rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
-caption { text-align: left; padding-bottom: .4rem; color: #444; }
-th, td { padding: .2rem .5rem; text-align: right; border-bottom: 1px solid #e2e2e2; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-thead th { border-bottom: 1px solid #999; font-weight: 600; vertical-align: bottom; }
-tbody th { font-weight: 400; }
-tr.front { background: #eef5fb; }
-tr.failed td, tr.failed th { color: #8a2b06; }
-th button { font: inherit; color: inherit; background: none; border: 0; padding: 0; cursor: pointer; min-height: 24px; }
-th button:hover { text-decoration: underline; }
-th[aria-sort=ascending] button::after { content: " \\2191"; }
-th[aria-sort=descending] button::after { content: " \\2193"; }
-figure { margin: 1rem 0; }
-figure svg { display: block; width: 100%; height: auto; }
-.narrow { display: none; max-width: 30rem; margin: 0 auto; }
-.note { color: #444; font-size: .875rem; }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: .1rem 1rem; font-size: .875rem; }
-dd { margin: 0; }
-@media (max-width: 700px) { .wide { display: none; } .narrow { display: block; } body { padding: .5rem .9rem 2rem; } }
-@media print {
-  body { max-width: none; padding: 0; font-size: 10pt; }
-  .scroll { overflow: visible; } table { font-size: 7pt; } th, td { padding: 1pt 3pt; }
-  .wide { display: block; } .narrow { display: none; } figure, tr { break-inside: avoid; } h2 { break-after: avoid; }
-}
-"""
 #: sorts a table by the column whose heading is pressed; numbers as numbers, what is unknown last
 SCRIPT = """
 for (const button of document.querySelectorAll("th button")) {
@@ -67,57 +29,41 @@ for (const button of document.querySelectorAll("th button")) {
 """
 
 
-def page(w: Comparison) -> str:
+def page(w: ComparisonData) -> str:
     """The whole page."""
-    title = f"Solvers compared: {w.scene}"
-    parts = [_head(w, title), _verdict(w), _failures(w), _picture(w), _runs(w), _reference(w), _pairwise(w), _environment(w)]
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-            f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"{''.join(part for part in parts if part)}</main>\n<script>{SCRIPT}</script>\n</body>\n</html>\n")  # fmt: skip
+    failures = [line.removeprefix("failed: ") for line in failure_lines(w.failures)]
+    parts = [
+        _summary(w), section("verdict", "Reached at least cost", bullets(w.choices)),
+        section("failures", "Failed runs", bullets(failures)) if failures else "", _picture(w), _runs(w), _reference(w),
+        _pairwise(w), made_with(f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers", w.environment),
+    ]  # fmt: skip
+    return document(f"Solvers compared: {w.scene}", "", parts, SCRIPT)
 
 
-def _head(w: Comparison, title: str) -> str:
-    labels = dict.fromkeys(row.label for row in w.runs)
-    return (f"<h1>{escape(title)}</h1>\n<p>{len(labels)} methods, {len(w.runs)} runs to t = {w.t_end:g} s. "
-            f"Error: {escape(w.what)}.</p>\n")  # fmt: skip
+def _summary(w: ComparisonData) -> str:
+    labels = {run.label for run in w.runs}
+    return f"<p>{len(labels)} methods, {len(w.runs)} runs to t = {w.t_end:g} s. Error: {escape(w.what)}.</p>\n"
 
 
-def _verdict(w: Comparison) -> str:
-    return _section("verdict", "Reached at least cost", _list(w.choices))
-
-
-def _failures(w: Comparison) -> str:
-    if not w.failures:
-        return ""
-    told = [line.removeprefix("failed: ") for line in failure_lines(w.failures)]
-    return _section("failures", "Failed runs", _list(told))
-
-
-def _picture(w: Comparison) -> str:
+def _picture(w: ComparisonData) -> str:
     title = escape(f"Work and precision of {len(w.runs)} runs: error over CPU time and over residual evaluations, "
                    f"both logarithmic; the numbers are in the table of runs")  # fmt: skip
     return (f'<figure>\n<div class="wide">{inline_svg(w, False, title, "wide")}</div>\n'
             f'<div class="narrow">{inline_svg(w, True, title, "narrow")}</div>\n</figure>\n')  # fmt: skip
 
 
-def _runs(w: Comparison) -> str:
-    names = list(COLUMNS)
-    names[-1] = "front"
-    titles = zip(names, COLUMNS.values(), strict=True)
-    head = "".join(f'<th scope="col" title="{escape(told)}"><button type="button">{escape(name)}</button></th>'
-                   for name, told in titles)  # fmt: skip
-    rows = []
-    for row in w.runs:
-        kind = ' class="failed"' if row.failure else ' class="front"' if row.pareto else ""
-        rows.append(_row(cells(row), kind))
-    meaning = "; ".join(f"{name}: {told}" for name, told in COLUMNS.items() if name not in ("run", ""))
-    note = f"front: {COLUMNS['']}; {meaning}."
-    table = _table("runs", head, rows, "Every run; a heading sorts")
-    return _section("runs", "Runs", table + f'<p class="note">{escape(note)}</p>\n')
+def _runs(w: ComparisonData) -> str:
+    names = [*list(COLUMNS)[:-1], "front"]
+    head = "".join(f'<th scope="col" title="{escape(meaning)}"><button type="button">{escape(name)}</button></th>'
+                   for name, meaning in zip(names, COLUMNS.values(), strict=True))  # fmt: skip
+    kinds = [' class="failed"' if run.failure else ' class="front"' if run.pareto else "" for run in w.runs]
+    rows = [_row(cells(run), kind) for run, kind in zip(w.runs, kinds, strict=True)]
+    meanings = "; ".join(f"{name}: {meaning}" for name, meaning in COLUMNS.items() if name not in ("run", ""))
+    note = escape(f"front: {COLUMNS['']}; {meanings}.")
+    return section("runs", "Runs", table("runs", head, rows, "Every run; a heading sorts") + f'<p class="note">{note}</p>\n')
 
 
-def _reference(w: Comparison) -> str:
+def _reference(w: ComparisonData) -> str:
     r = w.reference
     cost = f" ({r.steps} steps, {r.cpu_s:.2f} s of CPU time)" if r.steps is not None and r.cpu_s is not None else ""
     lines = [f"Measured against: {r.label}{cost}."]
@@ -127,39 +73,17 @@ def _reference(w: Comparison) -> str:
         lines.append(w.caution)
     if r.note:
         lines.append(f"Caution: {r.note}.")
-    return _section("reference", "Reference", _list(lines))
+    return section("reference", "Reference", bullets(lines))
 
 
-def _pairwise(w: Comparison) -> str:
+def _pairwise(w: ComparisonData) -> str:
     lines = pairwise_cells(w)
     matrix = ""
     if lines:
-        head = "".join(f'<th scope="col">{escape(text)}</th>' for text in lines[0])
-        matrix = _table("pairs", head, [_row(line) for line in lines[1:]], "Largest differences between the tightest runs")
-    return _section("pairs", "Cross-check", f"<p>{escape(str(w.pairwise))}</p>\n{matrix}")
-
-
-def _environment(w: Comparison) -> str:
-    facts = {"CPU time": f"{w.total_cpu_s:.1f} s, {w.cpu_s:.1f} s of it in solvers"} | w.environment
-    entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>" for name, value in facts.items())
-    return _section("made", "Made with", f"<dl>{entries}</dl>\n")
-
-
-def _section(name: str, title: str, content: str) -> str:
-    return f'<section aria-labelledby="{name}"><h2 id="{name}">{title}</h2>\n{content}</section>\n'
-
-
-def _list(lines: Sequence[str]) -> str:
-    return "<ul>" + "".join(f"<li>{escape(line)}</li>\n" for line in lines) + "</ul>\n"
+        rows = [_row(line) for line in lines[1:]]
+        matrix = table("pairs", headings(lines[0]), rows, "Largest differences between the tightest runs")
+    return section("pairs", "Cross-check", f"<p>{escape(str(w.pairwise))}</p>\n{matrix}")
 
 
 def _row(texts: Sequence[str], attributes: str = "") -> str:
-    first, *others = (escape(text) for text in texts)
-    return f'<tr{attributes}><th scope="row">{first}</th>{"".join(f"<td>{text}</td>" for text in others)}</tr>\n'
-
-
-def _table(labelled_by: str, head: str, rows: Sequence[str], caption: str) -> str:
-    """A table that scrolls in its own box, by keyboard too."""
-    return (f'<div class="scroll" role="region" aria-labelledby="{labelled_by}" tabindex="0"><table>'
-            f"<caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead>\n<tbody>\n{''.join(rows)}</tbody>"
-            f"</table></div>\n")  # fmt: skip
+    return row(texts[0], [f"<td>{escape(text)}</td>" for text in texts[1:]], attributes)

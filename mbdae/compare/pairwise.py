@@ -1,4 +1,4 @@
-"""How far the runs are from each other: every pair at its tightest accuracy, whatever the reference says."""
+"""Differences between all pairs of runs, each at its tightest accuracy; the reference is not involved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbdae.system.base import Array
 
 @dataclass(frozen=True)
 class Final:
-    """The tightest finished run of a label so far: what it was asked for, its rtol, and what is compared of it."""
+    """The finished run of a label with the tightest tolerance so far: accuracy asked, rtol, and the values compared."""
 
     label: str
     asked: str
@@ -23,7 +23,7 @@ class Final:
 
 @dataclass(frozen=True)
 class Pairwise:
-    """Largest difference over the run of every pair, as the measure says; `differences` is symmetric, zeros on the diagonal."""
+    """Largest difference over the run of every pair, in the unit of the measure; `differences` is symmetric."""
 
     runs: tuple[str, ...]  #: label of each
     asked: tuple[str, ...]  #: accuracy each was asked for

@@ -6,22 +6,20 @@ import io
 import re
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 from mbdae.show.plots import style, written
-
-if TYPE_CHECKING:
-    from mbdae.compare.comparison import Comparison
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = (("cpu_s", "CPU time [s]"), ("residuals", "residual evaluations"))
 FRONT = "filled: no other run is both cheaper in CPU time and more accurate"
 BELOW = "below the reference's own uncertainty"
-LETTERS = 13.5  #: of small text per inch
+LETTERS = 13.5  #: letters of small text per inch
 
 
-def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> Any:
+def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -> Any:
     """Two panels, side by side or stacked, one line per run; filled markers lie on the Pareto front of error and CPU time."""
     from matplotlib.figure import Figure
 
@@ -47,8 +45,8 @@ def work_precision(w: Comparison, path: Any = None, stacked: bool = False) -> An
     return written(figure, path, "compare")
 
 
-def inline_svg(w: Comparison, stacked: bool, title: str, name: str) -> str:
-    """The picture as an <svg> element for a page, told to screen readers by its title; ids begin with `name`."""
+def inline_svg(w: ComparisonData, stacked: bool, title: str, name: str) -> str:
+    """The picture as an <svg> element for a page; title: its text for screen readers; ids begin with `name`."""
     import matplotlib
 
     out = io.StringIO()
@@ -75,7 +73,7 @@ def _name(label: str, rows: Sequence[Row]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text in which a dollar is a dollar."""
+    """Text in which matplotlib reads no dollar as the begin of a formula."""
     return text.replace("$", r"\$")
 
 
@@ -95,7 +93,7 @@ def _line(axis: Any, rows: list[Row], work: str, i: int, name: str) -> None:
     axis.loglog([p[0] for p in best], [p[1] for p in best], MARKERS[i % len(MARKERS)], color=look["color"], markersize=6)
 
 
-def _dress(axis: Any, w: Comparison, title: str) -> None:
+def _dress(axis: Any, w: ComparisonData, title: str) -> None:
     _ticks(axis)
     axis.set_xlabel(title)
     axis.grid(True, which="major", color="0.9")
@@ -117,5 +115,5 @@ def _ticks(axis: Any) -> None:
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _error_label(w: Comparison) -> str:
+def _error_label(w: ComparisonData) -> str:
     return _plain(f"error: {w.what}") if w.measure is not None else "error of the whole motion"

@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.equations import Equations
-from mbdae.compare.job import Job
+from mbdae.compare.problem import Problem
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.integrators.base import Solver
 from mbdae.results.result import Result
 from mbdae.system.base import Array
 from mbdae.values import array, function, option
 
-TIGHTER = 100.0  #: accuracy of the reference below the smallest one asked
-CONFIRM = 10.0  #: accuracy of the second method below the smallest one asked
+TIGHTER = 100.0  #: the smallest accuracy asked, over that of the reference
+CONFIRM = 10.0  #: the smallest accuracy asked, over that of the second method
 FLOOR = 1e-11
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the truth comes from. `difference`: of the second method, as the measure says; None where there is none."""
+    """The run that errors are measured against. `difference`: of the second method to it, in the unit of the measure."""
 
     label: str
     accuracy: float | None
@@ -34,7 +34,7 @@ class Reference:
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing speaks against it: given by the user, or confirmed to a third of the smallest accuracy."""
+        """Whether it was given by the user, or confirmed to a third of the smallest accuracy."""
         return self.note is None
 
     def __str__(self) -> str:
@@ -43,52 +43,52 @@ class Reference:
 
 
 def refuse_no_reference(given: Any) -> None:
-    """Refuse what is no reference."""
+    """Raise OptionError for what is no reference."""
     if given is not None and not isinstance(given, Result):
         option("reference", given, function, "give a Result, a function of the times (nt,), or None to have one computed",
                takes="times")  # fmt: skip
 
 
-def given_reference(job: Job, given: Any) -> tuple[Reference, Any]:
+def given_reference(problem: Problem, given: Any) -> tuple[Reference, Any]:
     """A reference the user brought: a Result of the same scene, or values of the measure as a function of time."""
     if isinstance(given, Result):
-        return _given_result(job, given)
-    if job.measure is None:
+        return _given_result(problem, given)
+    if problem.measure is None:
         raise OptionError("reference is a function: name the sensor it stands for, measure='C.angle'")
-    values: Array = option("reference(times)", given(job.times), array, f"return {job.measure} at the times given")
-    shape = job.values(job.solve(_radau(job, 1e-3), None, repeat=False).solution).shape
+    values: Array = option("reference(times)", given(problem.times), array, f"return {problem.measure} at the times given")
+    shape = problem.values(problem.solve(_radau(problem, 1e-3), None, repeat=False).solution).shape
     if values.shape != shape:
-        raise OptionError(f"reference returns shape {values.shape}, {job.measure} has {shape} at the times given")
+        raise OptionError(f"reference returns shape {values.shape}, {problem.measure} has {shape} at the times given")
     return Reference("given function", None, None, None), values
 
 
-def _given_result(job: Job, given: Result) -> tuple[Reference, Any]:
-    if job.scene is None:
+def _given_result(problem: Problem, given: Result) -> tuple[Reference, Any]:
+    if problem.scene is None:
         raise OptionError("reference is the Result of a scene, compared is a System; leave it out")
-    bodies = [b.name for b in job.scene.bodies]
-    if [b.name for b in given.prepared.model.scene.bodies] != bodies or given.solution.t[-1] < job.t_end:
+    bodies = [b.name for b in problem.scene.bodies]
+    if [b.name for b in given.prepared.model.scene.bodies] != bodies or given.solution.t[-1] < problem.t_end:
         end = given.solution.t[-1]
-        raise OptionError(f"reference ends at t = {end:g} s or is of another scene; run this scene to {job.t_end:g} s")
+        raise OptionError(f"reference ends at t = {end:g} s or is of another scene; run this scene to {problem.t_end:g} s")
     label = f"given result, {given.solution.solver.label} {given.info.form}"
-    return Reference(label, given.accuracy.asked, None, None), job.values(given.solution, Equations(given.prepared))
+    return Reference(label, given.accuracy.asked, None, None), problem.values(given.solution, Equations(given.prepared))
 
 
-def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
-    """The tightest Radau run and its values; a second method tells how far it can be trusted."""
-    system = job.system(None)
-    solver = _radau(job, max(smallest / TIGHTER, FLOOR))
-    run = job.solve(solver, job.resolving, repeat=False)
-    values = job.values(run.solution)
-    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}{', vibrations resolved' if job.resolving else ''}"
+def computed_reference(problem: Problem, smallest: float) -> tuple[Reference, Any]:
+    """The tightest Radau run and its values; the difference of a second method is its uncertainty."""
+    system = problem.system(None)
+    solver = _radau(problem, max(smallest / TIGHTER, FLOOR))
+    run = problem.solve(solver, problem.resolving, repeat=False)
+    values = problem.values(run.solution)
+    label = f"{solver.label} {system.label}, rtol {solver.tolerance:.1e}{', vibrations resolved' if problem.resolving else ''}"
     found = Reference(label, max(smallest / TIGHTER, FLOOR), None, None, run.solution.stats.steps, run.cpu_s)
     reasons: list[str] = []
-    for second in _seconds(job, smallest):
+    for second in _seconds(problem, smallest):
         try:
-            other = job.solve(second, job.resolving, repeat=False)
+            other = problem.solve(second, problem.resolving, repeat=False)
         except MbdaeError as error:
             reasons.append(str(error))
             continue
-        gap = job.error(job.values(other.solution), values)
+        gap = problem.error(problem.values(other.solution), values)
         if found.difference is None or gap < found.difference:
             found = replace(found, confirmed_by=f"{second.label} {system.label}, rtol {second.tolerance:.1e}", difference=gap)
         if gap <= smallest / 3:
@@ -98,20 +98,20 @@ def computed_reference(job: Job, smallest: float) -> tuple[Reference, Any]:
     return replace(found, note=f"errors below {found.difference:.0e} are not known"), values
 
 
-def _radau(job: Job, accuracy: float) -> Solver:
+def _radau(problem: Problem, accuracy: float) -> Solver:
     from mbdae.integrators.runge_kutta.radau import RadauIIA
 
-    return as_tight(RadauIIA(3), accuracy, job.system(None).label)
+    return as_tight(RadauIIA(3), accuracy, problem.system(None).label)
 
 
-def _seconds(job: Job, smallest: float) -> list[Solver]:
-    """Methods that may confirm, each tried at a tolerance and, where its own error hides the answer, at a tighter one."""
+def _seconds(problem: Problem, smallest: float) -> list[Solver]:
+    """Second methods in the order in which they are tried, at tighter tolerances where their own error may be the difference."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
 
-    label = job.system(None).label
+    label = problem.system(None).label
     tries: list[tuple[Solver, float]] = [(IDA(), CONFIRM), (IDA(), 30 * CONFIRM), (RadauIIA(2), CONFIRM)]
-    if np.max(job.system(None).index) > 1 or job.resolving is not None:
+    if np.max(problem.system(None).index) > 1 or problem.resolving is not None:
         tries = tries[2:]
     return [as_tight(method, max(smallest / factor, FLOOR), label) for method, factor in tries]
 

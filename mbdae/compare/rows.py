@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class Row:
-    """One solver run. `error` as the measure says, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
+    """One solver run. `error` in the unit of the measure, `cpu_s` and `cpu_spread_s` s of CPU; None where unknown.
 
     accuracy, rtol: asked of the solver, None where its step is constant; stored_bytes: size of the accepted steps kept
-    (t, y, y'), which grows with steps times unknowns and is most of what a run leaves in memory; peak_bytes: largest
-    resident size of the whole process during the run, None where the system does not tell; failure: why it did not
-    finish; pareto: no other run was at least as accurate and as cheap.
+    (t, y, y'), most of the memory of a finished run; peak_bytes: largest resident size of the whole process during the run,
+    None where the system does not measure it; failure: why it did not finish; pareto: no other run was at least as accurate
+    and as cheap.
     """
 
     label: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,9 +15,9 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.named import solver_of
 from mbdae.scene.components import JointModel
 from mbdae.system.base import System
-from mbdae.values import option, sequence, set_option, shown, text
+from mbdae.values import function, option, optional, sequence, set_option, shown, text
 
-#: options that a label need not tell: the table has them in columns of their own, or the solver's name holds them
+#: options that a label leaves out: they have a column of the table, or are part of the solver's name
 TOLD_ELSEWHERE = ("rtol", "stages", "method")
 
 
@@ -26,8 +26,8 @@ class Run:
     """A solver on a form (None: the scene's default), with a joint model (None: as the scene states it).
 
     model: one joint model for all revolute and prismatic joints (mb.Recursive(): for a spanning tree of them, as
-    `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver that has no tolerance or
-    step of its own is run once for every accuracy; one that has is run as it is. Solver and form may be given as a class or
+    `Scene.recursive` chooses it, the rest kinematic), or {name of a joint: its model}. A solver without a tolerance or
+    step of its own is run once for every accuracy, one with such a setting once. Solver and form may be given as a class or
     by name, such as mb.IDA, "radau3", "ggl".
     """
 
@@ -95,7 +95,7 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     is a right-hand side.
 
     others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
-    with beams, the form that resolves their vibrations; BDF and Adams would follow those for ever and are left out."""
+    with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left out."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.cvode import CVODE
     from mbdae.integrators.sundials.ida import IDA
@@ -116,10 +116,17 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
 
 
 def checked_runs(runs: Any) -> list[Run]:
-    """The runs as a list; a solver alone is run on the default form."""
+    """The runs as a list; a solver alone stands for a run on the default form."""
     remedy = "give a list of mb.Run, such as [mb.Run(mb.IDA()), mb.Run(mb.RadauIIA(3))]"
     given = option("runs", runs, sequence, remedy, each=lambda run: run)
     if not given:
         raise OptionError(f"runs = {shown(runs)} is empty: {remedy}")
     return [run if isinstance(run, Run) else Run(solver_of(run, f"runs = {shown(runs)}: entry {i}", remedy))
             for i, run in enumerate(given, 1)]
+
+
+def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
+    """The function called before every run; one that does nothing where there is none."""
+    remedy = "give a function progress(done, total, label), or None"
+    given = optional("progress", progress, function, remedy, takes="done, total, label")
+    return given or (lambda done, total, label: None)

@@ -1,17 +1,14 @@
-"""A comparison as plain text; the page shows the same cells."""
+"""A comparison as plain text; its page shows the same cells."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
 
-if TYPE_CHECKING:
-    from mbdae.compare.comparison import Comparison
-
-WIDTH = 128  #: of sentences; the grid is as wide as it must be
+WIDTH = 128  #: letters per line of sentences; the grid may be wider
 MARKS = ("*", "failed")
 #: heading of each column, and what it means
 COLUMNS = {
@@ -27,13 +24,13 @@ COLUMNS = {
     "Jacobians": "evaluations of the Jacobian",
     "factoris.": "factorisations",
     "Newton": "Newton iterations",
-    "kB": "size of the accepted steps kept (t, y, y')",
+    "kB": "memory of the accepted steps (t, y, y')",
     "MB": "peak memory of the whole process during the run",
     "": "* no other run is both cheaper in CPU time and more accurate",
 }
 
 
-def table(w: Comparison) -> str:
+def table(w: ComparisonData) -> str:
     """Heading, one line per run, failures with their reasons, pairwise differences, verdict."""
     lines = [f"scene '{w.scene}' to t = {w.t_end:g} s", f"error: {w.what}", f"reference: {w.reference}", ""]
     lines += grid([tuple(COLUMNS), *(cells(row) for row in w.runs)])
@@ -62,14 +59,14 @@ def grid(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def failure_lines(failures: Sequence[Row]) -> list[str]:
-    """Accuracies asked, by run and reason: the same reason is told once."""
+    """Accuracies asked, by run and reason: one line per reason."""
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in failures:
         reasons.setdefault((row.label, " ".join((row.failure or "").split())), []).append(_number(row.accuracy, ".0e"))
     return [f"failed: {label} asked for {', '.join(asked)}: {reason}" for (label, reason), asked in reasons.items()]
 
 
-def pairwise_cells(w: Comparison) -> list[tuple[str, ...]]:
+def pairwise_cells(w: ComparisonData) -> list[tuple[str, ...]]:
     """Heading and lower triangle of the differences between the tightest runs; nothing for fewer than two."""
     p = w.pairwise
     if len(p.runs) < 2:
@@ -81,8 +78,8 @@ def pairwise_cells(w: Comparison) -> list[tuple[str, ...]]:
     return lines
 
 
-def environment_line(w: Comparison) -> str:
-    """CPU time spent, and what with."""
+def environment_line(w: ComparisonData) -> str:
+    """CPU time spent, versions and machine."""
     versions = ", ".join(f"{name} {value}" for name, value in w.environment.items() if name not in ("machine", "cpus"))
     return (f"{w.total_cpu_s:.1f} s of CPU time, {w.cpu_s:.1f} s of it in solvers; {versions}; "
             f"{w.environment['machine']}, {w.environment['cpus']} CPUs")  # fmt: skip

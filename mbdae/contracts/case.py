@@ -1,4 +1,4 @@
-"""One variant of a law with random states, evaluated by the numpy oracle."""
+"""One variant of a law with random states, its outputs evaluated by NumPy without the compiled code."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.contracts.states import States, Values, moved, velocities
+from mbdae.contracts.states import States, Values, columns, moved
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels import LinearisedPlan, Plan
 from mbdae.kernels.plan import Outputs
@@ -68,7 +68,7 @@ EVALUATED: tuple[Outputs, ...] = (
 
 
 class Case:
-    """A law in one variant with random states, evaluated by the numpy oracle."""
+    """A law in one variant with random states, evaluated by `Kernel.oracle`: NumPy on the symbolic expressions."""
 
     def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float],
                  family: dict[Any, Case] | None = None) -> None:  # fmt: skip
@@ -95,13 +95,13 @@ class Case:
         return sections
 
     @cached_property
-    def everything(self) -> Plan:
-        """All outputs the contracts look at, in one kernel: one compilation, one oracle."""
+    def all_outputs(self) -> Plan:
+        """All outputs that the contracts use, in one kernel, so that they are compiled once."""
         return Plan(self.d, lambda d: [entry for outputs in self._sections for entry in outputs(d)])
 
     @cached_property
     def linearised(self) -> LinearisedPlan:
-        """The outputs of GGL as the assembly takes them apart; those of Index3 are among them."""
+        """The outputs of GGL split into constant, linear and nonlinear parts, as the assembly uses them; they include Index3."""
         return LinearisedPlan(self.d, ggl_outputs)
 
     def targets(self, outputs: Outputs) -> list[Target]:
@@ -109,11 +109,11 @@ class Case:
         return self._sections[outputs][0]
 
     def evaluate(self, outputs: Outputs, values: Values) -> NDArray[Any]:
-        """Outputs (points, outputs) by the oracle."""
+        """Outputs (points, outputs), by NumPy."""
         targets, part = self._sections[outputs]
         if not targets:
             return np.zeros((len(next(iter(values.values()))), 0))
-        return self.everything.kernel.oracle(columns(self.everything.all_inputs.symbols, values))[:, part]
+        return self.all_outputs.kernel.oracle(columns(self.all_outputs.all_inputs.symbols, values))[:, part]
 
     def slope(self, outputs: Outputs, u: dict[str, NDArray[Any]], clock: bool = False) -> Array:
         """d/dt (points, outputs) along velocities u, by complex step."""
@@ -122,11 +122,11 @@ class Case:
     @cached_property
     def u(self) -> dict[str, Array]:
         """Velocities (points, nu) of every side."""
-        return {f.side: velocities(f, self.values) for f in self.d.frames}
+        return {f.side: columns(f.u, self.values) for f in self.d.frames}
 
     @cached_property
     def on_manifold(self) -> Values:
-        """States near the drawing, moved until the rows vanish (Gauss-Newton); joints only."""
+        """States near the drawn position at which the rows of a joint vanish (Gauss-Newton)."""
         values = self.states.near
         for _ in range(30):
             g = self.evaluate(position, values).real
@@ -155,12 +155,6 @@ class Case:
         return out
 
 
-def columns(symbols: Any, values: Values) -> NDArray[Any]:
-    """(points, symbols) inputs of a kernel."""
-    count = len(next(iter(values.values())))
-    return np.stack([values[str(s)] for s in symbols], axis=-1) if len(symbols) else np.zeros((count, 0))
-
-
 def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Iterator[Measured]:
     """Largest difference of every column over the points, relative to the largest value wanted (at least 1)."""
     if got.size:  # none, or at no point
@@ -169,7 +163,7 @@ def compared(names: list[str], got: NDArray[Any], wanted: NDArray[Any]) -> Itera
 
 
 def label(d: Derived, target: Target) -> str:
-    """A target in words: constraint rows by name, everything else by kind, side and number."""
+    """An output in words: constraint rows by name, others by kind, side and number."""
     if target[0] in ("g", "gd", "gdd", "lambda", "mu"):
         return f"{target[0]}[{d.rows[target[1]]}]"
     return " ".join(map(str, target))

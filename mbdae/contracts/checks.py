@@ -1,4 +1,4 @@
-"""The contracts: every function measures errors of one variant, entry by entry."""
+"""The contracts: every function measures the errors of one variant, entry by entry."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.contracts.case import STEP, Case, Measured, columns, compared, label, of_elements, rebuilt, scalars, starts, statement
-from mbdae.contracts.states import Values, embedded, rates, rigid_velocities, rigidly_moved, rotation, velocities
+from mbdae.contracts.case import STEP, Case, Measured, compared, label, of_elements, rebuilt, scalars, starts, statement
+from mbdae.contracts.states import Values, columns, embedded, rates, rigid_velocities, rigidly_moved, rotation
 from mbdae.errors import LawError
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.formulations.index3 import index3_outputs
@@ -51,7 +51,7 @@ def power_on(case: Case, F: dict[tuple[str, int], Array], u: dict[str, Array]) -
 
 
 def jacobian(case: Case) -> Iterator[Measured]:
-    """All outputs of GGL, rebuilt as the assembly composes them; those of Index3 must be among them."""
+    """Residual and Jacobian of GGL, composed as the assembly does; the outputs of Index3 must be among those of GGL."""
     d, split, unknowns = case.d, case.linearised, input_symbols(case.d)
     missing = [label(d, t) for t, e in index3_outputs(d) if (t, e) not in list(ggl_outputs(d))]
     yield from ((f"{name}, in Index3 but not in GGL", 1.0) for name in missing)
@@ -72,8 +72,8 @@ def jacobian(case: Case) -> Iterator[Measured]:
 
 
 def compiled(case: Case) -> Iterator[Measured]:
-    """LLVM against numpy for everything that is evaluated of the law."""
-    p = case.everything
+    """The compiled code against NumPy for all outputs of the law."""
+    p = case.all_outputs
     if not p.targets:
         return
     x = columns(p.all_inputs.symbols, case.values)
@@ -91,7 +91,7 @@ def motion(case: Case) -> Iterator[Measured]:
 
 
 def virtual_work(case: Case) -> Iterator[Measured]:
-    """Every entry of the covector against the power of the statement on a unit velocity."""
+    """Every entry of the generalised forces against the power of the stated forces on a unit velocity."""
     d, F = case.d, covector(case, case.values)
     if isinstance(d.law, Element):
         return
@@ -109,7 +109,7 @@ def virtual_work(case: Case) -> Iterator[Measured]:
 
 
 def _row_forces(case: Case) -> Array:
-    """(points, rows) lambda, or scaling lambda + 2 penalty c where the joint has the scaling and penalty of Eq. 2."""
+    """(points, rows) forces of the rows: lambda, or scaling lambda + 2 penalty c for a joint with these parameters."""
     d, values = case.d, case.values
     lam = columns(d.multipliers, values)
     if getattr(d.law, "scaling", None) is not None:
@@ -179,7 +179,7 @@ def _same_sense(case: Case, values: Values) -> NDArray[np.bool_]:
 
 
 def _moved_multipliers(case: Case, values: Values) -> Values:
-    """The multipliers that after the rigid motion of `invariance` do the work they did before: rows may lie in inertial axes."""
+    """The multipliers that have the same power after the rigid motion of `invariance`: rows may be resolved in inertial axes."""
     d, m = case.d, len(case.d.rows)
     many = {name: np.tile(value, m) for name, value in values.items()}
     many |= {str(s): case.rng.normal(size=many[str(s)].shape) for f in d.frames for s in f.u}
@@ -194,8 +194,8 @@ def _moved_multipliers(case: Case, values: Values) -> Values:
 
 
 def power(case: Case) -> Iterator[Measured]:
-    """Covector . velocity = dV/dt + dissipated - work (joints: and the power of their rows), and nothing dissipative delivers
-    energy."""
+    """Generalised forces . velocity = dV/dt + dissipated - work (joints: and the power of their rows); dissipated power is not
+    negative."""
     d = case.d
     if not (isinstance(d.law, Force) or d.reactive):
         return
@@ -209,7 +209,7 @@ def power(case: Case) -> Iterator[Measured]:
         expected = expected + np.sum(_row_forces(case) * case.slope(position, case.u), axis=1)
     yield from compared(["balance"], got[:, None], expected[:, None])
     dissipated = parts.get("dissipated", zero)
-    if "losses" in parts:  # told by cause: a velocity that is not that of the forces shows here
+    if "losses" in parts:  # by cause: they show a velocity that is not that of the forces
         yield from compared(["losses by cause"], parts["losses"][:, None], dissipated[:, None])
     if d.states:  # a state may hold energy and give it back
         return
@@ -221,7 +221,7 @@ def inertia(case: Case) -> Iterator[Measured]:
     d = case.d
     if not isinstance(d.law, Element):
         return
-    (b,), u = d.frames, velocities(d.frames[0], case.values)
+    (b,), u = d.frames, columns(d.frames[0].u, case.values)
     qp = rates(b, case.values, u)
     values = case.values | {f"{b.side}_qp{i + 1}": qp[:, i] for i in range(qp.shape[1])}
     rows = case.evaluate(of_elements, values).real
@@ -229,7 +229,7 @@ def inertia(case: Case) -> Iterator[Measured]:
     up = np.stack([values[f"{b.side}_up{i + 1}"] for i in range(u.shape[1])], axis=-1)
     F = covector(case, values)
     stepped = values | {str(s): u[:, i] + 1j * STEP * up[:, i] for i, s in enumerate(b.u)}
-    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # the one scalar of an element; a massless one has none
+    dT = case.evaluate(scalars, stepped).imag.sum(axis=1) / STEP  # the kinetic energy; a massless element has none
     yield from compared(["dT/dt"], power_on(case, F, {b.side: u})[:, None], dT[:, None])
     if b.kind is NodeKind.SPATIAL:
         L, L_dot = (_angular_momentum(case, values, b, w) for w in (u, up))

@@ -1,13 +1,13 @@
-"""The contract every law must keep, checked on any joint, force or element class: the package's or your own.
+"""The properties that every law must have, checked on any joint, force or element class: the package's or your own.
 
     Jacobian              exact derivatives of all outputs of the forms against complex step
-    compiled kernel       LLVM against numpy
+    compiled kernel       compiled code against NumPy
     rates                 G u + g_t = dg/dt and gamma = d2g/dt2 at zero acceleration, quaternions of any length
-    virtual work          force covector = (dg/dq)^T lambda + dV/dq + dR/du - wrench, entry by entry
+    virtual work          generalised forces = (dg/dq)^T lambda + dV/dq + dR/du - wrench, entry by entry
     action = reaction     no force and no moment on a common rigid motion (joints: where their rows vanish)
     invariance            rows, energies and coordinate unchanged by a common rigid motion
-    power                 covector . velocity = dV/dt + dissipated - work; dissipated >= 0
-    inertia               covector . velocity = dT/dt, and the balance of angular momentum
+    power                 generalised forces . velocity = dV/dt + dissipated - work; dissipated >= 0
+    inertia               generalised forces . velocity = dT/dt, and the balance of angular momentum
     singular states       finite as drawn, at a quarter and at a half turn
     planar = spatial      rows, forces and energy of the planar variant are those of the spatial one in the plane
     declaration           every parameter and state has a unit and a meaning
@@ -86,7 +86,7 @@ def _of_law(law: type[Law], options: dict[str, Any]) -> SelfTest:
 
 
 def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
-    """Parameters and states without unit or meaning. The unit of a pure number is "1"."""
+    """Messages on parameters and states without unit or meaning. The unit of a pure number is "1"."""
     for what, table in (("parameter", law.params), ("state", law.states)):
         for name, entry in table.items():
             if not entry.unit:
@@ -96,7 +96,7 @@ def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
 
 
 def _of_part(part: type[Part], options: dict[str, Any]) -> SelfTest:
-    """The contact law with a friction or normal law of that class."""
+    """Check the contact law with a friction or normal law of that class."""
     missing = [o for o in part.options if o not in options]
     if missing or not issubclass(part, Friction | Normal):
         raise LawError(f"{part.__name__}: say mb.selftest({part.__name__}, {missing[0]}=...)" if missing else

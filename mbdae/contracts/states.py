@@ -1,4 +1,4 @@
-"""Random states of a law for `mb.selftest`: a drawing of both sides, a state of motion, values of all symbols by name."""
+"""Random states of a law for `mb.selftest`: both sides as drawn, a state of motion, values of all symbols by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class States:
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
         self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
-        self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(count)])  #: not far from the drawing
+        self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(count)])  #: near the drawn position
 
     def special(self, rotation: float, together: bool) -> Values:
         """One point with l turned by `rotation` about the joint axis; `together`: its points coincide."""
@@ -99,19 +99,15 @@ def _stack(points: list[dict[str, float]]) -> Values:
     return {name: np.array([p[name] for p in points]) for name in points[0]}
 
 
-def positions(f: Frame, values: Values) -> NDArray[Any]:
-    """q (points, nq) of a side."""
-    return np.stack([values[str(s)] for s in f.q], axis=-1) if f.q else np.zeros((len(next(iter(values.values()))), 0))
-
-
-def velocities(f: Frame, values: Values) -> NDArray[Any]:
-    """u (points, nu) of a side."""
-    return np.stack([values[str(s)] for s in f.u], axis=-1) if f.u else np.zeros((len(next(iter(values.values()))), 0))
+def columns(symbols: Any, values: Values) -> NDArray[Any]:
+    """(points, symbols) values of symbols, such as f.q and f.u of a side f."""
+    count = len(next(iter(values.values())))
+    return np.stack([values[str(s)] for s in symbols], axis=-1) if len(symbols) else np.zeros((count, 0))
 
 
 def rotation(f: Frame, values: Values) -> Array:
     """R (points, 3, 3) of a side."""
-    q = positions(f, values)
+    q = columns(f.q, values)
     if f.kind is NodeKind.SPATIAL:
         return rotation_matrices(q[:, 3:])
     headings = q[:, 2] if f.kind is NodeKind.PLANAR else np.zeros(len(q))
@@ -122,13 +118,13 @@ def rates(f: Frame, values: Values, u: NDArray[Any]) -> NDArray[Any]:
     """q' (points, nq) for velocities u (points, nu)."""
     if f.kind is not NodeKind.SPATIAL:
         return u
-    P = positions(f, values)[:, 3:]
+    P = columns(f.q, values)[:, 3:]
     turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, 3:], strict=True)]
     return np.hstack([u[:, :3], np.array(turning)])
 
 
 def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]], clock: bool = False) -> Values:
-    """Values after a small motion: q + step q'(u), and the clock where it runs."""
+    """Values after a small motion: q + step q'(u); clock: parameters of time change too."""
     out = dict(values)
     for f in d.frames:
         change = rates(f, values, u[f.side])
@@ -148,7 +144,7 @@ def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Value
         if f.kind is NodeKind.COORDINATE:
             continue
         n = 2 if flat else 3
-        q, u = positions(f, values).copy(), velocities(f, values).copy()
+        q, u = columns(f.q, values).copy(), columns(f.u, values).copy()
         q[:, :n], u[:, :n] = q[:, :n] @ A[:n, :n].T + c[:n], u[:, :n] @ A[:n, :n].T
         if f.kind is NodeKind.SPATIAL:
             q[:, 3:] = [quaternion_product(P, p) for p in q[:, 3:]]
@@ -163,7 +159,7 @@ def rigid_velocities(d: Derived, values: Values, direction: int) -> dict[str, Ar
     e = np.eye(3)[direction % 3]
     out = {}
     for f in d.frames:
-        q, n = positions(f, values), f.kind.translations
+        q, n = columns(f.q, values), f.kind.translations
         if f.kind is NodeKind.COORDINATE:
             out[f.side] = np.zeros((len(q), 1))
             continue
@@ -183,7 +179,7 @@ def embedded(d: Derived, values: Values, spatial: Derived) -> Values:
     zero = np.zeros(len(next(iter(values.values()))))
     out |= {str(s): zero for s in [*spatial.multipliers, *spatial.stabilisers] if str(s) not in values}
     for f, s in zip(d.sides, spatial.sides, strict=True):
-        q, u = positions(f, values), velocities(f, values)
+        q, u = columns(f.q, values), columns(f.u, values)
         if s.kind is NodeKind.SPATIAL:
             c, h = np.cos(q[:, 2] / 2), np.sin(q[:, 2] / 2)
             full, speed = [q[:, 0], q[:, 1], zero, c, zero, zero, h], [u[:, 0], u[:, 1], zero, zero, zero, u[:, 2]]

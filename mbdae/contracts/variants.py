@@ -1,4 +1,4 @@
-"""The variants of a law: which parameters it can do without, which nodes it can meet."""
+"""The variants of a law: which parameters may be absent, and between which kinds of nodes it can act."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
 
 
 def sides_of(law: type[Law]) -> list[tuple[Side, ...]]:
-    """Node kinds and axes patterns a law may meet."""
+    """Kinds of nodes and directions of axes between which a law may act."""
     if issubclass(law, Element):
         return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, NodeKind.COORDINATE) if kind.moves]
     pairs = [(k, l, Axes.GENERAL) for k, l in product(_SPATIAL, _SPATIAL)]
@@ -41,7 +41,7 @@ def sides_of(law: type[Law]) -> list[tuple[Side, ...]]:
 
 
 def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
-    """The full statement, it with all parameters timed, without each optional parameter, and with one of them only."""
+    """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only."""
     missing = [o for o in law.options if o not in options and o not in _OPTIONS]
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
@@ -72,7 +72,7 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
-    """Every structure in the main pairs of node kinds, the first one in all."""
+    """Every structure between the main pairs of node kinds, the first structure between all pairs."""
     seen: set[Any] = set()
     for structure in structures_of(law, options):
         first = structure.options not in seen

@@ -1,6 +1,5 @@
-"""Where methods break: a scene run every way at the extremes of its parameters."""
+"""Where methods fail: a scene run by every method at extreme values of its parameters."""
 
-from mbdae.extremes.extremes import extremes
-from mbdae.extremes.map import Extremes
+from mbdae.extremes.extremes import Extremes, extremes
 
 __all__ = ["Extremes", "extremes"]

@@ -1,4 +1,4 @@
-"""One cell of a map of extremes: a run at the accuracy asked, its error against a trustworthy reference, and the verdict."""
+"""One cell of a map of extremes: a run at the accuracy asked, its error against a reference, and the verdict."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.equations import Equations
-from mbdae.compare.job import Job, with_models
+from mbdae.compare.problem import Problem, with_models
 from mbdae.errors import AccuracyWarning, MbdaeError
-from mbdae.extremes.reference import SURE, Truth
+from mbdae.extremes.reference import SURE, Reference
 from mbdae.extremes.ways import Way
 from mbdae.results.result import Result
 
@@ -26,15 +26,16 @@ VERDICTS = {
     TOLD: "the error is above what was asked, and the run said so",
     SILENT: "the error is more than 3 times what was asked, without warning or error",
     FAILED: "the run stopped, or was refused, with its reason",
-    UNKNOWN: "no trustworthy reference: nobody knows the error of this run",
+    UNKNOWN: "no trustworthy reference: the error of this run is not known",
 }
-SILENCE = 3.0  #: error over accuracy above which nothing said is a silent miss
-MARGIN = 10.0  #: a doubtful reference judges what is off by that many times its doubt
+SILENCE = 3.0  #: error over accuracy above which a run without warning counts as missed silently
+MARGIN = 10.0  #: a run is judged by an uncertain reference where its error is above this multiple of the uncertainty
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A run at one value of the parameter. error as the measure says, estimated by the run itself, cpu_s of all its runs."""
+    """A run at one value of the parameter. error: in the unit of the measure; estimated: error estimate of the run itself; cpu_s:
+    of the run with its companions."""
 
     value: float
     label: str
@@ -58,11 +59,11 @@ class Cell:
         return bool(self.warnings)
 
 
-def verdict(error: float, accuracy: float, told: bool, known: float | None) -> str:
-    """The verdict on an error that is known to within `known` (None: not at all); what doubt leaves open is not judged."""
+def verdict(error: float, accuracy: float, told: bool, uncertainty: float | None) -> str:
+    """The verdict on an error known to within `uncertainty` (None: not at all); not judged where that decides the verdict."""
     if not math.isfinite(error):
         return TOLD if told else SILENT
-    doubt = math.inf if known is None else known if known > SURE * accuracy else 0.0
+    doubt = math.inf if uncertainty is None else uncertainty if uncertainty > SURE * accuracy else 0.0
     if error + doubt <= accuracy:
         return MET
     if error - MARGIN * doubt > SILENCE * accuracy:
@@ -72,34 +73,35 @@ def verdict(error: float, accuracy: float, told: bool, known: float | None) -> s
     return TOLD if told else NEAR
 
 
-def cell(job: Job, way: Way, value: float, accuracy: float, truth: Truth) -> Cell:
-    """Run a way at a value and judge it. A run with a tolerance or step of its own is verified by another method, as a user
-    would who wants to know its error."""
-    run, models, scene = way.run, way.run or way.models, job.scene
+def cell(problem: Problem, way: Way, value: float, accuracy: float, reference: Reference) -> Cell:
+    """Run a way at a value and judge it. A run with a tolerance or step of its own has no error estimate, so it is verified by
+    another method."""
+    run, models, scene = way.run, way.run or way.models, problem.scene
     assert scene is not None
     facts: dict[str, Any] = {
         "value": value, "label": way.label, "solver": run.solver.label if run else "", "form": run.form.label if run and run.form
         else "", "model": models.model_label if models else None, "accuracy": accuracy,
-        "t_end": job.t_end,
+        "t_end": problem.t_end,
     }  # fmt: skip
     begin = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", AccuracyWarning)
             variant: Any = with_models(scene, models) if models is not None else scene
-            r: Result = variant.simulate(job.t_end, accuracy, solver=run.solver if run else None, form=run.form if run else None,
-                                       max_wall=job.max_wall, verify=run is not None and run.as_it_is)  # fmt: skip
+            r: Result = variant.simulate(problem.t_end, accuracy, solver=run.solver if run else None,
+                                         form=run.form if run else None, max_wall=problem.max_wall,
+                                         verify=run is not None and run.as_it_is)  # fmt: skip
     except (MbdaeError, np.linalg.LinAlgError, ArithmeticError) as stop:
         name = "" if isinstance(stop, MbdaeError) else f"{type(stop).__name__}: "
         return Cell(**facts, verdict=FAILED, cpu_s=time.process_time() - begin, failure=name + " ".join(str(stop).split()))
     cpu = time.process_time() - begin
     facts |= {"solver": r.info.solver.label, "form": r.info.form, "cpu_s": cpu}
-    values = job.values(r.solution, Equations(r.prepared))
-    if truth.values is None:
+    values = problem.values(r.solution, Equations(r.prepared))
+    if reference.values is None:
         error, found = math.nan, UNKNOWN
     else:
-        error = job.error(values, truth.values)
-        found = verdict(error, accuracy, bool(r.warnings), truth.known)
+        error = problem.error(values, reference.values)
+        found = verdict(error, accuracy, bool(r.warnings), reference.uncertainty)
     best = r.accuracy.verified if r.accuracy.verified is not None else r.accuracy.estimated
     known = best if best is not None and math.isfinite(best) else None
     return Cell(**facts, verdict=found, error=error if math.isfinite(error) else None, estimated=known, steps=r.stats.steps,

@@ -1,23 +1,28 @@
-"""Where methods break: a scene at the extremes of its parameters, run every way, each run judged against a reference."""
+"""Where methods fail: a scene at extreme values of its parameters, run every way, each run judged against a reference."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from mbdae.compare.job import SECONDS, Job, new_job
-from mbdae.compare.run import Run, checked_runs
+from mbdae.compare.problem import SECONDS, Problem, new_problem
+from mbdae.compare.run import Run, checked_runs, progress_of_runs
 from mbdae.errors import MbdaeError, interrupted
 from mbdae.extremes.cell import FAILED, Cell, cell
-from mbdae.extremes.kept import Kept, kept_rows
-from mbdae.extremes.map import Block, Extremes
-from mbdae.extremes.reference import truth
-from mbdae.extremes.vary import Varied, checked_vary, default_vary, stated, varied
+from mbdae.extremes.checkpoint import Checkpoint, checkpoint
+from mbdae.extremes.data import Block, ExtremesData
+from mbdae.extremes.page import page
+from mbdae.extremes.reference import reference_at
+from mbdae.extremes.table import table
+from mbdae.extremes.values import asked_values
+from mbdae.extremes.vary import Varied, default_vary, stated, varied
 from mbdae.extremes.ways import Way, stepped_ways, ways
 from mbdae.integrators.base import end_after
 from mbdae.run.control import plausible
-from mbdae.sweep.resume import progress_of_runs, resume_path
+from mbdae.sweep.resume import interruption, resume_path
+from mbdae.sweep.writing import written
 from mbdae.values import number, optional
 
 ACCURACY = 1e-5
@@ -25,10 +30,26 @@ MAX_WALL = 20.0  #: s of wall time per run, and per run of a reference
 STEPS = 20  #: of a constant step: the run is that short, so that small steps end
 
 
+class Extremes(ExtremesData):
+    """The whole map with its table and its page; `silent` must be empty."""
+
+    def to_html(self, path: Any = None) -> str:
+        """One self-contained HTML page, written to `path` where one is given."""
+        return written(lambda: page(self), path)
+
+    def table(self) -> str:
+        """A grid per parameter, the reasons of failures, and the counts."""
+        return table(self)
+
+    def __str__(self) -> str:
+        return self.table()
+
+
 def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, runs: Sequence[Run] | None = None,
              accuracy: float = ACCURACY, measure: str | None = None, max_wall: float | None = MAX_WALL,
              progress: Callable[[int, int, str], None] | None = None, resume: Any = None) -> Extremes:  # fmt: skip
-    """Run a scene at the extremes of its parameters and say where which method keeps its promise.
+    """Run a scene at extreme values of its parameters and tell which methods reach the accuracy asked, and which say that they
+    do not.
 
     scene: a mb.Scene, or a function scene(**parameters) that returns one. t_end: s.
     vary: {parameter: (low, high)}, a ladder of at most seven values, decades apart; or {parameter: [values]}. Values are in the
@@ -36,39 +57,45 @@ def extremes(scene: Any, t_end: float, vary: Mapping[str, Any] | None = None, ru
     "C.spring", "beam.section.EA", "B.model.outer"; shorthands: mass, stiffness, speed, clearance), an argument of scene(),
     or "accuracy", "step" (s, constant, at most `STEPS` of them), "t_end" (s). A faster drive or start runs for as many
     turns: its t_end shrinks. Default: what the scene states, by factors.
-    runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae comes last.
+    runs: list of mb.Run; default every joint model x form x solver that applies; the choice of mbdae itself comes last.
     measure: a sensor, "C.angle"; default the motion of the bodies. max_wall: s of wall time per run.
-    progress(done, total, label): called before every run. resume: a JSON file that keeps every finished value, also where Ctrl-C
-    or an error ends the map.
+    progress(done, total, label): called before every run. resume: a JSON file that stores every finished value, so that
+    the same call goes on after Ctrl-C or an error.
     """
     begin = time.process_time()
     accuracy, tell, own = plausible(accuracy), progress_of_runs(progress), checked_runs(runs) if runs is not None else None
     resume, max_wall = resume_path(resume), optional("max_wall", max_wall, number, SECONDS, above=0)
     end = end_after(0.0, t_end)
     base = stated(scene)
-    asked = checked_vary(vary) if vary is not None else default_vary(base)
-    first = new_job(base, end, measure, max_wall)
+    asked = asked_values(vary) if vary is not None else default_vary(base)
+    first = new_problem(base, end, measure, max_wall)
     parameters = varied(scene, end, asked)
     chosen = ways(first, own)
-    kept = kept_rows(resume, first, asked, own, accuracy)
-    work = _Work(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell,
-                 sum(len(p.values) for p in parameters) * (len(chosen) + 1))  # fmt: skip
+    kept = checkpoint(resume, first, asked, own, accuracy)
+    total = sum(len(p.values) for p in parameters)
+    execution = _Execution(measure, max_wall, accuracy, chosen, first, runs is None, kept, tell, total * (len(chosen) + 1))
     try:
-        blocks = tuple(work.block(p) for p in parameters)
+        blocks = tuple(execution.block(p) for p in parameters)
     except KeyboardInterrupt as error:
-        interrupted(error, kept.said(sum(len(p.values) for p in parameters)), None)
+        interrupted(error, interruption(kept.path, len(kept.rows), total, "values"), None)
         raise
     return Extremes(base.name, end, accuracy, measure, first.what, blocks, kept.cpu_s + time.process_time() - begin)
 
 
-class _Work:
-    """The cells of a map, value after value, each value kept as soon as it is done."""
+@dataclass
+class _Execution:
+    """The cells of a map, value after value, each value stored as soon as it is done."""
 
-    def __init__(self, measure: str | None, max_wall: float | None, accuracy: float, chosen: list[Way], first: Job,
-                 free_choice: bool, kept: Kept, tell: Callable[[int, int, str], None], total: int) -> None:  # fmt: skip
-        self.measure, self.max_wall, self.accuracy, self.chosen = measure, max_wall, accuracy, chosen
-        self.first, self.free_choice, self.kept, self.tell, self.total = first, free_choice, kept, tell, total
-        self.done = 0
+    measure: str | None
+    max_wall: float | None
+    accuracy: float
+    chosen: list[Way]
+    first: Problem  #: the scene as it is stated
+    free_choice: bool  #: whether the user named no runs
+    kept: Checkpoint
+    tell: Callable[[int, int, str], None]
+    total: int  #: of runs and references
+    done: int = 0
 
     def block(self, p: Varied) -> Block:
         """All values of one parameter."""
@@ -76,7 +103,7 @@ class _Work:
         references = []
         for value in p.values:
             if (p.name, value) not in self.kept.rows:
-                self.kept.keep(p.name, value, *self._at(p, value))
+                self.kept.add(p.name, value, *self._at(p, value))
             reference, row = self.kept.rows[p.name, value]
             references.append(reference)
             cells += row
@@ -91,16 +118,16 @@ class _Work:
             t_end = min(t_end, STEPS * value)
         self._told(p, value, "reference")
         try:
-            job = new_job(p.scene(value), t_end, self.measure, self.max_wall)
+            problem = new_problem(p.scene(value), t_end, self.measure, self.max_wall)
         except MbdaeError as error:
             reason = " ".join(str(error).split())
             return "the scene is refused", [_refused(way, value, accuracy, t_end, reason) for way in chosen]
-        known = truth(job, accuracy, p.stops(value))
+        reference = reference_at(problem, accuracy, p.stops(value))
         cells = []
         for way in chosen:
             self._told(p, value, way.label)
-            cells.append(cell(job, way, value, accuracy, known))
-        return known.reference, cells
+            cells.append(cell(problem, way, value, accuracy, reference))
+        return reference.label, cells
 
     def _ways(self, p: Varied, value: float) -> list[Way]:
         if p.name != "step":

@@ -5,17 +5,18 @@ from __future__ import annotations
 from html import escape
 
 from mbdae.compare.environment import environment
-from mbdae.compare.page import STYLE as PAGE_STYLE
+from mbdae.compare.html import document, headings, made_with, row, section, table
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, Cell
-from mbdae.extremes.map import MARKS, Block, Extremes, doubted, notes, text
+from mbdae.extremes.data import Block, ExtremesData
+from mbdae.extremes.table import MARKS, doubted, notes, text
 
-#: background, text: told apart in lightness as well as in hue (Okabe and Ito's palette, lightened where text is dark)
+#: background and text colour, different in lightness and in hue (Okabe and Ito's palette, lightened under dark text)
 COLOURS = {
     MET: ("#cfe5f5", "#10334d"), NEAR: ("#8fc1e3", "#0b2536"), TOLD: ("#f6dca6", "#4d3300"), SILENT: ("#8a0f3c", "#ffffff"),
     FAILED: ("#e08e45", "#2b1500"), UNKNOWN: ("#e6e6e6", "#333333"),
 }  # fmt: skip
 KINDS = {name: f"v{i}" for i, name in enumerate(VERDICTS)}
-STYLE = PAGE_STYLE + "".join(
+STYLE = "".join(
     f".{KINDS[name]} {{ background: {back}; color: {front}; }}\n" for name, (back, front) in COLOURS.items()
 ) + """
 table.map td { text-align: center; border: 1px solid #fff; min-width: 4.2rem; }
@@ -31,42 +32,30 @@ details { max-width: 60rem; } summary { cursor: pointer; min-height: 24px; }
 """
 
 
-def page(m: Extremes) -> str:
+def page(m: ExtremesData) -> str:
     """The whole page."""
-    title = f"Extremes: {m.scene}"
-    parts = [_head(m, title), _legend(m), *(_block(i, block) for i, block in enumerate(m.blocks)), _made(m)]
-    return (f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-            f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
-            f"{''.join(parts)}</main>\n</body>\n</html>\n")  # fmt: skip
+    made = made_with(f"{m.cpu_s:.1f} s", environment())
+    return document(f"Extremes: {m.scene}", STYLE, [_summary(m), _legend(m), *map(_block, range(len(m.blocks)), m.blocks), made])
 
 
-def _head(m: Extremes, title: str) -> str:
+def _summary(m: ExtremesData) -> str:
     held = "No run was silently wrong." if not m.silent else f"{len(m.silent)} runs were silently wrong."
-    return (f'<h1>{escape(title)}</h1>\n<p class="holds">{held}</p>\n<p>{len(m.cells)} runs to t = {m.t_end:g} s, accuracy '
+    return (f'<p class="holds">{held}</p>\n<p>{len(m.cells)} runs to t = {m.t_end:g} s, accuracy '
             f"{m.accuracy:g} unless it is varied. Error: {escape(m.what)}.</p>\n")  # fmt: skip
 
 
-def _legend(m: Extremes) -> str:
+def _legend(m: ExtremesData) -> str:
     lines = [f'<li><span class="swatch {KINDS[name]}">{MARKS[name]} {n}</span>'
              f"<span><b>{name}</b>: {escape(VERDICTS[name])}</span></li>\n" for name, n in m.counts.items()]  # fmt: skip
-    return (f'<section aria-labelledby="legend"><h2 id="legend">Legend and counts</h2>\n'
-            f'<ul class="legend">{"".join(lines)}</ul>\n'
-            f'<p class="note">A cell holds its mark and the largest error of the run; what else is known of it shows when it is '
-            f"pointed at, and stands in the JSON file.</p></section>\n")  # fmt: skip
+    note = ("A cell holds its mark and the largest error of the run; its other data show when it is pointed at, and "
+            "are in the JSON file.")  # fmt: skip
+    return section("legend", "Legend and counts", f'<ul class="legend">{"".join(lines)}</ul>\n<p class="note">{note}</p>')
 
 
 def _block(i: int, block: Block) -> str:
-    head = "".join(f'<th scope="col">{value:g}</th>' for value in block.values)
-    rows = []
-    for label in block.labels:
-        cells = "".join(_cell(block.at(label, value)) for value in block.values)
-        rows.append(f'<tr><th scope="row">{escape(label)}</th>{cells}</tr>\n')
-    name = escape(block.parameter)
-    table = (f'<div class="scroll" role="region" aria-labelledby="b{i}" tabindex="0"><table class="map">'
-             f'<thead><tr><th scope="col">way \\ value</th>{head}</tr></thead>\n'
-             f"<tbody>\n{''.join(rows)}</tbody></table></div>\n")  # fmt: skip
-    return f'<section aria-labelledby="b{i}"><h2 id="b{i}">{name}</h2>\n{table}{_said(block)}</section>\n'
+    head = headings(["way \\ value", *(f"{value:g}" for value in block.values)])
+    rows = [row(label, [_cell(block.at(label, value)) for value in block.values]) for label in block.labels]
+    return section(f"b{i}", block.parameter, table(f"b{i}", head, rows, attributes=' class="map"') + _said(block))
 
 
 def _cell(cell: Cell | None) -> str:
@@ -76,7 +65,7 @@ def _cell(cell: Cell | None) -> str:
 
 
 def _told(cell: Cell) -> str:
-    """What is known of a cell, for the pointer."""
+    """The data of a cell, shown where the pointer rests on it."""
     parts = [cell.verdict, f"{cell.solver} {cell.form}".strip()]
     for name, value, form in (("estimated", cell.estimated, ".1e"), ("CPU s", cell.cpu_s, ".2f")):
         parts += [f"{name} {value:{form}}"] if value is not None else []
@@ -85,16 +74,10 @@ def _told(cell: Cell) -> str:
 
 
 def _said(block: Block) -> str:
-    """What runs said, and which references could not be trusted."""
+    """Uncertain references, and warnings and errors of runs."""
     told = [*(f"not judged at {value:g}: reference {reference}" for value, reference in doubted(block)), *notes(block)]
     if not told:
         return ""
     lines = "".join(f"<li>{escape(line)}</li>\n" for line in told)
     count = f"{len(told)} remark{'s' if len(told) > 1 else ''}"
     return f"<details><summary>What was said: {count}</summary><ul>{lines}</ul></details>\n"
-
-
-def _made(m: Extremes) -> str:
-    facts = {"CPU time": f"{m.cpu_s:.1f} s"} | environment()
-    entries = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>" for name, value in facts.items())
-    return f'<section aria-labelledby="made"><h2 id="made">Made with</h2>\n<dl>{entries}</dl>\n</section>\n'

@@ -1,8 +1,8 @@
-"""Pulses among the inputs of a scene: loads and prescribed motions that are constant but for some time, and their variation.
+"""Pulses among the inputs of a scene, loads and prescribed motions that change during one interval alone, and their variation.
 
-A pulse is found on the scene as it is drawn up, where it is wide enough to be seen by sampling. A varied one is the same
-expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference that
-starts anew at them (`extremes_truth`) cannot step over it.
+A pulse is found by sampling the inputs of the scene as stated, where it has to be wide enough for that. A varied one is the
+same expression with its time and its values scaled, so that its edges are known however narrow it has become: a reference
+that restarts at them (`extremes/reference.py`) cannot step over it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from mbdae.errors import OptionError
 from mbdae.inputs import text, timed
 from mbdae.scene.record import encode
 
-NUMBERS = ("begin", "width", "strength")  #: of a pulse, that can be varied
-SAMPLES = 20001  #: of the run, in which pulses of the scene as drawn up are sought
-CONSTANT = 1e-12  #: of the largest change of an input: smaller changes are none
+NUMBERS = ("begin", "width", "strength")  #: quantities of a pulse that can be varied
+SAMPLES = 20001  #: times of the run at which inputs are sampled to find pulses
+CONSTANT = 1e-12  #: relative to the largest change of an input: smaller changes count as none
 BISECTIONS = 60
-PARTS = 8  #: of a pulse, each of which a reference begins anew, so that a smooth pulse is not stepped over either
+PARTS = 8  #: of a pulse: a reference restarts at each, so that it does not step over the middle of a smooth pulse either
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Pulse:
 
     @property
     def stops(self) -> list[float]:
-        """Times at which a run starts anew to see the pulse, s."""
+        """Times at which a reference restarts, s."""
         return [float(t) for t in self.begin + self.width * np.arange(PARTS + 1) / PARTS]
 
 
 def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
-    """The pulse that expressions of time make together in a run of t_end s; None where one changes from the start or to the
-    end of the run, or none changes."""
+    """The pulse of several expressions of time together in a run of t_end s; None where one changes at the start or the end of
+    the run, or none changes."""
     times = np.linspace(0.0, t_end, SAMPLES)
     seen = np.array([timed.values(e, times) for e in inputs])
     departure = np.abs(seen - seen[:, :1])
@@ -59,8 +59,8 @@ def pulse_of(inputs: Sequence[Any], t_end: float) -> Pulse | None:
 
 
 def _edge(inputs: Sequence[Any], rest: Any, small: float, quiet: float, changed: float) -> float:
-    """Where inputs leave their value at rest, between a time at which they have it and one at which they have not: a Piecewise
-    exactly, others where they are `small` away from it."""
+    """The time at which inputs leave their constant value `rest`, by bisection between a time with it (`quiet`) and one without
+    (`changed`): exact for a Piecewise, else where they differ by `small`."""
     at = np.array([quiet])
     small = 0.0 if all(timed.values(e, at)[0] == value for e, value in zip(inputs, rest, strict=True)) else small
     for _ in range(BISECTIONS):
@@ -95,8 +95,8 @@ class Varying:
 
 
 def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: str) -> Varying | None:
-    """What `keys` (such as "width", or "value", "0", "width" for one of several inputs) vary of the pulse that the arguments of a
-    statement make in a run of t_end s; None where they mean something else."""
+    """The pulse in the arguments of a statement, for a run of t_end s, of which `keys` vary a number ("width", or "value", "0",
+    "width" for one of several inputs); None where they name another argument."""
     *path, number = keys
     if number not in NUMBERS or number in arguments or number in arguments.get("law", {}).get("values", {}):
         return None
@@ -111,13 +111,13 @@ def varying(arguments: dict[str, Any], keys: Sequence[str], t_end: float, name: 
 
 
 def pulses(statements: Any, t_end: float) -> list[Pulse]:
-    """The pulses that single expressions in statements make in a run of t_end s."""
+    """The pulses of single expressions in statements, for a run of t_end s."""
     alone = [_expression(holder[key]) for holder, key in _places(statements, ())]
     return [found for e in alone if (found := pulse_of([e], t_end)) is not None]
 
 
 def _places(holder: Any, path: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """(list or mapping, key) of every expression of time below, those on a path of names and numbers alone."""
+    """(list or mapping, key) of every expression of time in nested data below a path of names and numbers."""
     for key, value in enumerate(holder) if isinstance(holder, list) else holder.items():
         rest = path[1:] if path and str(key) == path[0] else path
         if isinstance(value, dict) and "expression" in value:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from mbdae.compare.job import Job
+from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run, checked_runs
 from mbdae.formulations import GGL, ODE, Index1, Index3
 from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
@@ -15,7 +15,7 @@ from mbdae.integrators.sundials.ida import IDA
 from mbdae.scene.components import Classical, JointModel, Recursive
 from mbdae.scene.variants import MODELLED
 
-#: a form or a solver that is added to the package is mapped by a line here
+#: a form or a solver that is added to the package is added to the maps by a line here
 CONSTRAINED = (
     Run(IDA(), GGL()),
     Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
@@ -42,11 +42,11 @@ CHOICE = "chosen by mbdae"
 
 @dataclass(frozen=True)
 class Way:
-    """A run, or with `run` None the choice mbdae makes (of its joint models too where `model` is None)."""
+    """A run; or, with `run` None, the choice that mbdae makes (of the joint models too where `models` is None)."""
 
     label: str
     run: Run | None
-    models: Run | None = None  #: a run that carries the joint models of a choice
+    models: Run | None = None  #: a run whose joint models are used for the choice
 
     def with_step(self, h: float) -> Run | None:
         """The run at a constant step; None where its solver has none."""
@@ -55,13 +55,13 @@ class Way:
         return replace(self.run, solver=replace(self.run.solver, step=h))  # type: ignore[type-var]
 
 
-def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
+def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
     """The runs given, or all that apply to the scene; the choice of mbdae last."""
     if runs is not None:
         chosen = checked_runs(runs)
         return [Way(_label(run), run) for run in chosen] + [Way(CHOICE, None)]
     found: list[Way] = []
-    for name, models, free in _models(job):
+    for name, models, free in _models(problem):
         listed = [replace(run, model=models) for run in (FREE if free else CONSTRAINED)]
         listed = [replace(run, label=" ".join([_label(replace(run, model=None)), name]).strip()) for run in listed]
         found += [Way(_label(run), run) for run in listed if not (models and isinstance(run.solver, LOW_ORDER))]
@@ -69,23 +69,23 @@ def ways(job: Job, runs: Sequence[Run] | None) -> list[Way]:
     return found
 
 
-def _models(job: Job) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
-    """Name, joint models and whether they leave an ODE: as stated, and the others. Joints with clearance keep theirs."""
-    joints = [c for c in job.scene.joints if c.kind in MODELLED] if job.scene is not None else []
+def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
+    """Name, joint models and whether they give an ODE: as stated, and the others. Joints with clearance keep theirs."""
+    joints = [c for c in problem.scene.joints if c.kind in MODELLED] if problem.scene is not None else []
     ideal = [c for c in joints if not c.loose]
     if len(ideal) == len(joints):
-        others = job.other_models.items()
-        return [("", None, not job.constrained), *((type(m).__name__, m, free) for m, free in others)]
+        others = problem.other_models.items()
+        return [("", None, not problem.constrained), *((type(m).__name__, m, free) for m, free in others)]
     loose: tuple[JointModel, ...] = (Classical(), Recursive()) if ideal else ()
-    return [("", None, not job.constrained), *((type(m).__name__, {c.name: m for c in ideal}, False) for m in loose)]
+    return [("", None, not problem.constrained), *((type(m).__name__, {c.name: m for c in ideal}, False) for m in loose)]
 
 
-def stepped_ways(job: Job, h: float) -> list[Way]:
-    """Constant steps of h s, on the form the scene takes."""
+def stepped_ways(problem: Problem, h: float) -> list[Way]:
+    """Methods with constant steps of h s; ODE where the scene has no constraints."""
     found: list[Way] = []
     for make in STEPPED:
         run = make(h)
-        if not job.constrained:
+        if not problem.constrained:
             run = replace(run, form=ODE())
         way = Way(_label(replace(run, solver=replace(run.solver, step=None))), run)  # type: ignore[type-var]
         if way.label not in [w.label for w in found]:

@@ -1,27 +1,56 @@
-"""What is kept on its way in a file that the user names with `resume`, so that a run that was stopped goes on."""
+"""The file that a user names by `resume=`: it keeps what is finished, so that the same call goes on after an interruption."""
 
 from __future__ import annotations
 
-import base64
 import json
-import math
 import os
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy as np
+from typing import Any, ClassVar, TypeVar
 
 from mbdae.errors import OptionError
 from mbdae.files import write_file
-from mbdae.system.base import Array
-from mbdae.values import BadValueError, file_to_write, function, optional, shown, whole
+from mbdae.values import BadValueError, file_to_write, optional, shown
 
 T = TypeVar("T")
 _TYPES = {"str": (str,), "int": (int,), "float": (int, float), "bool": (bool,), "None": (type(None),)}
+
+
+@dataclass
+class ResumeFile:
+    """A JSON file at `path` (None: nothing is kept). identity: plain data that say what is computed; a file in which they
+    differ is refused."""
+
+    path: Path | None
+    identity: dict[str, Any]
+
+    kind: ClassVar[str]  #: what is kept, in messages
+    file_format: ClassVar[str]
+
+    @contextmanager
+    def stored(self) -> Iterator[dict[str, Any] | None]:
+        """The data of the file, None where there is none; damage found while they are read is an OptionError."""
+        if self.path is None or not self.path.exists():
+            yield None
+            return
+        try:
+            data = json.loads(self.path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise OptionError(f"resume = '{self.path}' cannot be read: {error}; delete it, or name another file") from error
+        if not isinstance(data, dict) or data.get("format") != self.file_format:
+            raise OptionError(f"resume = '{self.path}' is not a {self.kind} kept by resume; name another file")
+        check_same(self.path, self.kind, data.get("statement"), self.identity)
+        with damage_refused(self.path):
+            yield data
+
+    def store(self, data: dict[str, Any]) -> None:
+        """Replace the file as a whole, so that it is valid whenever the run stops."""
+        if self.path is not None:
+            content = {"format": self.file_format, "statement": self.identity, **data}
+            write_file(self.path, json.dumps(content, indent=1) + "\n")
 
 
 def resume_path(path: Any) -> Path | None:
@@ -33,42 +62,15 @@ def resume_path(path: Any) -> Path | None:
     return where
 
 
-def progress_of_runs(progress: Any) -> Callable[[int, int, str], None]:
-    """The function called before every run; one that does nothing where there is none."""
-    told = optional("progress", progress, function, "give a function progress(done, total, label), or None",
-                    takes="done, total, label")  # fmt: skip
-    return told or (lambda done, total, label: None)
-
-
-def written(content: str, path: Any) -> str:
-    """The content, written to a file where a path is given."""
-    place = place_of(path)
-    if place is not None:
-        write_file(place, content)
-    return content
-
-
-def place_of(path: Any) -> Path | None:
-    """Where to write, None for nowhere; refused where that cannot be."""
-    place: Path | None = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
-    return place
-
-
-def read_kept(path: Path, file_format: str, what: str, statement: Any) -> dict[str, Any]:
-    """A JSON file kept earlier; refused where it is not of this format, or holds another `what` than the statement says."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise OptionError(f"resume = '{path}' cannot be read: {error}; delete it, or name another file") from error
-    if not isinstance(data, dict) or data.get("format") != file_format:
-        raise OptionError(f"resume = '{path}' is not a {what} kept by resume; name another file")
-    check_same(path, what, data.get("statement"), statement)
-    return data
+def interruption(path: Any, done: int, total: int, what: str) -> str:
+    """How far an interrupted call came, and where that is kept."""
+    where = f"{path}; the same call goes on from there" if path is not None else "no file (resume=FILE names one)"
+    return f"interrupted: {done} of {total} {what} are done and kept in {where}"
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Tell damage of a file that is read inside: what is kept has to be as it was written."""
+def damage_refused(path: Path) -> Iterator[None]:
+    """What goes wrong inside, where a file is read, is told as damage of the file."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, zlib.error) as error:
@@ -78,8 +80,8 @@ def reading(path: Path) -> Iterator[None]:
         raise OptionError(f"resume = '{path}' is damaged ({told}); delete it, or name another file") from error
 
 
-def made(cls: type[T], data: Any, **further: Any) -> T:
-    """A record from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
+def record(cls: type[T], data: Any, **further: Any) -> T:
+    """A dataclass from its plain data, every entry of the type its class declares; further: entries that are no plain data."""
     if not isinstance(data, dict):
         raise BadValueError(f"{shown(data)} is no {cls.__name__}")
     declared = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
@@ -96,25 +98,6 @@ def made(cls: type[T], data: Any, **further: Any) -> T:
 def _fits(value: Any, declared: str) -> bool:
     allowed = [kind for word in declared.split(" | ") for kind in _TYPES[word]]
     return type(value) in allowed
-
-
-def packed(values: Array) -> dict[str, Any]:
-    """An array as plain data."""
-    content = zlib.compress(np.ascontiguousarray(values, dtype="<f8").tobytes(), 1)
-    return {"shape": list(np.shape(values)), "zlib_float64": base64.b64encode(content).decode("ascii")}
-
-
-def unpacked(stored: Any) -> Array:
-    """The array again; no more is unpacked than its shape says."""
-    shape = [whole(n, least=0) for n in stored["shape"]]
-    content, size = base64.b64decode(stored["zlib_float64"], validate=True), 8 * math.prod(shape)
-    if size > 2000 * len(content) + 64:
-        raise BadValueError(f"an array has shape {shape}, but {len(content)} bytes")
-    unpacking = zlib.decompressobj()
-    raw = unpacking.decompress(content, size + 1)
-    if len(raw) != size or not unpacking.eof:
-        raise BadValueError(f"an array of shape {shape} has other bytes")
-    return np.frombuffer(raw, dtype="<f8").reshape(shape)
 
 
 def check_same(path: Path, what: str, there: Any, here: Any) -> None:

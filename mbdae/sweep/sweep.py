@@ -19,8 +19,9 @@ import numpy as np
 
 from mbdae.errors import OptionError, Told, interrupted
 from mbdae.files import write_file
-from mbdae.sweep.resume import check_same, reading, resume_path, written
+from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
+from mbdae.sweep.writing import as_json
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, flag, function, option, optional, sequence, shown, text, whole
 
@@ -32,7 +33,7 @@ Progress = Callable[[int, int], None]  #: points done, points in all
 
 @dataclass(frozen=True)
 class SweepRow:
-    """A point and what the job returned there; else `error`, its type and text. died: the worker ended with it."""
+    """A point and the values that the job returned there, or its error (type and text). died: the worker process ended."""
 
     point: dict[str, Any]
     values: dict[str, Any] | None
@@ -97,8 +98,7 @@ class Sweep(Told):
     def to_json(self, path: Any = None) -> str:
         """Rows as JSON text; path: a file to write it to. Numbers that are not finite become null."""
         rows = [{"point": row.point, "values": row.values, "error": row.error} for row in self.rows]
-        content = json.dumps({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, indent=1, allow_nan=False)
-        return written(content + "\n", path)
+        return as_json({"complete": self.complete, "rows": _finite(json.loads(_json(rows)))}, path)
 
     def __repr__(self) -> str:
         return f"<Sweep: {len(self.done)} of {len(self.points)} points done, {len(self.failures)} failed>"
@@ -112,8 +112,8 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
     grid: name -> values (their outer product), or a list of points. executor: None for processes of this machine (`workers`
     of them, one per core by default, each with one BLAS thread), or any executor with the interface of concurrent.futures,
     such as dask.distributed's Client(...).get_executor(). What a job returns are numbers, texts, lists and arrays.
-    An error of a point is kept in its row. Where a worker dies, the point it had in hand is done once more; one whose
-    worker dies again is a failure. resume: a file that gets every row as it comes; with the same job and grid
+    An error of a point is kept in its row. Where a worker process ends, its point is computed once more; where that one ends
+    too, the point is a failure. resume: a file that gets every row as it comes; with the same job and grid
     only what is missing is computed, points whose worker died among it, and with again=True all that failed.
     progress(done, all) is called after every point. Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the
     Sweep of the points done. The worker processes end with this one, however it ends.
@@ -143,16 +143,10 @@ def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, An
                     if tell is not None:
                         tell(len(done), len(points))
         except (KeyboardInterrupt, SystemExit) as error:
-            interrupted(error, _said(made, resume), made)
+            come_so_far = interruption(resume, len(done), len(points), "points")
+            interrupted(error, f"{come_so_far}; this exception has them as its attribute `solution`", made)
             raise
     return made
-
-
-def _said(made: Sweep, resume: Any) -> str:
-    """What is kept of a sweep that was interrupted."""
-    done = f"the sweep was interrupted: {len(made.done)} of {len(made.points)} points are done"
-    where = f"kept in {resume}; the same call goes on from there" if resume is not None else "kept in no file (resume=FILE does)"
-    return f"{done} and {where}; this exception has them as its attribute `solution`"
 
 
 def _points(grid: Any) -> tuple[list[dict[str, Any]], dict[str, list[Any]] | None]:
@@ -176,7 +170,7 @@ def _point(value: Any) -> Mapping[str, Any]:
 
 
 def _listed(values: Any) -> Any:
-    """What can be read once alone, as a list."""
+    """An iterator, which can be read only once, as a list."""
     return list(values) if isinstance(values, Iterator) else values
 
 
@@ -193,7 +187,7 @@ def _scalar(value: Any) -> Any:
 
 
 def _check_job(job: Any, points: list[dict[str, Any]]) -> None:
-    """Refuse what a process of its own cannot get."""
+    """Refuse a job or points that cannot be sent to another process."""
     advice = "move it to the top level of a file, or pass executor=concurrent.futures.ThreadPoolExecutor()"
     inner = job.func if isinstance(job, functools.partial) else job
     if getattr(inner, "__module__", None) == "__main__" and not hasattr(sys.modules["__main__"], "__file__"):
@@ -211,7 +205,7 @@ def _name(job: Any) -> str:
 
 
 def _row(point: dict[str, Any], found: Outcome) -> SweepRow:
-    """The row with plain values, the same whether it comes from a file or not."""
+    """The row with plain values, as it would be read from a file."""
     if found.values is None:
         return SweepRow(point, None, found.error, found.died)
     try:
@@ -244,7 +238,7 @@ def _cell(value: Any) -> str:
 
 
 class _Kept:
-    """The file of a sweep: a line that says what it is, then a line per row; nothing where no path is given."""
+    """The file of a sweep: a line with job and grid, then a line per row; no file where no path is given."""
 
     def __init__(self, path: Any, statement: dict[str, Any], points: list[dict[str, Any]], again: bool) -> None:
         self.statement, self.points, self.again = statement, points, again
@@ -266,7 +260,7 @@ class _Kept:
         if lines:
             self._read(path, lines, json.loads(head))
         rows = [_json(_line(i, row)) for i, row in self.rows.items()]
-        write_file(path, "\n".join([head, *rows]) + "\n")  # without a line that was cut off, and rows to be done again
+        write_file(path, "\n".join([head, *rows]) + "\n")  # without an incomplete line, and rows to be computed again
         self.file = path.open("a", encoding="utf-8")
 
     def _read(self, path: Path, lines: list[str], meant: dict[str, Any]) -> None:
@@ -282,7 +276,7 @@ class _Kept:
                 data = json.loads(line)
             except (ValueError, RecursionError):
                 continue  # the run was stopped while it was written
-            with reading(path):
+            with damage_refused(path):
                 number = whole(data["number"], least=0, most=len(self.points) - 1)
                 row = SweepRow(self.points[number], *(data[key] for key in ("values", "error", "died")))
                 if not (isinstance(row.values, dict | None) and isinstance(row.error, str | None) and isinstance(row.died, bool)):

@@ -1,7 +1,7 @@
-"""A worker process: it answers one message at a time, and never outlives the process that started it.
+"""A worker process: it answers one message at a time, and ends when the process that started it ends.
 
-The worker watches its parent from a thread of its own, by a handle that the system closes however the parent ends, and then ends
-itself at once. A thread does not run while C code holds the interpreter; on Linux the system kills the worker then as well.
+A thread of the worker waits on a handle of its parent that the operating system signals however the parent ends, and then ends
+the worker. The thread does not run while C code holds the interpreter; on Linux the kernel kills the worker also then.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mbdae.threads import keep_one_thread
 READY = b""
 PR_SET_PDEATHSIG = 1  #: of prctl(2): the signal a process gets when the thread that started it ends
 SAFE_PATH = "PYTHONSAFEPATH"
-LOOK = 1.0  #: s between two looks whether the parent is still there, where its handle says nothing
+LOOK = 1.0  #: s between two checks whether the parent still runs, where its handle is not signalled
 
 
 class WorkerDiedError(Exception):
@@ -108,7 +108,7 @@ def _set(name: str, value: str | None) -> None:
 
 @contextmanager
 def _not_interrupted() -> Iterator[None]:
-    """Hold Ctrl-C back while a process starts: it would end in Python's start-up with a traceback. It comes right afterwards."""
+    """Delay Ctrl-C while a process starts, which would print a traceback of Python's start-up."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -120,7 +120,7 @@ def _not_interrupted() -> Iterator[None]:
 
 
 def _serve(connection: Connection, answer: Callable[[bytes], bytes], parent: int, safe_path: str | None) -> None:
-    """The life of a worker."""
+    """The main loop of a worker."""
     _die_with(parent)
     _set(SAFE_PATH, safe_path)
     signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C goes to all; the parent ends its workers where it ends itself

@@ -1,4 +1,4 @@
-"""Points of a sweep in processes of their own (`Crew`), or in any executor. A worker that dies costs the point it had in hand."""
+"""Points of a sweep in worker processes, or in any executor. A worker that ends costs only the point it was computing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GUARD = ("the worker processes do not start: they import the script again, so ke
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a point came to: its values, or the type and the text of its error; died: its worker ended with it."""
+    """The outcome of a point: its values, or the type and the text of its error; died: its worker process ended."""
 
     values: dict[str, Any] | None
     error: str | None = None
@@ -29,11 +29,11 @@ class Outcome:
 
 
 Job = Callable[..., dict[str, Any]]
-Done = Generator[tuple[int, Outcome], None, None]  #: number of a point and what it came to, as they come
+Done = Generator[tuple[int, Outcome], None, None]  #: number and outcome of a point, in the order in which they finish
 
 
 def answer(payload: bytes) -> bytes:
-    """What a worker makes of a pickled job and point: a pickled outcome. What cannot be read or sent is a failure."""
+    """The pickled outcome of a pickled job and point. What cannot be unpickled or pickled is a failure."""
     try:
         job, point = pickle.loads(payload)
     except Exception as error:
@@ -46,7 +46,7 @@ def answer(payload: bytes) -> bytes:
 
 
 def outcome(job: Job, point: dict[str, Any]) -> Outcome:
-    """What a point comes to; every error is kept, and a job that ends its process is one."""
+    """The outcome of a point; every error is caught, SystemExit too."""
     try:
         values = job(**point)
     except (Exception, SystemExit) as error:
@@ -60,31 +60,31 @@ def _text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
-# -- processes of this machine
+# -- worker processes
 
 
 def with_processes(job: Job, points: dict[int, dict[str, Any]], workers: int | None) -> Done:
-    """Points in processes of their own. One whose worker dies is done once more by another; after that it is a failure."""
+    """Points in worker processes. One whose worker ends is computed once more by another; after that it is a failure."""
     payloads = {i: pickle.dumps((job, point)) for i, point in points.items()}
-    crew = _Crew(min(workers or os.cpu_count() or 1, len(points)))
+    pool = _Workers(min(workers or os.cpu_count() or 1, len(points)))
     waiting, tried = list(payloads), set[int]()
     try:
-        while waiting or crew.busy:
-            while waiting and (free := crew.free()) is not None:
-                crew.give(free, waiting[0], payloads[waiting[0]])
+        while waiting or pool.busy:
+            while waiting and (free := pool.free()) is not None:
+                pool.give(free, waiting[0], payloads[waiting[0]])
                 del waiting[0]
-            for i, found in crew.answers():
+            for i, found in pool.answers():
                 if found.died and i not in tried:
                     tried.add(i)
                     waiting.append(i)
                 else:
                     yield i, found
     finally:
-        crew.end()
+        pool.end()
 
 
-class _Crew:
-    """Up to `count` workers, started as they are needed, and the number of the point that each has in hand."""
+class _Workers:
+    """Up to `count` workers, started as they are needed, and the number of the point that each computes."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -99,7 +99,7 @@ class _Crew:
         if len(self.busy) >= self.count:
             return None
         worker = Worker(answer)
-        if not self._begun:  # the first one alone: what keeps workers from starting is said once
+        if not self._begun:  # the first one alone: an error that keeps workers from starting is printed once
             self._wait_for_first(worker)
         return worker
 
@@ -114,12 +114,12 @@ class _Crew:
         self._begun = True
 
     def give(self, worker: Worker, i: int, payload: bytes) -> None:
-        """Send a point to a worker; one that has died in between answers with that."""
+        """Send a point to a worker; that it has ended in between is found by `answers`."""
         self.busy[worker.connection] = worker, i
         worker.send(payload)
 
     def answers(self) -> Done:
-        """What has come, at least one point."""
+        """Outcomes that have arrived; waits for at least one message."""
         for connection in wait_for(list(self.busy)):
             worker, i = self.busy[connection]  # type: ignore[index]
             try:
@@ -127,23 +127,23 @@ class _Crew:
             except WorkerDiedError as error:
                 found = Outcome(None, f"{DIED}: {error}", True)
             else:
-                if found is None:  # it has only begun
+                if found is None:  # the worker has only started
                     continue
                 self.idle.append(worker)
             del self.busy[connection]  # type: ignore[arg-type]
             yield i, found
 
     def end(self) -> None:
-        """Kill all workers: none has anything left to do."""
+        """Kill all workers."""
         for worker in [*self.idle, *(worker for worker, _ in self.busy.values())]:
             worker.kill()
 
 
-# -- an executor of the user's
+# -- an executor that the user gives
 
 
 def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]]) -> Done:
-    """Points in an executor that somebody else looks after."""
+    """Points in an executor that the user started and ends."""
     waiting = list(points)
     inside: dict[Future[Outcome], int] = {}
     broken = False
@@ -166,7 +166,7 @@ def with_executor(executor: Executor, job: Job, points: dict[int, dict[str, Any]
     for i in waiting:
         yield i, Outcome(None, f"{DIED}: the executor given takes no more points; give a new one, or None for processes", True)
 def _found(future: Future[Outcome]) -> Outcome:
-    """The outcome of a future, whatever became of it."""
+    """The outcome of a future, also where it was cancelled or its executor broke."""
     try:
         return future.result()
     except (Exception, CancelledError) as error:
@@ -175,10 +175,10 @@ def _found(future: Future[Outcome]) -> Outcome:
 
 
 def _broken(future: Future[Outcome]) -> bool:
-    """Whether the executor went down with it."""
+    """Whether the executor broke."""
     return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 
 def _killed(error: BaseException) -> bool:
-    """Whether Dask gave a point up, because so many workers died with it; its scheduler goes on with the others."""
+    """Whether Dask gave a point up, because several workers ended while they computed it."""
     return type(error).__name__ == "KilledWorker"

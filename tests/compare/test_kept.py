@@ -33,7 +33,7 @@ def test_what_is_kept_comes_back(tmp_path: Path) -> None:
     kept.save(state())
     again = kept.load()
     assert (again.rows, again.reference, again.cpu_s, again.total_cpu_s) == (state().rows, state().reference, 0.5, 0.75)
-    assert np.array_equal(again.truth, state().truth)
+    assert np.array_equal(again.reference_values, state().reference_values)
     assert np.array_equal(again.finals["IDA"].values, state().finals["IDA"].values)
     assert [path.name for path in tmp_path.iterdir()] == ["w.json"]
 
@@ -86,7 +86,7 @@ def test_other_texts_are_told(text: Any, tmp_path: Path) -> None:
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:
     kept = Checkpoint(tmp_path / "w.json", {})
-    kept.save(State(truth=np.zeros(1_000_000)))
+    kept.save(State(reference_values=np.zeros(1_000_000)))
     data = json.loads(kept.path.read_text())
     for shape in ([1], [2_000_000], [10**15], [-1], [1.5], ["1"], [True]):
         data["truth"]["shape"] = shape

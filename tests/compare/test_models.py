@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.compare import job
+from mbdae.compare import problem
 
 
 def four_bar():
@@ -40,7 +40,7 @@ def test_models_are_compared_on_a_sensor_too():
 
 def test_every_model_is_prepared_once(monkeypatch):
     calls = []
-    monkeypatch.setattr(job, "prepare", lambda *a, prepare=job.prepare, **k: (calls.append(a), prepare(*a, **k))[1])
+    monkeypatch.setattr(problem, "prepare", lambda *a, prepare=problem.prepare, **k: (calls.append(a), prepare(*a, **k))[1])
     runs = [mb.Run(s, model=m) for s in (mb.IDA(), mb.RadauIIA(3)) for m in (None, mb.Classical(), {"B": mb.Classical()})]
     mb.compare(four_bar(), 0.1, runs, [1e-3, 1e-4])
     assert len(calls) == 3

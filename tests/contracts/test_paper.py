@@ -15,7 +15,7 @@ from numpy.linalg import norm
 
 from mbdae.contracts.case import Case
 from mbdae.contracts.checks import covector
-from mbdae.contracts.states import rotation, velocities
+from mbdae.contracts.states import columns, rotation
 from mbdae.kernels import Kernel
 from mbdae.laws.forces import JointDamper, JointSpring
 from mbdae.laws.joints import Revolute
@@ -54,7 +54,7 @@ def points(law: Any, structure: Structure, zero: str = "", on_manifold: bool = F
     case.values = values
     F, found = covector(case, values), []
     k, l = case.d.frames
-    R, w = ({f.side: g(f, values) for f in (k, l)} for g in (rotation, velocities))
+    R, w = {f.side: rotation(f, values) for f in (k, l)}, {f.side: columns(f.u, values) for f in (k, l)}
     for i in range(len(values["k_v1"])):
         b = {s: R[s][i] @ np.array([[values[f"{s}_Q{a}{j}"][i] for a in "xyz"] for j in (1, 2, 3)]) for s in "kl"}
         psi = {s: R[s][i] @ np.array([F[s, c][i] if (s, c) in F else 0.0 for c in (3, 4, 5)]) for s in "kl"}

@@ -18,7 +18,8 @@ from mbdae.analysis.shapes import Mode
 from mbdae.compare import Run
 from mbdae.compare.comparison import Comparison
 from mbdae.documents.document import Document
-from mbdae.extremes.map import Block, Extremes
+from mbdae.extremes.data import Block
+from mbdae.extremes.extremes import Extremes
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
 from mbdae.scene.components import JointModel
@@ -57,9 +58,11 @@ def public() -> set[str]:
         for name in dir(owner):
             method = inspect.getattr_static(owner, name)
             named = not name.startswith("_") or name in ("__call__", "__getitem__")
+            if not inspect.isfunction(method):
+                continue
             statement = hasattr(method, "__wrapped__") and method.__module__.startswith("mbdae.scene")
             stated = statement or _elsewhere(owner, name)
-            if named and inspect.isfunction(method) and not stated and len(inspect.signature(method).parameters) > 1:
+            if named and not stated and len(inspect.signature(method).parameters) > 1:
                 found.add(method.__qualname__)
     return found - set(ELSEWHERE)
 
@@ -221,10 +224,10 @@ CALLS: dict[str, Call] = {
     "audit": Call(lambda: mb.audit, lambda: {"source": "title: none\n", "laws": None, "counts": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
-        "reference": None, **RUNS}, "mbdae.compare.comparison.statement"),
+        "reference": None, **RUNS}, "mbdae.compare.comparison.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
-        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Work"),
+        "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Execution"),
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
@@ -250,17 +253,17 @@ CALLS: dict[str, Call] = {
     "Linearization.shares": Call(lambda: linear().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Floquet.shares": Call(lambda: floquet().shares, lambda: {"vector": [1.0, 0.0, 0.0]}),
     "Mode.__getitem__": Call(lambda: linear().modes[0].__getitem__, lambda: {"body": "rod"}),
-    "Comparison.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
-    "Comparison.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.sweep.resume.write_file"),
-    "Comparison.to_html": Call(lambda: comparison().to_html, lambda: FILE, "mbdae.compare.page.page"),
-    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.picture.work_precision"),
-    "Extremes.to_json": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_json, lambda: FILE,
-                             "mbdae.sweep.resume.write_file"),
+    "ComparisonData.cheapest": Call(lambda: comparison().cheapest, lambda: {"accuracy": 1e-3}),
+    "ComparisonData.to_json": Call(lambda: comparison().to_json, lambda: FILE, "mbdae.sweep.writing.write_file"),
+    "Comparison.to_html": Call(lambda: comparison().to_html, lambda: FILE, "mbdae.compare.comparison.page"),
+    "Comparison.plot": Call(lambda: comparison().plot, lambda: FILE, "mbdae.compare.comparison.work_precision"),
+    "ExtremesData.to_json": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_json, lambda: FILE,
+                             "mbdae.sweep.writing.write_file"),
     "Extremes.to_html": Call(lambda: Extremes("a", 1.0, 1e-3, None, "", (), 0.0).to_html, lambda: FILE,
-                             "mbdae.sweep.resume.write_file"),
+                             "mbdae.sweep.writing.write_file"),
     "Block.at": Call(lambda: _block().at, lambda: {"label": "a", "value": 1.0}),
     "Sweep.array": Call(lambda: _sweep().array, lambda: {"key": "b"}),
-    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.sweep.resume.write_file"),
+    "Sweep.to_json": Call(lambda: _sweep().to_json, lambda: FILE, "mbdae.sweep.writing.write_file"),
     "Audit.__getitem__": Call(lambda: mb.Audit("none", ()).__getitem__, lambda: {"number": "1"}),
     "Audit.to_json": Call(lambda: mb.Audit("none", ()).to_json, lambda: FILE, "mbdae.audit.page.write_file"),
     "Audit.save": Call(lambda: mb.Audit("none", ()).save, lambda: {"path": folder() / "a.md"},
@@ -287,8 +290,8 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
-        "Result.save", "Comparison.to_json", "Comparison.to_html", "Extremes.to_json", "Extremes.to_html", "Sweep.to_json",
-        "Audit.to_json")},
+        "Result.save", "ComparisonData.to_json", "Comparison.to_html", "ExtremesData.to_json", "Extremes.to_html",
+        "Sweep.to_json", "Audit.to_json")},
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},
@@ -300,7 +303,7 @@ SIZES: list[tuple[set[str], str]] = [
      "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
      "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
-     "Comparison.cheapest.accuracy"),
+     "ComparisonData.cheapest.accuracy"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t Result.states.t "
                          "Result.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),

@@ -32,7 +32,7 @@ from mbdae.values import number, optional, shown, text
 
 GRID = 1001  #: times at which trajectories are compared
 SHORT = 0.5  #: s; shorter runs are timed twice
-FEW = 10  #: revolute joints of a scene up to which a second joint model is among the runs by default
+FEW = 10  #: joints of a scene up to which the classical model is among the default runs
 WHOLE_SCENE = "motion of the bodies: positions over the scene's length, angles in rad, velocities over the largest typical speed"
 WHOLE_SYSTEM = "every unknown but multipliers, over its scale"
 
@@ -48,8 +48,8 @@ class Timed:
 
 
 @dataclass
-class Job:
-    """A scene (or a System as it is), run to t_end s by many solvers; `stated` are its equations as the user states them."""
+class Problem:
+    """A scene (or a System), run to t_end s by many solvers; `stated` are its equations with the joint models of the user."""
 
     scene: SceneData | None
     stated: Equations
@@ -84,7 +84,7 @@ class Job:
 
     @property
     def resolving(self) -> Form | None:
-        """For a scene with beams the form that resolves their vibrations: that of the truth."""
+        """For a scene with beams the form that resolves their vibrations, used for the reference; else None."""
         prepared = self.stated.prepared
         if prepared is None or not prepared.model.lines:
             return None
@@ -109,7 +109,7 @@ class Job:
         return self.stated.system(form)
 
     def equations(self, run: Run) -> Equations:
-        """The equations with the joint models of a run, prepared once; what speaks against them is raised again."""
+        """The equations with the joint models of a run, prepared once; an error of the preparation is raised every time."""
         found = self._found(run)
         if isinstance(found, MbdaeError):
             raise found
@@ -135,7 +135,7 @@ class Job:
 
     @cached_property
     def yardstick(self) -> Equations:
-        """Equations in whose unknowns runs are compared: those of the bodies, which all joint models have."""
+        """Equations in whose unknowns runs are compared: positions and velocities of the bodies, which all joint models have."""
         if self.scene is None or self.stated.bodies_alone:
             return self.stated
         own = [c.name for c in self.scene.joints if c.joint.own_coordinates]
@@ -191,8 +191,8 @@ def with_models(scene: Any, run: Run) -> Any:
 SECONDS = "give a positive number of seconds of wall time, or None"
 
 
-def new_job(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Job:
-    """A job for a scene or a System, its options checked."""
+def new_problem(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Problem:
+    """The problem of a scene or a System, its options checked."""
     given = scene if isinstance(scene, System) else None
     if given is None and not isinstance(scene, SceneData):
         raise OptionError(f"scene = {shown(scene)}: give a mb.Scene or a System such as mb.DAE")
@@ -202,11 +202,11 @@ def new_job(scene: Any, t_end: Any, measure: Any, max_wall: Any) -> Job:
     end = end_after(given.t0 if given is not None else 0.0, t_end)
     wall = optional("max_wall", max_wall, number, SECONDS, above=0)
     if given is not None:
-        return Job(None, Equations(None, given), end, None, wall)
+        return Problem(None, Equations(None, given), end, None, wall)
     stated = Equations(prepare(scene, t_end=end))
     if sensor is not None and stated.prepared is not None:
         refuse_unknown(stated.prepared, sensor)
-    return Job(scene, stated, end, sensor, wall)
+    return Problem(scene, stated, end, sensor, wall)
 
 
 def refuse_unknown(prepared: Prepared, sensor: str) -> None:

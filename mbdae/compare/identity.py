@@ -1,4 +1,4 @@
-"""What a comparison is, as plain data: two comparisons are the same where these are equal."""
+"""The identity of a comparison as plain data: two comparisons are the same where these are equal."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import Any
 import numpy as np
 
 from mbdae.compare.environment import environment
-from mbdae.compare.job import Job
+from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run
 from mbdae.scene.record import encode
 from mbdae.system.base import Array, System
 
-PROBES = 7  #: points at which equations without statements are evaluated to recognise them
+PROBES = 7  #: states at which the equations of a System are evaluated to recognise them
 
 
-def statement(job: Job, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
+def identity(problem: Problem, runs: Sequence[Run], accuracies: Sequence[float], given: Array | None) -> dict[str, Any]:
     """Scene or equations, end time, measure, runs, accuracies, a given reference, versions."""
     return {
-        "scene": _scene(job), "t_end": job.t_end, "measure": job.measure, "accuracies": list(accuracies),
-        "max_wall": job.max_wall, "runs": [_run(run) for run in runs],
+        "scene": _scene(problem), "t_end": problem.t_end, "measure": problem.measure, "accuracies": list(accuracies),
+        "max_wall": problem.max_wall, "runs": [_run(run) for run in runs],
         "reference": "computed" if given is None else f"given, {_digest(given)}", "environment": environment(),
     }  # fmt: skip
 
 
-def _scene(job: Job) -> dict[str, Any]:
-    s = job.scene
+def _scene(problem: Problem) -> dict[str, Any]:
+    s = problem.scene
     if s is None:
-        return _equations(job.system(None), job.t_end)
+        return _equations(problem.system(None), problem.t_end)
     return {"name": s.name, "gravity": s.gravity.tolist(), "space": s.space, "statements": s.statements}
 
 
@@ -39,7 +39,7 @@ def _run(run: Run) -> dict[str, Any]:
 
 
 def _equations(system: System, t_end: float) -> dict[str, Any]:
-    """Functions have no statements: their values at fixed points tell them apart."""
+    """A System is functions, which cannot be written down: their values at fixed states identify them."""
     out, values = np.empty(system.n), []
     for k in range(PROBES):
         wave = np.sin((1 + k) * (1.0 + np.arange(system.n)))

@@ -7,9 +7,11 @@ import pytest
 import sympy
 
 import mbdae as mb
-from mbdae.compare.job import new_job
-from mbdae.extremes.reference import truth
-from mbdae.extremes.vary import changed, default_vary, ladder, varied
+from mbdae.compare.problem import new_problem
+from mbdae.extremes.reference import reference_at
+from mbdae.extremes.statements import changed
+from mbdae.extremes.values import asked_values, ladder
+from mbdae.extremes.vary import default_vary, varied
 from mbdae.inputs.timed import expression, values
 from mbdae.laws.forces import PointSpring
 
@@ -80,7 +82,7 @@ def test_a_faster_drive_turns_as_often():
 
 
 def test_arguments_of_the_scene_and_options_of_the_run():
-    length, t_end, accuracy = varied(machine, 2.0, {"length": [0.5, 2.0], "t_end": [1.0], "accuracy": (1e-3, 1e-5)})
+    length, t_end, accuracy = varied(machine, 2.0, asked_values({"length": [0.5, 2.0], "t_end": [1.0], "accuracy": (1e-3, 1e-5)}))
     assert length.scene(0.5)["blade"].outline[-1, 0] == 2.5
     assert t_end.t_end(1.0) == 1.0
     assert accuracy.values == (1e-3, 1e-4, 1e-5)
@@ -103,7 +105,7 @@ def test_arguments_of_the_scene_and_options_of_the_run():
 ])  # fmt: skip
 def test_what_cannot_be_varied_is_refused_by_name(vary, words):
     with pytest.raises(mb.OptionError, match=words):
-        varied(machine, 1.0, vary)
+        varied(machine, 1.0, asked_values(vary))
 
 
 def test_a_scene_offers_what_it_states():
@@ -132,7 +134,7 @@ def kicked(bell=0):
 ])  # fmt: skip
 def test_a_pulse_is_varied_by_its_numbers(number, value, expected):
     """The first of two inputs, the smaller by half, jumps from 1 where the pulse says, and back."""
-    (p,) = varied(kicked, 1.0, {f"kick.{number}": [value]})
+    (p,) = varied(kicked, 1.0, asked_values({f"kick.{number}": [value]}))
     law = p.scene(value)["kick"].laws[0]
     begin, end, strength = expected
     inside, outside = [begin + 1e-9, end - 1e-9], [0.0, begin - 1e-9, end + 1e-9, 1.0]
@@ -145,20 +147,20 @@ def test_a_pulse_is_varied_by_its_numbers(number, value, expected):
 
 def test_a_pulse_of_a_scene_with_arguments():
     """A bell is as wide as it departs by 1e-12 of its height: 5.26 of its scale to both sides."""
-    (p,) = varied(kicked, 1.0, {"scene(bell=1).kick.width": [1e-5]})
+    (p,) = varied(kicked, 1.0, asked_values({"scene(bell=1).kick.width": [1e-5]}))
     stops = p.stops(1e-5)
     assert stops[-1] - stops[0] == pytest.approx(1e-5)
     top = np.max(values(expression(p.scene(1e-5)["kick"].laws[0].fx), np.linspace(stops[0], stops[-1], 1001)))
     assert top == pytest.approx(4.0, rel=1e-4)
     with pytest.raises(mb.OptionError, match=r"nothing named 'drum'; arguments of scene.*bell"):
-        varied(kicked, 1.0, {"scene(drum=1).kick.width": [1e-5]})
+        varied(kicked, 1.0, asked_values({"scene(drum=1).kick.width": [1e-5]}))
 
 
 def test_what_is_no_pulse_is_refused():
     with pytest.raises(mb.OptionError, match=r"'A.width': its inputs of time are no pulse"):
-        varied(machine, 1.0, {"A.width": [1e-3]})
+        varied(machine, 1.0, asked_values({"A.width": [1e-3]}))
     with pytest.raises(mb.OptionError, match=r"'drag.width'.*there is no number 'width' stated"):
-        varied(kicked, 1.0, {"drag.width": [1e-3]})
+        varied(kicked, 1.0, asked_values({"drag.width": [1e-3]}))
 
 
 @pytest.mark.parametrize("width", [1e-6, 1e-2])
@@ -166,10 +168,10 @@ def test_a_reference_sees_every_pulse(width, monkeypatch):
     """A block of 2 kg that F pushes for w leaves with F w / m, also where runs do not look at their inputs before; two methods
     that then run on without a stop agree on 0."""
     monkeypatch.setattr("mbdae.system.equations.RESOLVING", False)
-    (p,) = varied(kicked, 1.0, {"kick.width": [width]})
-    job = new_job(p.scene(width), 1.0, "block.velocity", None)
-    known = truth(job, 1e-9, p.stops(width))
-    assert known.known < 1e-9 / 3
-    np.testing.assert_allclose(known.values[-1, :2], [4 * width / 2, 8 * width / 2], rtol=1e-6)
+    (p,) = varied(kicked, 1.0, asked_values({"kick.width": [width]}))
+    problem = new_problem(p.scene(width), 1.0, "block.velocity", None)
+    found = reference_at(problem, 1e-9, p.stops(width))
+    assert found.uncertainty < 1e-9 / 3
+    np.testing.assert_allclose(found.values[-1, :2], [4 * width / 2, 8 * width / 2], rtol=1e-6)
     if width < 1e-3:
-        assert np.max(np.abs(truth(job, 1e-9).values)) < 1e-9
+        assert np.max(np.abs(reference_at(problem, 1e-9).values)) < 1e-9

@@ -11,9 +11,9 @@ import pytest
 
 import mbdae as mb
 from mbdae.cli import main
-from mbdae.compare.job import new_job
+from mbdae.compare.problem import new_problem
 from mbdae.extremes.cell import FAILED, MET, NEAR, SILENT, TOLD, UNKNOWN, VERDICTS, verdict
-from mbdae.extremes.map import Extremes
+from mbdae.extremes.extremes import Extremes
 from mbdae.extremes.ways import ways
 
 RUNS = [mb.Run(mb.IDA(), mb.GGL()), mb.Run(mb.RadauIIA(3), mb.GGL(), model=mb.Classical()), mb.Run(mb.IDA(), mb.Index3())]
@@ -82,8 +82,9 @@ def test_a_silent_miss_is_found(monkeypatch):
 
 def test_without_trust_in_the_reference_nothing_is_judged(monkeypatch):
     module = sys.modules[mb.extremes.__module__]
-    known = module.truth
-    monkeypatch.setattr(module, "truth", lambda job, *given: replace(known(job, *given), known=1.0, reference="doubtful"))
+    computed = module.reference_at
+    monkeypatch.setattr(module, "reference_at",
+                        lambda *given: replace(computed(*given), uncertainty=1.0, label="doubtful"))  # fmt: skip
     m = mb.extremes(pendulum, 0.5, {"accuracy": [1e-4]}, RUNS[:1])
     assert [cell.verdict for cell in m.cells] == [UNKNOWN, UNKNOWN]
     assert m.blocks[0].references == ("doubtful",)
@@ -92,7 +93,7 @@ def test_without_trust_in_the_reference_nothing_is_judged(monkeypatch):
 def test_default_parameters_and_ways_come_from_the_scene():
     m = mb.extremes(pendulum(), 0.05, runs=RUNS[:1], accuracy=1e-3)
     assert [block.parameter for block in m.blocks] == ["accuracy", "step", "rod.mass", "hinge.speed"]
-    labels = [way.label for way in ways(new_job(pendulum(), 0.05, None, None), None)]
+    labels = [way.label for way in ways(new_problem(pendulum(), 0.05, None, None), None)]
     assert len(labels) == len(set(labels))
     assert {"IDA GGL", "RadauIIA(2) Index3", "RadauIIA(3) GGL Classical", "CVODE (Adams) ODE Recursive"} <= set(labels)
     assert {"chosen by mbdae", "chosen by mbdae Recursive"} <= set(labels)
@@ -151,6 +152,6 @@ def test_a_method_does_not_confirm_itself(monkeypatch):
     """At the tolerance of round-off two runs of one method are the same run."""
     module = sys.modules["mbdae.extremes.reference"]
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.RadauIIA(3), 10.0)))
-    assert module.truth(new_job(pendulum(), 0.1, None, None), 1e-4).known is None
+    assert module.reference_at(new_problem(pendulum(), 0.1, None, None), 1e-4).uncertainty is None
     monkeypatch.setattr(module, "METHODS", ((mb.RadauIIA(3), 10.0), (mb.IDA(), 10.0)))
-    assert 0 < module.truth(new_job(pendulum(), 0.1, None, None), 1e-4).known < 1e-4 / 3
+    assert 0 < module.reference_at(new_problem(pendulum(), 0.1, None, None), 1e-4).uncertainty < 1e-4 / 3

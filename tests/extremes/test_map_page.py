@@ -11,8 +11,10 @@ import pytest
 
 import mbdae as mb
 from mbdae.extremes.cell import VERDICTS
-from mbdae.extremes.map import Block, Extremes, notes
+from mbdae.extremes.data import Block
+from mbdae.extremes.extremes import Extremes
 from mbdae.extremes.page import COLOURS
+from mbdae.extremes.table import notes
 
 
 @pytest.fixture(scope="module")

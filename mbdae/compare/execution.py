@@ -1,4 +1,4 @@
-"""The runs of a comparison, one after another, each kept as soon as it is done."""
+"""The runs of a comparison, one after another, each stored as soon as it is done."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import numpy as np
 
 from mbdae.compare.checkpoint import Checkpoint, State
 from mbdae.compare.equations import Equations
-from mbdae.compare.job import Job
 from mbdae.compare.pairwise import tightest
+from mbdae.compare.problem import Problem
 from mbdae.compare.reference import computed_reference
 from mbdae.compare.rows import Row, asked_for
 from mbdae.compare.run import Run
 from mbdae.errors import MbdaeError, SolverError, interrupted
 from mbdae.integrators.solution import Solution, Stats
+from mbdae.sweep.resume import interruption
 from mbdae.system.base import Array
 
 Progress = Callable[[int, int, str], None]
@@ -25,10 +26,10 @@ COUNTS = ("steps", "rejected", "residuals", "jacobians", "factorisations", "newt
 
 
 @dataclass
-class Work:
-    """What is left of a comparison: the queue behind the rows of `state`."""
+class Execution:
+    """The runs of `queue` that have no row in `state` yet."""
 
-    job: Job
+    problem: Problem
     queue: Sequence[tuple[Run, float | None]]
     smallest: float  #: tightest accuracy asked
     state: State
@@ -36,66 +37,61 @@ class Work:
     begin: float  #: process time at which the comparison began
 
     def do(self, tell: Progress) -> None:
-        """Reference and runs that are not done yet; Ctrl-C says what is done."""
+        """Compute the reference and the rows that are missing; a KeyboardInterrupt says how many rows there are."""
         before = self.state.cpu_s, self.state.total_cpu_s
         try:
             self._do(tell, before)
         except KeyboardInterrupt as error:
-            interrupted(error, self._interrupted(), None)
+            done = interruption(self.kept.path, len(self.state.rows), len(self.queue), "runs")
+            interrupted(error, done, None)
             raise
 
     def _do(self, tell: Progress, before: tuple[float, float]) -> None:
         total = len(self.queue) + 1
         if self.state.reference is None:
             tell(0, total, "reference")
-            self.state.reference, self.state.truth = computed_reference(self.job, self.smallest)
+            self.state.reference, self.state.reference_values = computed_reference(self.problem, self.smallest)
             self._keep(before)
         for i in range(len(self.state.rows), len(self.queue)):
             run, accuracy = self.queue[i]
             tell(i + 1, total, f"{run.name('')} {asked_for(accuracy)}")
-            row, values = measured(self.job, run, accuracy, self.state.truth)
+            row, values = measured(self.problem, run, accuracy, self.state.reference_values)
             if values is not None:
                 tightest(self.state.finals, row, values)
             self.state.rows.append(row)
             self._keep(before)
 
     def _keep(self, before: tuple[float, float]) -> None:
-        self.state.cpu_s = before[0] + self.job.spent
+        self.state.cpu_s = before[0] + self.problem.spent
         self.state.total_cpu_s = before[1] + time.process_time() - self.begin
         self.kept.save(self.state)
 
-    def _interrupted(self) -> str:
-        done = f"interrupted: {len(self.state.rows)} of {len(self.queue)} runs are done"
-        if self.kept.path is not None:
-            return f"{done} and kept in {self.kept.path}; the same call goes on from there"
-        return f"{done}, none is kept; with resume=FILE a comparison goes on where it was stopped"
 
-
-def measured(job: Job, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
-    """One run: its row, and what is compared of it (None where it failed)."""
-    facts: dict[str, Any] = {**_told(job, run, None), "solver": run.solver.label, "accuracy": accuracy}
-    spent = job.spent
+def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
+    """One run: its row, and its values that are compared (None where it failed)."""
+    facts: dict[str, Any] = {**_told(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
+    spent = problem.spent
     try:
-        equations = job.equations(run)
-        facts |= _told(job, run, equations)
+        equations = problem.equations(run)
+        facts |= _told(problem, run, equations)
         solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
         facts["rtol"] = None if solver.fixed else solver.rtol
-        done = job.solve(solver, run.form, equations)
-        values = job.values(done.solution, equations)
+        done = problem.solve(solver, run.form, equations)
+        values = problem.values(done.solution, equations)
     except SolverError as error:
-        return Row(**facts, cpu_s=job.spent - spent, **counts(error.solution), failure=str(error)), None
+        return Row(**facts, cpu_s=problem.spent - spent, **counts(error.solution), failure=str(error)), None
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error)), None
-    error_now = job.error(values, reference)
+    error_now = problem.error(values, reference)
     if not np.isfinite(error_now):
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
     cost: dict[str, Any] = {"cpu_s": done.cpu_s, "cpu_spread_s": done.spread_s, "peak_bytes": done.peak_bytes}
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
 
 
-def _told(job: Job, run: Run, equations: Equations | None) -> dict[str, Any]:
-    """Label, form and joint model of what really runs; as asked for before the equations are known."""
-    form = run.form.label if run.form is not None else (equations or job.stated).system(None).label
+def _told(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
+    """Label, form and joint model of the equations of a run; of the run as asked where there are none yet."""
+    form = run.form.label if run.form is not None else (equations or problem.stated).system(None).label
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
     model = None if run.model_label is None else run.model_label + part
@@ -103,7 +99,7 @@ def _told(job: Job, run: Run, equations: Equations | None) -> dict[str, Any]:
 
 
 def counts(solution: Solution | None) -> dict[str, Any]:
-    """The evaluations and the size a row tells."""
+    """Evaluations and memory of a run, as entries of a Row."""
     stats = solution.stats if solution is not None else Stats()
     size = None if solution is None else int(solution.t.nbytes + solution.y.nbytes + solution.yp.nbytes)
     return {name: int(getattr(stats, name)) for name in COUNTS} | {"stored_bytes": size}

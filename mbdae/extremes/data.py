@@ -1,0 +1,82 @@
+"""A map of extremes: its blocks of cells and their counts."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from mbdae.compare.environment import environment
+from mbdae.errors import Told
+from mbdae.extremes.cell import SILENT, VERDICTS, Cell
+from mbdae.sweep.writing import as_json
+from mbdae.values import number, option, text
+
+
+@dataclass(frozen=True)
+class Block:
+    """One varied parameter: its values, the reference of each, and the cells."""
+
+    parameter: str
+    values: tuple[float, ...]
+    references: tuple[str, ...]  #: by value
+    cells: tuple[Cell, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Ways the scene was run, in their order."""
+        return tuple(dict.fromkeys(cell.label for cell in self.cells))
+
+    def at(self, label: str, value: float) -> Cell | None:
+        """The cell of a way at a value; None where the way does not apply."""
+        label = option("label", label, text, "give the label of a way, one of `labels`")
+        value = option("value", value, number, "give a value of the parameter, one of `values`")
+        return next((cell for cell in self.cells if cell.label == label and cell.value == value), None)
+
+
+@dataclass(frozen=True)
+class ExtremesData(Told):
+    """All cells of a map; `silent` must be empty."""
+
+    scene: str
+    t_end: float  #: s
+    accuracy: float
+    measure: str | None
+    what: str  #: what the error is
+    blocks: tuple[Block, ...]
+    cpu_s: float
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All cells."""
+        return tuple(cell for block in self.blocks for cell in block.cells)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of cells by verdict, every verdict named."""
+        found = Counter(cell.verdict for cell in self.cells)
+        return {name: found[name] for name in VERDICTS}
+
+    @property
+    def silent(self) -> tuple[Cell, ...]:
+        """Runs that missed the accuracy without a warning."""
+        return tuple(cell for cell in self.cells if cell.verdict == SILENT)
+
+    @property
+    def verdict(self) -> str:
+        """The number of runs by verdict, in one sentence."""
+        told = ", ".join(f"{n} {name}" for name, n in self.counts.items())
+        return f"{len(self.cells)} runs: {told}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """All data as plain values."""
+        return dict(json.loads(json.dumps({
+            "scene": self.scene, "t_end": self.t_end, "accuracy": self.accuracy, "measure": self.measure, "error_is": self.what,
+            "counts": self.counts, "blocks": [asdict(block) for block in self.blocks], "cpu_s": self.cpu_s,
+            "environment": environment(),
+        })))  # fmt: skip
+
+    def to_json(self, path: Any = None) -> str:
+        """JSON text, written to `path` where one is given."""
+        return as_json(self.to_dict(), path)
