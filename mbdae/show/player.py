@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.scene.components import Array
-from mbdae.show.animation import Film, digits
 from mbdae.show.drawing import LOOKS
+from mbdae.show.film import Film, digits
 from mbdae.show.geometry import Geometry, Shape
 from mbdae.show.player_page import PAGE
 from mbdae.show.plots import COLOURS
