@@ -1,4 +1,4 @@
-"""The Scene as users see it: its data, and check, simulate, system on top of it."""
+"""The Scene as users see it: data, and check, simulate, system on top; importing it puts pictures and files on Result."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
+from mbdae.results.storage import load as load
 from mbdae.run.checks import Check, check_scene
 from mbdae.run.choice import choose, prepared_by_default
 from mbdae.run.control import plausible
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
+from mbdae.show import attached as attached
+from mbdae.show.drawing import draw
+from mbdae.show.plots import checked
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
@@ -49,9 +53,6 @@ class Scene(SceneData):
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
         path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
-        from mbdae.show.drawing import draw
-        from mbdae.show.plots import checked
-
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import symengine as se
@@ -14,15 +14,13 @@ from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
 from mbdae.results.sensors import BodySensor
-from mbdae.scene.components import Beam
+from mbdae.results.states import RunStates
+from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
-
-if TYPE_CHECKING:
-    from mbdae.results.result import Result
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
 NEAR = 1e-9  #: of the longest element: places as near to the axis as each other
@@ -150,17 +148,28 @@ def _elastic(kind: NodeKind) -> dict[str, Expr]:
     return {name: stress * se.Symbol(f"compliance_{name}") for name, stress in undamped.resultants}
 
 
-class BeamPlace(BodySensor):
+class _OnBeam(BodySensor):
+    """What sensors of a beam and of places on it have in common."""
+
+    def __init__(self, result: RunStates, beam: Body, point: Array | None = None) -> None:
+        super().__init__(result, beam, point)
+        line = result.prepared.model.line(beam)
+        assert line is not None
+        self._line = line
+
+    def _place(self, point: Array) -> BodySensor:
+        return BeamPlace(self._result, self._body, point)
+
+
+class BeamPlace(_OnBeam):
     """A place on a beam: a section of it, or a point rigidly joined to the section nearest to it as drawn.
 
     `rotation` (nt, 3, 3) has the section's axes 1, 2, 3 as columns. At a corner, or at a node two elements share, the
     section is that of the earlier element."""
 
-    def __init__(self, result: Result, beam: Beam, point: Array) -> None:
+    def __init__(self, result: RunStates, beam: Body, point: Array) -> None:
         super().__init__(result, beam, point)
-        line = result.prepared.model.line(beam)
-        assert line is not None
-        self._line = line
+        line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
         self.drawn_position: Array  #: (3,), m
         self.drawn_rotation: Array  #: (3, 3), section axes to inertial frame
@@ -239,14 +248,8 @@ class BeamPlace(BodySensor):
         return self._strains[1]
 
 
-class BeamSensor(BodySensor):
+class BeamSensor(_OnBeam):
     """A beam as a whole: position and velocity of its centre of mass, rotation and angular velocity of its middle."""
-
-    def __init__(self, result: Result, beam: Beam) -> None:
-        super().__init__(result, beam)
-        line = result.prepared.model.line(beam)
-        assert line is not None
-        self._line = line
 
     def _mean(self, head: str, values: Array) -> Array:
         n, mesh = self._line.kind.translations, self._line.mesh
@@ -280,7 +283,7 @@ class BeamSensor(BodySensor):
         return np.asarray(self._middle.angular_velocity)
 
 
-def polylines(result: Result, line: Line, pieces: int) -> Array:
+def polylines(result: RunStates, line: Line, pieces: int) -> Array:
     """(nt, n, 3), m: the deformed axis of a beam by `pieces` chords per element."""
     fields = Fields(line, table(line.mesh.order, np.linspace(0, 1, pieces + 1)))
     r = in_space(line, fields.positions(result.q))

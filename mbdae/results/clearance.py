@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-
-if TYPE_CHECKING:
-    pass
 
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:

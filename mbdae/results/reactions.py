@@ -8,37 +8,12 @@ import numpy as np
 
 from mbdae.integrators.solution import Solution
 from mbdae.results.sensors import reaction_outputs
+from mbdae.results.states import States, states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 #: of the force that moves the scene by its length in its characteristic time: forces below that are round-off
 NO_FORCE = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
-    of the beams z (nt, nz), at times t (nt,); they belong to no form."""
-
-    t: Array
-    q: Array
-    u: Array
-    s: Array
-    z: Array | None
-
-
-def stresses(prepared: Prepared, solution: Solution, t: Array) -> Array | None:
-    """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run; None elsewhere."""
-    names = [name for line in prepared.model.lines for name in line.stresses]
-    if not names or names[0] not in solution.names:
-        return None
-    first = solution.names.index(names[0])
-    return np.asarray(solution(t)[:, first : first + len(names)])
-
-
-def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
-    """The states of a run at times t (nt,)."""
-    return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:

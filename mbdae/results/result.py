@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,22 +10,24 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError, Told
-from mbdae.inputs import timed
 from mbdae.integrators.solution import Solution, Stats
-from mbdae.kernels.plan import Outputs
 from mbdae.results.accuracy import Accuracy
+from mbdae.results.beams import BeamSensor
+from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.energy import Energy, energy
-from mbdae.results.reactions import stresses
-from mbdae.results.sensors import ConnectionSensor, body_sensor, placed, split
+from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
+from mbdae.results.states import RunStates
 from mbdae.scene.beams import BeamLoad
-from mbdae.scene.components import Body, Connection, Place
+from mbdae.scene.components import Beam, Body, Connection, Place
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.outputs import coordinate
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
+
+#: what draws or stores a result, by the name of its method: entered by the modules above that do it (`show.attached`, `storage`)
+ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
 @dataclass(frozen=True)
@@ -51,13 +53,13 @@ class RunInfo:
     reliable: bool = True  #: False where energy was made or lost beside contacts: see `Result.reliable`
 
 
-class Result(Told):
+class Result(RunStates, Told):
     """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
     body or beam; `r(t)` the result at other times."""
 
     def __init__(self, prepared: Prepared, solution: Solution, info: RunInfo, t: Array) -> None:
-        self.prepared, self.solution, self.info = prepared, solution, info
-        self.t = np.asarray(t, dtype=float)
+        super().__init__(prepared, solution, t)
+        self.info = info
         self._sensors: dict[str, Any] = {}
 
     # -- how it went
@@ -98,21 +100,6 @@ class Result(Told):
         """False where the run was stopped before its end."""
         return self.solution.complete
 
-    # -- states
-
-    @cached_property
-    def _states(self) -> tuple[Array, Array, Array]:
-        return self.states(self.t)
-
-    def states(self, t: Array) -> tuple[Array, Array, Array]:
-        """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
-        y = self.solution(t)
-        return self.prepared.states(np.ravel(np.asarray(t, dtype=float)), y.reshape(-1, y.shape[-1]))
-
-    def stresses(self, t: Array) -> Array | None:
-        """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
-        return stresses(self.prepared, self.solution, np.atleast_1d(self.solution.times(t)))
-
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
         """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
         unknown."""
@@ -134,36 +121,6 @@ class Result(Told):
         names = tuple(self.prepared.mechanics.numbering.states.values())
         return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates)
 
-    @property
-    def q(self) -> Array:
-        """Positions of all nodes (nt, nq)."""
-        return self._states[0]
-
-    @property
-    def u(self) -> Array:
-        """Velocities of all nodes (nt, nu)."""
-        return self._states[1]
-
-    @cached_property
-    def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.everything.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
-
-    @property
-    def acceleration(self) -> Array:
-        """u' of all nodes (nt, nu), from the equations of motion at q, u."""
-        return self._dynamics[0]
-
-    @property
-    def multipliers(self) -> Array:
-        """Constraint multipliers (nt, m), from the equations of motion at q, u; names in `multiplier_names`. Where redundant rows
-        leave them open, those of least norm (`Mechanics.accelerations`)."""
-        return self._dynamics[1]
-
-    @property
-    def multiplier_names(self) -> tuple[str, ...]:
-        """"joint.row" of every multiplier."""
-        return tuple(row.name for row in self.prepared.everything.rows)
-
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
         """The same run read at other times (dense output)."""
         times = np.atleast_1d(self.solution.times(t))
@@ -175,7 +132,7 @@ class Result(Told):
 
     def __getitem__(self, name: str | Body | Connection | Place) -> Any:
         if isinstance(name, Place):
-            return body_sensor(self, self.prepared.model.scene[name.body.name], name.point)
+            return _sensor(self, self.prepared.model.scene[name.body.name]).at(name.point)
         if not isinstance(name, str | Body | Connection | BeamLoad):
             scene = self.prepared.model.scene
             raise OptionError(f"r[{shown(name)}]: name an item of scene '{scene.name}', such as {scene._names()}")
@@ -184,8 +141,8 @@ class Result(Told):
             item, where = placed(self.prepared.model.scene, key)
             if isinstance(item, BeamLoad):
                 raise OptionError(f"'{key}' is a distributed load: it has no sensors; read its beam '{item.beam.name}'")
-            sensor = body_sensor(self, item) if isinstance(item, Body) else _connection_sensor(self, item)
-            self._sensors[key] = sensor if where is None else sensor.at(where)  # type: ignore[union-attr]
+            sensor = _sensor(self, item)
+            self._sensors[key] = sensor if where is None else sensor.at(where)
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
@@ -201,46 +158,6 @@ class Result(Told):
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         return np.asarray(getattr(sensor, quantity))
-
-    def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
-        """(nt, width) outputs summed over the laws of one item; multipliers included."""
-        total = np.zeros((len(self.t), width))
-        q, u, s = self._states
-        for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
-            for i, instance in enumerate(self.prepared.model.groups[g].instances):
-                if instance.item == item.name:
-                    total += values[:, i]
-        return total
-
-    def coordinate(self, item: Connection) -> tuple[Array, Array] | None:
-        """Coordinate and rate (nt,) of a joint; whole turns counted along the run's steps; None if it has none."""
-        if self._one_coordinate(item, self.t[:1]) is None:
-            return None
-        value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
-        unwrapped = self.prepared.model.planar or item.name in {n.name for n in self.prepared.model.joint_coordinates}
-        if unwrapped or getattr(item.joint, "coordinate_unit", "") != "rad":
-            return value, rate
-        steps = self.solution.t
-        grid, fine_rate = self._one_coordinate(item, steps)  # type: ignore[misc]
-        followed = _unwrapped(steps, grid, fine_rate, self._start_value(item))
-        near = np.interp(self.t, steps, followed)
-        return value + 2 * np.pi * np.round((near - value) / (2 * np.pi)), rate
-
-    def _start_value(self, item: Connection) -> float:
-        if item.prescribed is not None:
-            return timed.value_at(item.prescribed, float(self.solution.t[0]))
-        return self.prepared.start.coordinates.get(item.name, item.hold or 0.0)
-
-    def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
-        """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""
-        return self._one_coordinate(self.prepared.model.scene[item], t)
-
-    def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
-        for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
-            for i, instance in enumerate(self.prepared.model.groups[g].instances):
-                if instance.item == item.name:
-                    return values[:, i, 0], values[:, i, 1]
-        return None
 
     # -- guards
 
@@ -263,30 +180,24 @@ class Result(Told):
         m, rank = self.prepared.everything, len(self.prepared.rank.kept)
         return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
 
-    # -- output
+    # -- pictures and files: made by modules above, see `ATTACHED`
 
     def plot(self, *sensors: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
         """Draw sensors ("C.angle", "D.force") over time, one panel per quantity; returns the matplotlib figure.
 
         against: a Result or a list of them drawn along; labels: one per result, this one first; path: .png, .svg, .pdf."""
-        from mbdae.show.plots import compared, plot_results
-
-        return plot_results(compared(self, against, labels), sensors, path)
+        return ATTACHED["plot"](self, sensors, against, labels, path)
 
     def phase(self, x: str, y: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
         """Draw one sensor over another ("C.angle", "C.rate"), start and end marked; options as for `plot`."""
-        from mbdae.show.plots import compared, plot_phase
-
-        return plot_phase(compared(self, against, labels), x, y, path)
+        return ATTACHED["phase"](self, x, y, against, labels, path)
 
     def orbit(self, place: Any, axes: str = "xy", against: Any = None, labels: Sequence[str] | None = None,
               path: Any = None) -> Any:  # fmt: skip
         """Draw the path (m) of a place in a plane of the inertial frame, equal scales, start and end marked.
 
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
-        from mbdae.show.plots import compared, plot_orbit
-
-        return plot_orbit(compared(self, against, labels), place, axes, path)
+        return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
     def animate(self, path: Any, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
                 trail: Any = None) -> None:  # fmt: skip
@@ -295,15 +206,12 @@ class Result(Told):
         sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list."""
-        from mbdae.show.animation import animate
-
-        animate(self, path, sensors, fps, speed, trail)
+        ATTACHED["animate"](self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with one's own classes in `laws`."""
-        from mbdae.results.storage import save
-
-        save(self, option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists"))
+        place = option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists")
+        ATTACHED["save"](self, place)
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats
@@ -315,18 +223,8 @@ class Result(Told):
                 f"estimated error {known}, {a.brief}{f', {len(self.warnings)} warning(s)' if self.warnings else ''}>")
 
 
-def _connection_sensor(result: Result, item: Connection) -> ConnectionSensor:
-    from mbdae.results.clearance import ClearanceSensor
-
-    return ClearanceSensor(result, item) if item.loose else ConnectionSensor(result, item)
-
-
-def _unwrapped(t: Array, principal: Array, rate: Array, start: float) -> Array:
-    """Continuous angle along steps: every step takes the turn nearest to the angle its rates predict."""
-    out = np.empty_like(principal)
-    previous = start
-    for i, value in enumerate(principal):
-        guess = previous if i == 0 else previous + (t[i] - t[i - 1]) * (rate[i] + rate[i - 1]) / 2
-        out[i] = value + 2 * np.pi * np.round((guess - value) / (2 * np.pi))
-        previous = out[i]
-    return out
+def _sensor(run: RunStates, item: Body | Connection) -> Any:
+    """The sensor of a body, beam, joint or force element."""
+    if isinstance(item, Connection):
+        return ClearanceSensor(run, item) if item.loose else ConnectionSensor(run, item)
+    return BeamSensor(run, item) if isinstance(item, Beam) else BodySensor(run, item)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError, Told
-from mbdae.scene.components import Beam, Body, Connection
+from mbdae.results.states import RunStates
+from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
@@ -17,10 +18,6 @@ from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_matrices
-
-if TYPE_CHECKING:
-    from mbdae.results.result import Result
-
 
 _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 
@@ -61,7 +58,7 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
 class BodySensor(Told):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
-    def __init__(self, result: Result, body: Body, point: Array | None = None) -> None:
+    def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
         self._result, self._body = result, body
         drawn = body.position if point is None else point
         self._offset = body.rotation.T @ (drawn - body.position)
@@ -72,7 +69,11 @@ class BodySensor(Told):
 
     def at(self, point: Any) -> BodySensor:
         """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
-        return body_sensor(self._result, self._body, self._body.at(point).point)
+        return self._place(self._body.at(point).point)
+
+    def _place(self, point: Array) -> BodySensor:
+        """The sensor of a place (3,) as drawn, m."""
+        return BodySensor(self._result, self._body, point)
 
     @cached_property
     def _node(self) -> Any:
@@ -122,19 +123,10 @@ class BodySensor(Told):
         return out
 
 
-def body_sensor(result: Result, body: Body, point: Array | None = None) -> BodySensor:
-    """The sensor of a body or beam, or of a place on it (3,) as drawn, m."""
-    from mbdae.results.beams import BeamPlace, BeamSensor
-
-    if not isinstance(body, Beam):
-        return BodySensor(result, body, point)
-    return BeamSensor(result, body) if point is None else BeamPlace(result, body, point)
-
-
 class ConnectionSensor(Told):
     """A joint or force element: coordinate, force and torque on body l, power; arrays over the result's times."""
 
-    def __init__(self, result: Result, item: Connection) -> None:
+    def __init__(self, result: RunStates, item: Connection) -> None:
         self._result, self._item = result, item
 
     @property

@@ -25,7 +25,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import ATTACHED, Result, RunInfo
 from mbdae.scene.record import encode, homeless, named
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -70,6 +70,9 @@ def save(result: Result, path: Any) -> None:
     except BadValueError as error:
         raise OptionError(f"this result cannot be stored: {error}") from error
     archive.write(path, text, arrays)
+
+
+ATTACHED["save"] = save
 
 
 def load(path: Any, laws: Iterable[Any] = ()) -> Result:

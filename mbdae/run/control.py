@@ -20,7 +20,8 @@ from mbdae.integrators.base import SHARE, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
-from mbdae.results.reactions import OtherRun, states_of
+from mbdae.results.reactions import OtherRun
+from mbdae.results.states import states_of
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving

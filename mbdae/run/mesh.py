@@ -17,7 +17,8 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Solution
 from mbdae.laws.elements.line_shape import ORDERS, table
 from mbdae.results.beams import Fields, in_space
-from mbdae.results.reactions import OtherRun, states_of
+from mbdae.results.reactions import OtherRun
+from mbdae.results.states import states_of
 from mbdae.run.control import position_distance
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData

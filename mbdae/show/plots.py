@@ -11,6 +11,7 @@ import numpy as np
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
+from mbdae.results.result import Result
 from mbdae.results.sensors import placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
@@ -150,8 +151,6 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
 
 def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tuple[str, Any]]:
     """(label, result) of a result and those it is compared with; labels are made where none are given."""
-    from mbdae.results.result import Result
-
     given = [] if against is None else against if isinstance(against, list | tuple) else [against]
     others = option("against", given, sequence, "give a Result, or a list of them", each=of_class, base=Result)
     results = [result, *others]
@@ -175,8 +174,9 @@ def _told_apart(results: list[Any]) -> list[str]:
 # ---- pictures ----------------------------------------------------------------------------------------------------------
 
 
-def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], path: Any = None) -> Any:
-    """One panel per quantity; sensors of the same quantity share it, vectors show their components."""
+def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.plot`: one panel per quantity; sensors of the same quantity share it, vectors show their components."""
+    results = compared(result, against, labels)
     place = checked(path) if path is not None else None
     if not sensors:
         raise OptionError("plot: name at least one sensor, e.g. r.plot('C.angle')")
@@ -216,8 +216,9 @@ def _legend(axis: Any) -> None:
         axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")
 
 
-def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = None) -> Any:
-    """One sensor against another; components of vectors in pairs."""
+def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.phase`: one sensor against another; components of vectors in pairs."""
+    results = compared(result, against, labels)
     place = checked(path, what="phase") if path is not None else None
     figure, (axis,) = new_figure(1, 6.0, 4.2)
     for label, result in results:
@@ -233,8 +234,9 @@ def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = N
     return written(figure, place, "phase")
 
 
-def plot_orbit(results: Sequence[tuple[str, Any]], place: Any, axes: str, path: Any = None) -> Any:
-    """Path of a place seen along the third axis, equal scales, m."""
+def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.orbit`: path of a place seen along the third axis, equal scales, m."""
+    results = compared(result, against, labels)
     if not (isinstance(axes, str) and len(axes) == 2 and axes[0] != axes[1] and set(axes) <= set("xyz")):
         raise OptionError(f"axes = {shown(axes)} is not a plane: give two of x, y and z, such as 'xy'")
     file = checked(path, what="orbit") if path is not None else None

@@ -44,8 +44,8 @@ ELSEWHERE = {
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
-    "_Alpha.doubts": "interface", "Result.coordinate": "between modules", "Result.coordinate_at": "between modules",
-    "Result.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
+    "_Alpha.doubts": "interface", "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
+    "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip
 
@@ -235,15 +235,15 @@ CALLS: dict[str, Call] = {
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
     "Result.__getitem__": Call(lambda: result().__getitem__, lambda: {"name": "hinge"}),
     "Result.read": Call(lambda: result().read, lambda: {"path": "hinge.angle"}),
-    "Result.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
-    "Result.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
+    "RunStates.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
+    "RunStates.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
     "Result.state_for": Call(lambda: result().state_for, lambda: {"scene": scene(), "t": 0.1}),
     "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.show.plots.new_figure"),
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
         "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.show.animation.filmed"),
-    "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.storage.save"),
+    "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
     "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
     "Equilibrium.save": Call(lambda: hanging().save, lambda: {"path": "a.npz"}),
@@ -301,8 +301,8 @@ SIZES: list[tuple[set[str], str]] = [
      "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
      "Comparison.cheapest.accuracy"),
-    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t Result.states.t "
-                         "Result.stresses.t Result.state_for.t"),
+    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
+                         "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy _Alpha.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy Result.animate.fps"),

@@ -16,7 +16,8 @@ from contact_scenes import ball
 
 import mbdae as mb
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.reactions import OtherRun, ReactionError, states_of, wrenches
+from mbdae.results.reactions import OtherRun, ReactionError, wrenches
+from mbdae.results.states import states_of
 from mbdae.run import verification
 from mbdae.run.control import Controlled
 from mbdae.run.mesh import distance_of_meshes, mesh_error, with_finer_beams
