@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from mbdae.errors import told_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
-from mbdae.integrators.base import Solver, end_after, output_times
+from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
 from mbdae.results.storage import load as load
@@ -100,8 +100,8 @@ class Scene(SceneData):
         end = end_after(begin, t_end)
         times = output_times(begin, end, outputs if outputs is not None else DEFAULT_OUTPUTS)
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
-        options = {"max_wall": optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0),
-                   "progress": progress_of(progress)}  # fmt: skip
+        wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
+        asked = Asked(end, max_wall=wall, progress=progress_of(progress))
 
         def prepared_as(scene: SceneData) -> Prepared:
             return prepare(scene, start.state_for(scene) if start is not None else None, t_end=end)
@@ -110,10 +110,10 @@ class Scene(SceneData):
         prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
-            job = Job(prepared, own, accuracy, end, times, options, continued=start is not None)
+            job = Job(prepared, own, accuracy, asked, times, continued=start is not None)
             run = job.run(method)
         else:
             choice = choose(prepared, self, accuracy, own)
-            job = Job(prepared, choice.form, accuracy, end, times, options, continued=start is not None)
-            run = job.run_default(choice, own)
+            job = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None)
+            run, job = job.run_default(choice, own)
         return job.result(run, verify)

@@ -16,7 +16,7 @@ import numpy as np
 from mbdae.compare.equations import Equations
 from mbdae.compare.job import Job
 from mbdae.errors import MbdaeError
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import Accuracy
@@ -112,7 +112,7 @@ def _controlled(job: Job, own: Equations, solver: Solver, accuracy: float, end: 
     assert isinstance(system, SceneSystem)
     wall = None if job.max_wall is None else PATIENCE * job.max_wall
     try:
-        return run_controlled(system, own.prepared, solver, accuracy, end, job.times[:0], max_wall=wall)
+        return run_controlled(system, own.prepared, solver, accuracy, Asked(end, max_wall=wall), job.times[:0])
     except MbdaeError as error:
         begun = getattr(error, "solution", None)
         if begun is not None and begun.complete and begun.t[-1] >= end:  # its error is not known: the other method tells

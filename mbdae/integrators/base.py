@@ -143,8 +143,12 @@ class Solver(ABC):
         At a break of an input of time the run ends a step and begins anew.
         Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
-        asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
-                         begin=begin, share=share)  # fmt: skip
+        return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
+                                         max_residuals=max_residuals, begin=begin, share=share))  # fmt: skip
+
+    def run(self, system: System, asked: Asked) -> Solution:
+        """`solve` with options that are read and checked already."""
+        check_start(system)
         solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
         solver.check(system)
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
@@ -186,13 +190,13 @@ class Asked:
     """What `Solver.solve` was asked for, as plain values; see there."""
 
     t_end: float
-    times: Array | None
-    max_wall: float | None
-    progress: Callable[[float, float, Stats], None] | None
-    h0: float | None
-    max_residuals: float
-    begin: float | None
-    share: float | None
+    times: Array | None = None
+    max_wall: float | None = None
+    progress: Callable[[float, float, Stats], None] | None = None
+    h0: float | None = None
+    max_residuals: float = inf
+    begin: float | None = None
+    share: float | None = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
@@ -202,7 +206,7 @@ class Asked:
         end = end_after(system.t0, t_end)
         seconds = "give a positive number of seconds, or None"
         budget = optional("max_residuals", max_residuals, number, "give a positive number, or None", above=0)
-        asked = cls(
+        return cls(
             end, output_times(system.t0, end, outputs), optional("max_wall", max_wall, number, seconds, above=0),
             optional("progress", progress, function, "give a function progress(t, t_end, stats), or None",
                      takes="t, t_end, stats"),
@@ -210,8 +214,6 @@ class Asked:
             optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
             optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
         )  # fmt: skip
-        check_start(system)
-        return asked
 
 
 def check_start(system: System) -> None:

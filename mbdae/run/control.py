@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
-from mbdae.integrators.base import SHARE, Solver
+from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
@@ -145,23 +145,22 @@ def other_run(system: System, prepared: Prepared | None, run: Solution, times: A
     return (OtherRun(states_of(prepared, run, times[chosen]), share),)
 
 
-def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float, outputs: Array,
-                   begin: float | None = None, **options: Any) -> Controlled:  # fmt: skip
-    """Integrate until the estimated error is below `accuracy`, or as near as the solver comes.
-
-    begin: time.perf_counter() from which max_wall counts, for all runs together; now by default."""
-    begin = time.perf_counter() if begin is None else begin
+def run_controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
+                   outputs: Array) -> Controlled:  # fmt: skip
+    """Integrate until the estimated error, also at the outputs, is below `accuracy`, or as near as the solver comes; the wall
+    time asked for is that of all runs together."""
+    asked = replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
-        run = _controlled(system, prepared, solver, accuracy, t_end, outputs, begin, options)
+        run = _controlled(system, prepared, solver, accuracy, asked, outputs)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
-def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, t_end: float,
-                outputs: Array, begin: float, options: dict[str, Any]) -> Controlled:  # fmt: skip
+def _controlled(system: System, prepared: Prepared | None, solver: Solver, accuracy: float, asked: Asked,
+                outputs: Array) -> Controlled:  # fmt: skip
     measure = measure_of(system, prepared)
     if solver.by_steps:
-        found = halved(solver, system, t_end, accuracy, measure, begin=begin, **options)
+        found = halved(solver, system, asked, accuracy, measure)
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_stepped_over(replace(run, others=others), system, prepared, accuracy, measure)
@@ -169,17 +168,17 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
-    best, made = _companions_of(system, tight, t_end, begin=begin, **options)
+    best, made = _companions_of(system, tight, asked)
     most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
     while best.runs < most:
         loose, coarse = made[-1]
         try:
             most_residuals = CRAWL * coarse.stats.residuals + 10000
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
-                fine = tight.solve(system, t_end, max_residuals=most_residuals, begin=begin, share=CLOSER**count, **options)
+                fine = tight.run(system, replace(asked, max_residuals=most_residuals, share=CLOSER**count))
         except WallClockError as error:
             raise WallClockError(
-                f"max_wall = {options['max_wall']:g} s of wall time is used up while the error was measured: "
+                f"max_wall = {asked.max_wall:g} s of wall time is used up while the error was measured: "
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
         except SolverError as error:
@@ -209,7 +208,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def _companions_of(system: System, tight: Solver, t_end: float, **options: Any) -> tuple[Controlled, list[Run]]:
+def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
     """The last of the runs with which the first at a tolerance is compared, and all of them, the loosest first. Those but the
     last may fail, and are left out then."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
@@ -218,7 +217,7 @@ def _companions_of(system: System, tight: Solver, t_end: float, **options: Any) 
     for rtol in dict.fromkeys(rtols):
         solver = _with_rtol(tight, rtol)
         try:
-            run = solver.solve(system, t_end, share=CLOSER ** len(made), **options)
+            run = solver.run(system, replace(asked, share=CLOSER ** len(made)))
         except SolverError as error:
             if rtol == rtols[-1] or isinstance(error, WallClockError):
                 raise
@@ -258,7 +257,7 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
         try:
             with keeping(solution, UNTESTED), beginning_at(probe.system, solution, begin):
                 most = 10 * solution.stats.residuals + 10000
-                close = probe.solver.solve(probe.system, end, max_residuals=most, share=SHARE)
+                close = probe.solver.run(probe.system, Asked(end, max_residuals=most, share=SHARE))
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))

@@ -18,11 +18,10 @@ import warnings as python_warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.choice import Choice, alternatives
@@ -35,6 +34,7 @@ from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.run.waves import with_lost_waves
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.assembled.without_multipliers import Eliminated
+from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
@@ -49,9 +49,8 @@ class Job:
     prepared: Prepared
     form: Form
     accuracy: float
-    t_end: float
-    times: Any
-    options: dict[str, Any]
+    asked: Asked  #: end, wall time and progress
+    times: Array  #: of the result, s
     choice: str = ""
     continued: bool = False  #: it begins where another run ended
     begin: float = field(default_factory=time.perf_counter)
@@ -70,7 +69,7 @@ class Job:
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
-                    solution = solver.solve(system, self.t_end, **self.options)
+                    solution = solver.run(system, self.asked)
                 notes = tuple(dict.fromkeys(str(w.message) for w in caught))
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
@@ -87,8 +86,8 @@ class Job:
         return self._systems[key]
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
-        asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
-        return run_controlled(system, self.prepared, solver, *asked, begin=self.begin, **self.options)
+        accuracy = accuracy if accuracy is not None else self.accuracy
+        return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
         """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
@@ -124,20 +123,20 @@ class Job:
         again = with_lost_waves(self.prepared, resolving, again)
         return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
 
-    def run_default(self, choice: Choice, form: Form | None) -> Controlled:
-        """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
+    def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
+        """The run of what was chosen; of Radau IIA where that misses the accuracy or stops; of IDA where Radau IIA stops too;
+        and the job with the form of that run.
 
         form: what the user asked for; with None the others take the default form."""
         from mbdae.integrators.runge_kutta.radau import RadauIIA
 
-        best: tuple[Controlled, Form, str] | None = None
+        best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
         why, runs, cpu = "", 0, 0.0
         for solver, own in alternatives(choice, form):
-            self.form = own
-            told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
+            job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
             try:
-                run = self.run(solver, strict=True)
+                run = job.run(solver, strict=True)
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
@@ -147,16 +146,15 @@ class Job:
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
-                best = run, self.form, told
-            missed = self._missed(run)
+                best = run, job
+            missed = job._missed(run)
             if not missed or isinstance(solver, RadauIIA):
                 break
             why = f"{solver.label} {missed}"
         if best is None:
             assert failure is not None
             raise failure
-        run, self.form, self.choice = best
-        return replace(run, runs=runs, cpu_s=cpu)
+        return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
         """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
@@ -172,7 +170,7 @@ class Job:
             found = None
             if verify:
                 begin = time.process_time()
-                found = verified(self.prepared, self.form, run, self.accuracy, self.t_end, self.continued, self.options)
+                found = verified(self.prepared, self.form, run, self.accuracy, self.asked, self.continued)
                 run = run.after(found.runs, time.process_time() - begin)
             known = accuracy_of(self.prepared, self.accuracy, run, found)
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)

@@ -7,13 +7,13 @@ a thousandth of it as soon as vibrations that a coarse mesh shifts are in the mo
 from __future__ import annotations
 
 import copy
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.formulations import Form, system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution
 from mbdae.laws.elements.line_shape import ORDERS, table
 from mbdae.results.beams import Fields, in_space
@@ -45,13 +45,13 @@ def with_finer_beams(scene: SceneData) -> SceneData:
     return finer
 
 
-def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, **options: Any) -> tuple[float, OtherRun]:
+def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, asked: Asked) -> tuple[float, OtherRun]:
     """Largest difference of positions (over the scene's length, rad) of a run from the same on a finer mesh, all along the beams
     and of all bodies, and that run, whose reactions differ too. The run must begin at the start of the scene. Raises MbdaeError
     where the finer mesh does not run."""
     end = float(run.t[-1])
     finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
-    again = solver.solve(system_for(finer, form, solver.highest_index), end, **options)
+    again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))
     times = np.linspace(float(run.t[0]), end, TIMES)
     at = states_of(finer, again, times)
     return distance_of_meshes((prepared, prepared.states(times, run(times))[0]), (finer, at.q)), OtherRun(at, 1.0, finer)

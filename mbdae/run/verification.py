@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from mbdae.errors import MbdaeError
 from mbdae.formulations import Form, default_form, system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.reactions import OtherRun, ReactionError
 from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
@@ -33,23 +32,23 @@ class Verified:
     runs: int = 0
 
 
-def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, t_end: float, continued: bool,
-             options: dict[str, Any]) -> Verified:  # fmt: skip
+def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, asked: Asked,
+             continued: bool) -> Verified:  # fmt: skip
     """A run against another method at a tenth of the accuracy, and, where it has beams, against a finer mesh."""
-    found = _by_another_method(prepared, run, accuracy, t_end, options)
+    found = _by_another_method(prepared, run, accuracy, asked)
     if not prepared.model.lines:
         return found
     if continued:
         return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
     same = replace(form, waves=True) if run.waves else form  # type: ignore[type-var]
     try:
-        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, **options)
+        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, asked)
         return replace(found, mesh=mesh, finer=(finer,), runs=found.runs + 1)
     except MbdaeError as error:
         return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
 
 
-def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_end: float, options: dict[str, Any]) -> Verified:
+def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
     """Differences to a run of another method at a tenth of the accuracy."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
@@ -60,7 +59,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_e
         other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
-    controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), t_end, np.array([t_end]), **options)
+    controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), asked, np.array([asked.t_end]))
     again = controlled.solution
     times = np.linspace(again.t[0], again.t[-1], 2001)
     motion = float(np.max(measure_of(system, prepared)(times, run.solution(times), again(times))))
