@@ -13,7 +13,7 @@ from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
 from mbdae.results.storage import load as load
 from mbdae.run.checks import Check, check_scene
-from mbdae.run.choice import choose, prepared_by_default
+from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import plausible
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
@@ -23,7 +23,7 @@ from mbdae.show.drawing import draw
 from mbdae.show.plots import checked
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.prepare import prepare
 from mbdae.system.start.start import Start
 from mbdae.values import flag, number, of_class, option, optional
 
@@ -102,12 +102,8 @@ class Scene(SceneData):
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
         wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
         asked = Asked(end, max_wall=wall, progress=progress_of(progress))
-
-        def prepared_as(scene: SceneData) -> Prepared:
-            return prepare(scene, start.state_for(scene) if start is not None else None, t_end=end)
-
-        chosen = method is None and own is None
-        prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
+        prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
+        prepared = prepared if prepared is not None else prepared_from(self, start, end)
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
             job = Job(prepared, own, accuracy, asked, times, continued=start is not None)

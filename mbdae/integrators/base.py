@@ -207,7 +207,8 @@ class Asked:
         seconds = "give a positive number of seconds, or None"
         budget = optional("max_residuals", max_residuals, number, "give a positive number, or None", above=0)
         return cls(
-            end, output_times(system.t0, end, outputs), optional("max_wall", max_wall, number, seconds, above=0),
+            end, None if outputs is None else output_times(system.t0, end, outputs),
+            optional("max_wall", max_wall, number, seconds, above=0),
             optional("progress", progress, function, "give a function progress(t, t_end, stats), or None",
                      takes="t, t_end, stats"),
             optional("h0", h0, number, seconds, above=0), inf if budget is None else budget,
@@ -234,10 +235,8 @@ def end_after(t0: float, t_end: Any) -> float:
     return end
 
 
-def output_times(t0: float, t_end: float, outputs: Any) -> Array | None:
+def output_times(t0: float, t_end: float, outputs: Any) -> Array:
     """Times (k,) asked for; a whole number means that many equally spaced ones, both ends included."""
-    if outputs is None:
-        return None
     remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
               f"{t_end:g}")  # fmt: skip
     if not several(outputs):

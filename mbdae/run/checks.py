@@ -8,7 +8,7 @@ from functools import cached_property
 from mbdae.errors import Told
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.forces import SlideFriction
-from mbdae.run.choice import Choice, choose, prepared_by_default
+from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.model.inputs import expressions_of, timeline
@@ -26,11 +26,7 @@ class Check(Told):
     def choice(self) -> Choice:
         """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
         stated = self.prepared.model.scene
-
-        def prepared_as(scene: SceneData) -> Prepared:
-            return self.prepared if scene is stated else prepare(scene)
-
-        return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
+        return choose(with_recursive_joints(stated) or self.prepared, stated, self.accuracy)
 
     @cached_property
     def reductions(self) -> list[Reduction]:

@@ -5,7 +5,7 @@ The rules and their numbers are measured by benchmarks/choice.py; docs/accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,10 +16,11 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
+from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.scene_system import SPARSE_FROM
-from mbdae.system.prepare import Prepared
+from mbdae.system.prepare import Prepared, prepare
 
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
 #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
@@ -58,18 +59,20 @@ class Choice:
         return f"{self.solver.label}, {self.form.label}, {plane}, {n} unknowns, {linear}{joints}: {self.why}"
 
 
-def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> Prepared:
-    """The scene with recursive joints where its joints form a tree that can be compiled and the user left their model open; as
-    stated otherwise. `prepare(scene)` raises SceneError with every problem found."""
+def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared:
+    """The scene with its own start, or with the end of a Result as its start; raises SceneError with every problem found."""
+    return prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
+
+
+def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
+    """The scene with recursive joints, where its joints form a tree that can be compiled and the user left their model open; None
+    elsewhere: then it is taken as stated."""
     variant = with_open_tree(scene)
-    if variant is not None:
-        try:
-            found = prepare(variant)
-            if not found.model.kept:
-                return found
-        except MbdaeError:
-            pass  # what is wrong is told of the scene as stated
-    return prepare(scene)
+    try:
+        found = prepared_from(variant, start, t_end) if variant is not None else None
+    except MbdaeError:  # what is wrong is told of the scene as stated
+        return None
+    return None if found is None or found.model.kept else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:

@@ -19,10 +19,10 @@ from mbdae.laws.elements.line_shape import ORDERS, table
 from mbdae.results.beams import Fields, in_space
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
-from mbdae.run.control import position_distance
 from mbdae.scene.components import Beam, Station
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
+from mbdae.system.distance import position_distance
 from mbdae.system.model.beams import Line
 from mbdae.system.prepare import Prepared, prepare
 

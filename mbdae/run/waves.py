@@ -8,9 +8,11 @@ comparison of two such runs shows it. A short run from the start with velocities
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
-from mbdae.run.control import Controlled, Probe, distance, with_left_out
+from mbdae.run.control import Controlled, Probe, with_left_out
 from mbdae.system.assembled.scene_system import SceneSystem
+from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
 
 WINDOW = 5.0  #: mean steps: slower vibrations are resolved by the run itself
@@ -30,4 +32,4 @@ def with_lost_waves(prepared: Prepared, resolving: SceneSystem, run: Controlled)
     if not close.by_steps:
         close = replace(close, rtol=close.companion * close.tolerance)  # type: ignore[type-var]
     probe = Probe(close, resolving, prepared, span, POINTS, MARGIN)
-    return with_left_out(run, probe, lambda t, a, b: distance(prepared, t, a, b))
+    return with_left_out(run, probe, partial(distance, prepared))

@@ -39,7 +39,7 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
-    "Solver.dense": "interface", "Solver.integrate": "interface",
+    "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules", "_Alpha.run": "between modules",
     "Solver.check": "interface", "Solver.factor": "interface",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
@@ -197,8 +197,6 @@ CALLS: dict[str, Call] = {
     "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None}),
     "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
     "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
-    "_Alpha.solve": Call(lambda: mb.HHT().solve, lambda: {k: SOLVE[k] for k in ("system", "t_end", "outputs")},
-                         "mbdae.integrators.alpha.generalized_alpha.halved"),
     "_Alpha.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "DAE": Call(lambda: mb.DAE, lambda: {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
@@ -298,7 +296,7 @@ NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
 SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
      "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
-     "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
      "Comparison.cheapest.accuracy"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "

@@ -12,7 +12,7 @@ from runs import SOLVERS
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.run.control import distance
+from mbdae.system.distance import distance
 from mbdae.system.prepare import prepare
 from mbdae.validation import Case, Claim, Found, Row, measure
 
