@@ -39,8 +39,8 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
-    "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules", "_Alpha.run": "between modules",
-    "Solver.check": "interface", "Solver.factor": "interface",
+    "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
+    "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
