@@ -23,9 +23,9 @@ from mbdae.integrators.halving import halved
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
+from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
-from mbdae.run.kicks import beginning_at, windows
-from mbdae.run.resolution import largest_tolerance, resolving
+from mbdae.run.excitations import beginning_at, windows
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance

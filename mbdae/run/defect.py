@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import SolverError
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.integrators.sundials.shared import as_csc
-from mbdae.run.hiding import can_hide
+from mbdae.run.short_events import may_have_short_events
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.distance import Motion, motion_distance
@@ -73,7 +73,7 @@ class Defect:
     def suspects(self, limit: float) -> list[Suspect]:
         """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
         more than the others."""
-        steps = np.arange(len(self.widths)) if can_hide(self.prepared, self.system) else self._outstanding(limit)
+        steps = np.arange(len(self.widths)) if may_have_short_events(self.prepared, self.system) else self._outstanding(limit)
         found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
         if self.rough and found:
             limit = max(limit, ALIKE * float(np.quantile([s.effect for s in found], QUARTER, method="lower")))

@@ -24,14 +24,14 @@ from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
+from mbdae.run.assessment import assessed
 from mbdae.run.choice import Choice, alternatives
+from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
-from mbdae.run.drift import drifted
-from mbdae.run.judgement import judgement_of
+from mbdae.run.joint_drift import joint_drift
+from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import unseen
-from mbdae.run.resolution import refuse_unresolved
 from mbdae.run.verification import accuracy_of, nothing_known, verified
-from mbdae.run.waves import with_lost_waves
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.assembled.without_multipliers import Eliminated
 from mbdae.system.base import Array
@@ -93,7 +93,7 @@ class Job:
         """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
         they are nearly small enough (shorter steps leave out less), or one that follows them all."""
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
-        run = with_lost_waves(self.prepared, resolving, run)
+        run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
             run = self._tighter(run, solver, system, resolving)
         if run.estimate <= self.accuracy:
@@ -120,7 +120,7 @@ class Job:
             return run
         except SolverError as error:
             return run.after(1, cpu_of(error))
-        again = with_lost_waves(self.prepared, resolving, again)
+        again = with_lost_vibrations(self.prepared, resolving, again)
         return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
 
     def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
@@ -160,7 +160,7 @@ class Job:
         """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
-        doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
+        doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
         return f"warned: {doubts[0]}" if doubts else ""
 
     def result(self, run: Controlled, verify: bool = False) -> Result:
@@ -176,7 +176,7 @@ class Job:
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            judgement = judgement_of(made, run, self.form.label == "Index1")
+            judgement = assessed(made, run, self.form.label == "Index1")
             known = judgement.within(known)
             if judgement.reliable and not judgement.singular:  # else it is told already
                 missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)

@@ -14,8 +14,8 @@ import numpy as np
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.result import Result
+from mbdae.run.contact_tolerances import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.run.control import Controlled
-from mbdae.run.resolution import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.system.prepare import Prepared
 
 COARSE = 0.1  #: tolerance of positions over the penetration where a result is doubtful
@@ -29,7 +29,7 @@ GROWN = 5.0  #: logarithm of the growth that must have been lost before it is to
 DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
 
 
-class Judgement(NamedTuple):
+class Assessment(NamedTuple):
     """What is to be said of a run with contact or friction, and whether its result is one."""
 
     notes: tuple[str, ...] = ()
@@ -45,13 +45,13 @@ class Judgement(NamedTuple):
         return replace(known, estimated=max(known.motion, self.off), verified=None, unknown=unknown, found_reactions=None)
 
 
-def judged(result: Result, run: Controlled) -> Judgement:
+def judged(result: Result, run: Controlled) -> Assessment:
     """What is not to be trusted of a run with contact or friction; its energy decides, and contacts whose growth it lost."""
     prepared = result.prepared
     if run.solver.fixed and (made := _of_constant_steps(result)):
-        return Judgement(tuple(made), False)
+        return Assessment(tuple(made), False)
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
-        return Judgement()
+        return Assessment()
     energy = _of_energy(result)
     notes, reliable = list(energy), not energy
     for contact in prepared.contacts:
@@ -60,7 +60,7 @@ def judged(result: Result, run: Controlled) -> Judgement:
         unstable = [] if whirl else _flutter(result, sensor, contact)
         notes += _of_contact(prepared, sensor, run, contact) + whirl + unstable
         reliable &= not unstable
-    return Judgement((*notes, *_of_friction(prepared, run)), reliable)
+    return Assessment((*notes, *_of_friction(prepared, run)), reliable)
 
 
 def _of_energy(result: Result) -> list[str]:

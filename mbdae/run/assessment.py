@@ -9,13 +9,13 @@ import numpy as np
 from mbdae.integrators.base import Solver
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
-from mbdae.run.balance import drift_of_energy
 from mbdae.run.checks import doubts
 from mbdae.run.control import Controlled
-from mbdae.run.drift import drifted
-from mbdae.run.norms import unequal_norms
-from mbdae.run.passages import passages
-from mbdae.run.reliability import Judgement, doubts_of_steps, judged
+from mbdae.run.energy_drift import energy_drift
+from mbdae.run.joint_drift import joint_drift
+from mbdae.run.quaternion_lengths import unequal_lengths
+from mbdae.run.reliability import Assessment, doubts_of_steps, judged
+from mbdae.run.singular_positions import passages
 from mbdae.system.model.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
@@ -24,7 +24,7 @@ LOOKED_AT = 2000  #: steps at which constraint rows are looked at
 JUDGED = 1000  #: outputs, or steps where an input depends on time, at which energies are judged
 
 
-def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
+def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     """Every warning of a run; drifts: joints are held on the level of accelerations alone."""
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
     times = run.solution.t if timed else found.t  # a short input lies between outputs
@@ -32,15 +32,15 @@ def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
     singular = passages(found, known.asked)
     off, broken = _broken_rows(found.prepared, run, known.asked)
     notes = [*_warnings(found.prepared, run, known, drifts, broken), *doubts_of_steps(run), *judgement.notes, *singular,
-             *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
-    return Judgement(tuple(notes), judgement.reliable, bool(singular), off)
+             *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+    return Assessment(tuple(notes), judgement.reliable, bool(singular), off)
 
 
 def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool, broken: list[str]) -> list[str]:
     notes = _missed(known, run.solver)
     if known.met is False or run.solver.fixed or known.asked is None:
         notes += run.notes
-    notes += (drifted(prepared, run, known.asked) if drifts else []) or broken
+    notes += (joint_drift(prepared, run, known.asked) if drifts else []) or broken
     return notes + doubts(prepared)
 
 

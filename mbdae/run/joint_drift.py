@@ -11,7 +11,7 @@ from mbdae.ties import largest
 SAMPLES = 200  #: steps looked at
 
 
-def drifted(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
+def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
     """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; without one,
     what its tolerance lets expect."""
     m, solver = prepared.mechanics, run.solver

@@ -17,7 +17,7 @@ SHARE = 1e-3  #: of the energy exchanged: less is never told
 POINTS = 1000  #: of a run at which energies are compared
 
 
-def drift_of_energy(result: Result, run: Controlled, asked: float | None) -> list[str]:
+def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
     """The drift of the energy balance, where a run's own estimate does not speak for it or energy is conserved.
 
     Constant steps claim no accuracy: `reliability` tells where they lose a tenth of what moves.

@@ -20,7 +20,7 @@ STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows
 OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by nature (the last are parentheses)
 
 
-def can_hide(prepared: Prepared, system: SceneSystem) -> bool:
+def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
     """Whether a run has inputs of time that were not resolved before (but uniform and uniformly accelerated ones), or laws with
     functions that switch or are steep somewhere; not contacts, which solvers watch."""
     return _inputs(prepared, system) or _laws(prepared)

@@ -12,7 +12,7 @@ UNEQUAL = 1e-3  #: largest norm over the smallest within an element, minus 1, th
 SAMPLES = 200
 
 
-def unequal_norms(result: Result) -> list[str]:
+def unequal_lengths(result: Result) -> list[str]:
     """What is to be said of beams in space."""
     lines = [line for line in result.prepared.model.lines if line.kind.sizes[0] == 7]
     if not lines:

@@ -22,7 +22,7 @@ POINTS = 400
 MARGIN = 2.1
 
 
-def with_lost_waves(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
+def with_lost_vibrations(prepared: Prepared, resolving: SceneSystem, run: Controlled) -> Controlled:
     """The run with what it left out in its estimate: the largest difference of positions (over the scene's length, rad) from a
     short run that resolves the vibrations, from the start and from every kick of an input."""
     solution = run.solution
