@@ -188,8 +188,8 @@ def test_its_cost_is_counted(monkeypatch):
     import mbdae.run.job as job
 
     spent = []
-    real = job.unseen
-    monkeypatch.setattr(job, "unseen", lambda *given: spent.append(real(*given)) or spent[-1])
+    real = job.rechecked
+    monkeypatch.setattr(job, "rechecked", lambda *given: spent.append(real(*given)) or spent[-1])
     r = pushed(box(6.8, 1.0)).simulate(20.0)
     (missed,) = spent
     assert missed.cpu_s > 0
