@@ -1,9 +1,9 @@
 """From the accuracy a user asks for to a run that has it: companion runs measure the error instead of trusting rtol.
 
-Every controlled run is made twice, at a multiple of the tolerance and at the tolerance itself (with contacts three times);
-their differences and the law by which the error falls estimate the error of the last (`estimate`). Where that is above what
-was asked, the run is repeated with a tighter tolerance. The measured factors between accuracy and rtol (`Solver.factors`)
-only choose where to begin.
+Every run is made twice, at a multiple of the tolerance (its companion) and at the tolerance itself; with contacts there are two
+companions. Their differences, and how fast the error falls with the tolerance, estimate the error of the last run (`estimate`).
+Where that is above the accuracy, the run is repeated with a tighter tolerance. The measured factors between accuracy and rtol
+(`Solver.factors`) only choose where to begin.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from mbdae.system.prepare import Prepared
 from mbdae.values import number, option
 
 LOOSEST = 1e-2
-ATTEMPTS = 5  #: runs at tolerances below that of the first companions, and one
-#: part of the width of an input of time that a step may cover, over that of the run before: where this width alone bounds the
-#: steps of both, equal steps would make their difference say nothing. Neighbouring widths differ by 2: it is less than half
+ATTEMPTS = 5  #: runs at most after the first companions
+#: part of the width of an input of time that a step may cover, over that of the run before. Where this width alone bounds the
+#: steps of two runs, their steps must differ, or the difference of the runs is no measure of the error. Widths differ by factors
+#: of 2, so it is less than half
 CLOSER = 0.4
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; what its steps may leave out is not known"
-CRAWL = 10  #: residual evaluations of a run over those of its companion at which it is given up
-#: runs with contact whose estimate has fallen by less than CHAOTIC after two repeats are not repeated any more
-CHAOTIC = 2.0
+CRAWL = 10  #: residual evaluations of a run over those of its companion above which it is stopped
+CHAOTIC = 2.0  #: with contact: a run is not repeated any more where two repeats lowered the estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
 #: tolerance of a repeated run over that of the run before, at least and at most
 FINER, FINER_WITH_IMPACTS = (1e-3, 0.3), (0.1, 0.3)
-COARSE = 3.0  #: a run is repeated where its tolerance exceeds that of the penetrations found by more than this
+COARSE = 3.0  #: tolerance of a run over the one that resolves its penetrations above which it is repeated
 SAMPLES = 200  #: times at which reactions of two runs are compared
-FIRST_STEPS, PROBES = 5.0, 200  #: constant steps after the start that are compared with a run that resolves them, and where
+FIRST_STEPS, PROBES = 5.0, 200  #: constant steps that are compared with a run that resolves them, and times of this comparison
 
 
 @dataclass(frozen=True)
 class Controlled:
-    """A run, the estimate of its error, how many runs it took and their CPU seconds; the runs that told the error; waves: it
-    resolves all vibrations of beams, whatever its form was asked to."""
+    """A run, the estimate of its error, the number of runs made for it and their CPU seconds; others: the runs that it was
+    compared with; waves: it resolves all vibrations of beams, although its form does not ask for it."""
 
     solution: Solution
     solver: Solver
@@ -66,7 +66,7 @@ class Controlled:
     waves: bool = False
 
     def after(self, runs: int, cpu_s: float) -> Controlled:
-        """The run with the cost of others that were made for it."""
+        """The run with the number and CPU seconds of other runs added."""
         return replace(self, runs=self.runs + runs, cpu_s=self.cpu_s + cpu_s)
 
 
@@ -83,9 +83,9 @@ def measure_of(system: System, prepared: Prepared | None) -> Measure:
 
 
 def other_run(system: System, prepared: Prepared | None, run: Solution, times: Array, share: float) -> tuple[OtherRun, ...]:
-    """What is kept of a run that tells the error of another: its states at SAMPLES of the times at which both are compared.
-
-    With contacts the whole difference is the error of forces: measured, that of an impact does not fall as the motion's."""
+    """The states of a run at SAMPLES of the times at which another was compared with it, to estimate the error of reactions too;
+    share: error over difference. With contacts that is 1 for forces: measured, their error falls slower than that of the
+    motion."""
     if prepared is None or not isinstance(system, SceneSystem):
         return ()
     share = 1.0 if prepared.contacts else share
@@ -111,7 +111,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         found = halved(solver, system, asked, accuracy, measure)
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
-        return with_stepped_over(replace(run, others=others), system, prepared, accuracy, measure)
+        return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)
     ceiling = largest_tolerance(prepared, solver) if prepared is not None else float("inf")
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
@@ -136,7 +136,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 return best
             continue
         cpu, runs = best.cpu_s + fine.stats.cpu_s, best.runs + 1
-        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # runs are large: earlier ones are not needed any more
+        made, count = [*made[-kept:], (tight.tolerance, fine)], count + 1  # earlier runs are large, and not needed any more
         estimates.append(estimated(system, solver, made, measure, outputs))
         share = share_of(system, solver, tight.tolerance / loose)
         others = other_run(system, prepared, coarse, check_times(coarse, outputs), share)
@@ -157,8 +157,8 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
 
 
 def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
-    """The last of the runs with which the first at a tolerance is compared, and all of them, the loosest first. Those but the
-    last may fail, and are left out then."""
+    """The companions of the first run at a tolerance: the last of them, and all with their tolerances, the loosest first. One
+    that fails is left out, unless it is the last."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]
     made: list[Run] = []
     cpu = 0.0
@@ -175,10 +175,10 @@ def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Control
     return Controlled(run, solver, float("inf"), len(made), cpu), made
 
 
-def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
+def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
                       measure: Measure) -> Controlled:  # fmt: skip
-    """The run with what constant steps leave out in its estimate: vibrations that are shorter than a step look alike with steps
-    of half the size, so that halving does not show them. Measured: 5e-6 where a stiff spring swung by 2e-4."""
+    """The run with vibrations that are shorter than its constant steps in its estimate: they look alike with steps of half the
+    size, so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
 
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
@@ -186,8 +186,8 @@ def with_stepped_over(run: Controlled, system: System, prepared: Prepared | None
 
 
 class Probe(NamedTuple):
-    """Short runs by another solver or of another system, for `span` (s) from the start of a run and from every kick of its
-    inputs; each is compared with that run at so many samples, and what it finds counts `margin` times."""
+    """Short runs by another solver or of another system, for `span` (s) from the start of a run and from every excitation by its
+    inputs; each is compared with that run at `samples` times, and the distance counts `margin` times."""
 
     solver: Solver
     system: System
@@ -198,8 +198,8 @@ class Probe(NamedTuple):
 
 
 def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled:
-    """The run with its largest distance from a probe in its estimate (infinite where a probe does not come anywhere), with the
-    cost of the probes, and with them beside it as other runs that tell its error."""
+    """The run with its largest distance from a probe in its estimate (infinite where a probe fails within its first steps), with
+    the cost of the probes, and with these among its `others`."""
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
@@ -226,7 +226,7 @@ def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> fl
 
 
 def _after_failure(best: Controlled, error: SolverError) -> Controlled:
-    """The best run so far, with the failure of a tighter one in its notes and its cost counted."""
+    """The best run so far, with the failure of a tighter one as a note and its cost added."""
     return replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
 
 
@@ -235,6 +235,6 @@ def _with_rtol(solver: Solver, rtol: float) -> Solver:
 
 
 def plausible(accuracy: Any, name: str = "accuracy") -> float:
-    """An accuracy as a plain number; one nobody can mean is refused."""
+    """An accuracy as a plain number; OptionError outside 1e-12 to 0.1."""
     found: float = option(name, accuracy, number, "give a number from 1e-12 to 0.1 (1e-6 serves most)", least=1e-12, most=1e-1)
     return found

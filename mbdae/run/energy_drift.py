@@ -1,7 +1,7 @@
-"""Energy that a run makes or loses without a cause.
+"""Energy that a run gains or loses without a cause.
 
-BDF of order above 2 feeds undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol = 1e-6, and
-a damped oscillator can be made to grow. No constraint and no local error shows it; the balance of energy does.
+BDF of order above 2 feeds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
+1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show it; the energy balance does.
 """
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ from mbdae.results.result import Result
 from mbdae.run.control import Controlled
 
 ALLOWED = 10.0  #: energy error over the energy exchanged, in units of the accuracy asked (or rtol)
-SHARE = 1e-3  #: of the energy exchanged: less is never told
-POINTS = 1000  #: of a run at which energies are compared
+SHARE = 1e-3  #: of the energy exchanged below which there is never a warning
+POINTS = 1000  #: steps of a run at which energies are compared
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
-    """The drift of the energy balance, where a run's own estimate does not speak for it or energy is conserved.
+    """A warning where the energy balance drifts, unless the run met its accuracy and has dissipation or drives.
 
-    Constant steps claim no accuracy: `reliability` tells where they lose a tenth of what moves.
-    Contacts and friction are judged by what they dissipate (`reliability`); beams lose the vibrations that long steps leave
-    out (`waves`), so that there BDF alone is judged."""
+    Constant steps, contacts and friction have a check of their own (`reliability`). Beams lose the energy of vibrations that long
+    steps leave out (`lost_vibrations`), so that with beams only BDF is checked."""
     prepared, order = result.prepared, _order(run)
     supplied = has_power(prepared.mechanics)
     met = asked is not None and run.estimate <= asked

@@ -1,4 +1,4 @@
-"""Drift: what the joints are off in a run whose equations hold them on the level of accelerations alone."""
+"""Drift of the joints in a run whose equations hold their accelerations alone (index 1)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-SAMPLES = 200  #: steps looked at
+SAMPLES = 200  #: steps at which it is evaluated
 
 
 def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
-    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for; without one,
-    what its tolerance lets expect."""
+    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for, or the one expected
+    of the tolerance where none was asked."""
     m, solver = prepared.mechanics, run.solver
     if not m.m:
         return []

@@ -1,7 +1,7 @@
 """The error that the elements of beams cause, by the same run on a finer mesh.
 
-One order more on the same elements tells it: measured, its estimate is 0.5 to 1.9 times the error, where half the elements tell
-a thousandth of it as soon as vibrations that a coarse mesh shifts are in the motion (docs/beams.md).
+The finer mesh has the same elements with one order more: measured, the estimate is 0.5 to 1.9 times the error. A comparison with
+half the elements gives a thousandth of the error where the motion has vibrations that a coarse mesh shifts (docs/beams.md).
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from mbdae.system.prepare import Prepared, prepare
 
 TIMES = 201  #: at which both meshes are compared
 PLACES = np.linspace(0, 1, 5)  #: of every element at which they are compared
-INWARDS = 1e-6  #: of an element: which of two is meant at the node they share
+INWARDS = 1e-6  #: of an element: distance from the node that two elements share by which the section of one is meant
 
 
 def with_finer_beams(scene: SceneData) -> SceneData:
     """The scene with beams of one order more, or with twice as many elements where there is no higher order."""
     try:
         finer = copy.deepcopy(scene)
-    except TypeError as error:  # a law of the user's that holds an open file, a lock, ...
+    except TypeError as error:  # a law of the user holds an open file, a lock, ...
         raise OptionError(f"scene '{scene.name}' cannot be copied ({error}): keep such objects out of its laws") from error
     for beam in (body for body in finer.bodies if isinstance(body, Beam)):
         if beam.order < max(ORDERS):
@@ -46,9 +46,9 @@ def with_finer_beams(scene: SceneData) -> SceneData:
 
 
 def mesh_error(prepared: Prepared, form: Form, solver: Solver, run: Solution, asked: Asked) -> tuple[float, OtherRun]:
-    """Largest difference of positions (over the scene's length, rad) of a run from the same on a finer mesh, all along the beams
-    and of all bodies, and that run, whose reactions differ too. The run must begin at the start of the scene. Raises MbdaeError
-    where the finer mesh does not run."""
+    """Largest difference of positions (over the scene's length, rad), all along the beams and of all bodies, between a run and
+    the same on a finer mesh; and that finer run, whose reactions are compared too. The run must begin at the start of the scene.
+    Raises MbdaeError where the finer run fails."""
     end = float(run.t[-1])
     finer = prepare(with_finer_beams(prepared.model.scene), t0=prepared.start.t, t_end=end)
     again = solver.run(system_for(finer, form, solver.highest_index), replace(asked, t_end=end))

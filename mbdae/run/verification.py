@@ -1,4 +1,4 @@
-"""What is known of the errors of a run; with verify=True also by another method, and by a finer mesh of the beams."""
+"""The known errors of a run; with verify=True also from a run of another method, and from one on a finer mesh of the beams."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ CONTINUED = "not measured: the run continues another, whose mesh and error of th
 
 @dataclass(frozen=True)
 class Verified:
-    """motion: largest difference to the other method; mesh: to a finer mesh; reactions, finer: what is kept of these two runs;
-    unknown: why one of them was not found, by its word; runs: how many they took."""
+    """motion: largest difference from the other method; mesh: from the run on a finer mesh; reactions, finer: states of these two
+    runs, to compare reactions; unknown: why an error is not known, by its word; runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
@@ -55,7 +55,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
 
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
-    if prepared.model.lines:  # IDA follows fast vibrations of beams for ever
+    if prepared.model.lines:  # IDA would take the steps of the fastest vibrations of beams
         other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
@@ -67,7 +67,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, ask
 
 
 def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Verified | None) -> Accuracy:
-    """What is known of the errors of a run, and why something is not; found: what it was measured against, if it was."""
+    """The known errors of a run, and why others are not known; found: those from verify=True."""
     estimate = None if math.isnan(run.estimate) else run.estimate
     if estimate is None and found is None:
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
@@ -80,5 +80,5 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
-    """Of a run that did not come to its end."""
+    """The accuracy of a run that did not come to its end."""
     return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))
