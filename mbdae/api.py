@@ -1,4 +1,4 @@
-"""The Scene as users see it: data, and check, simulate, system on top; importing it puts pictures and files on Result."""
+"""The Scene as users see it, and `load`. Importing this module gives Result its pictures and files (`mbdae.show.attached`)."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 
     def check(self, accuracy: float = 1e-6) -> Check:
-        """Everything that can be said before solving, and what `simulate` to this accuracy will choose; raises SceneError with
-        all problems at once."""
+        """What is known before solving: freedoms, unknowns, redundant rows, and what `simulate` to this accuracy will choose;
+        raises SceneError with all problems at once."""
         return check_scene(self, plausible(accuracy))
 
     def system(self, form: Form | type[Form] | str | None = None, start: Start | Result | None = None) -> SceneSystem:
@@ -81,10 +81,10 @@ class Scene(SceneData):
         """Run to t_end (s).
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
-        velocities relative to length / characteristic time; with beams positions and angles alone, because their
-        velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
-        the run estimates its error and repeats itself tighter where needed; `accuracy.covers` of the result says whether that
-        holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is run once, as it is.
+        velocities relative to length / characteristic time; with beams only positions and angles, because their velocities
+        contain fast vibrations, and the same while a joint with clearance touches, because an impact a moment later is no error);
+        the run estimates its error and is repeated with a tighter tolerance where needed; `accuracy.covers` of the result says
+        whether the accuracy also covers reactions and the mesh of beams. A solver with its own tolerance or step runs once.
         solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall

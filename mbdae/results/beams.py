@@ -23,7 +23,7 @@ from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
 
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
-NEAR = 1e-9  #: of the longest element: places as near to the axis as each other
+NEAR = 1e-9  #: of the longest element: distances from the axis that differ by less count as equal
 CHUNK = 20_000  #: elements evaluated at once
 Foot = tuple[int, float]  #: element and place in it, 0..1
 
@@ -40,7 +40,7 @@ def foot(mesh: LineMesh, point: Array) -> Foot:
 
 
 def _nearest(mesh: LineMesh, e: int, point: Array, xi: float) -> float:
-    """xi in 0..1 of element e nearest to a point, from a start near to it (Gauss-Newton)."""
+    """xi in 0..1 of element e nearest to a point, by Gauss-Newton from a start value."""
     for _ in range(30):
         d, tangent = _on_curve(mesh, (e, xi), False) - point, _on_curve(mesh, (e, xi), True)
         moved = float(np.clip(xi - d @ tangent / (tangent @ tangent), 0, 1))
@@ -124,7 +124,7 @@ def angular_velocities(line: Line, positions: Array, rates: Array) -> Array:
 def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tuple[Array, Array]:
     """Elastic strains and stress resultants (nt, elements, p, 6) at the Gauss points, section axes, in the order `STRESSES`;
     in the plane those out of it are zero. z (nt, stresses of the beam): the stresses, where they were unknowns of the run
-    (by the strains they carry the error of the positions times the stiffness)."""
+    (computed from strains they would have the error of the positions times the stiffness)."""
     kernel, m = line.displacement, len(line.mesh.elements)
     elastic, names = _elastic(line.kind), [name for name, _ in kernel.derived.resultants]
     expressions = [*(elastic[name] for name in names), *(e for _, e in kernel.derived.resultants)]
@@ -143,7 +143,7 @@ def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tup
 
 
 def _elastic(kind: NodeKind) -> dict[str, Expr]:
-    """Strains less those of the reference curve: without damping every stress is the strain over the compliance."""
+    """Strains less those of the reference curve, by name: without damping, stress times compliance."""
     undamped = derived_beam({}, kind, mixed=False)
     return {name: stress * se.Symbol(f"compliance_{name}") for name, stress in undamped.resultants}
 
@@ -201,7 +201,7 @@ class BeamPlace(_OnBeam):
 
     @cached_property
     def on_axis(self) -> Array:
-        """(nt, 3), m: the point of the axis the place is joined to."""
+        """(nt, 3), m: the point of the axis that the place is rigidly joined to."""
         return in_space(self._line, self._positions)[:, 0, 0]
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Forces and torques of all joints and force elements at once, and how far runs are apart in them."""
+"""Forces and torques of all joints and force elements at once, and their error from the difference of runs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from mbdae.results.states import States, states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-#: of the force that moves the scene by its length in its characteristic time: forces below that are round-off
-NO_FORCE = 1e-9
+NO_FORCE = 1e-9  #: round-off of forces, over the force that moves the scene by its length in its characteristic time
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -30,8 +29,8 @@ def wrenches(prepared: Prepared, at: States) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OtherRun:
-    """States of a run that tells the error of the run that is kept: the error is `share` times the difference; prepared: its
-    scene, where it has another mesh of the beams."""
+    """States of a run with which the returned run is compared: the error of the latter is `share` times the difference; prepared:
+    its scene, where it has another mesh of the beams."""
 
     states: States
     share: float
@@ -40,14 +39,14 @@ class OtherRun:
 
 @dataclass(frozen=True, eq=False)
 class ReactionError:
-    """The error of the forces and torques of a run, by other runs; evaluated when it is called."""
+    """The error of the forces and torques of a run, from its difference to other runs; computed when it is called."""
 
     prepared: Prepared
     solution: Solution
     others: tuple[OtherRun, ...]
 
     def __call__(self) -> float:
-        """Sum of the errors that the other runs tell, each over the largest force of the run (torques: times the length)."""
+        """Sum of the errors from the other runs, each over the largest force of the run (torques are divided by the length)."""
         return float(sum(other.share * self._difference(other) for other in self.others))
 
     def _difference(self, other: OtherRun) -> float:

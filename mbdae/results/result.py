@@ -26,7 +26,8 @@ from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.start.start import Start
 from mbdae.values import file_to_write, number, of_class, option, optional, shown, text
 
-#: what draws or stores a result, by the name of its method: entered by the modules above that do it (`show.attached`, `storage`)
+#: functions that draw or store a Result, by the name of its method; entered by the modules above that have them (`show.attached`,
+#: `storage`), because this one knows neither drawings nor files
 ATTACHED: dict[str, Callable[..., Any]] = {}
 
 
@@ -50,7 +51,7 @@ class RunInfo:
     cpu_s: float = 0.0  #: of all runs together
     warnings: tuple[str, ...] = ()
     choice: str = ""  #: why this solver, where mbdae chose it
-    reliable: bool = True  #: False where energy was made or lost beside contacts: see `Result.reliable`
+    reliable: bool = True  #: see `Result.reliable`
 
 
 class Result(RunStates, Told):
@@ -76,13 +77,13 @@ class Result(RunStates, Told):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know before trusting the result."""
+        """What to know before trusting the result, a sentence each."""
         return self.info.warnings
 
     @property
     def reliable(self) -> bool:
-        """False where contact or friction went wrong: the energy balance is off by more than a tenth of what they dissipate, or
-        a contact that friction makes unstable was damped away by the steps."""
+        """False where the energy balance is off by more than a tenth of what contact and friction dissipate (with constant steps:
+        of the energy exchanged), or where the steps damped a contact that friction makes unstable."""
         return self.info.reliable
 
     @property
@@ -92,7 +93,7 @@ class Result(RunStates, Told):
 
     @property
     def start(self) -> Start:
-        """The consistent start; `start.changes` tells what had to be moved."""
+        """The consistent start; `start.changes` names what had to be moved for it."""
         return self.prepared.start
 
     @property
@@ -101,13 +102,12 @@ class Result(RunStates, Told):
         return self.solution.complete
 
     def state_for(self, scene: SceneData, t: float | None = None) -> Start:
-        """The state at t (default: the end) as the start of a run of `scene`, which may have fewer joints whose coordinate is an
-        unknown."""
+        """The state at t (default: the end) as the start of a run of `scene`: the same bodies, with the same or fewer joints
+        whose coordinate is an unknown."""
         option("scene", scene, of_class, "give the scene that goes on from this state", base=SceneData)
         optional("t", t, number, "give a time of the run in s, or None for its end")
         when = self.solution.t[-1:] if t is None else self.solution.times(t)[None]
-        said, meant = ([b.name for b in known.bodies] for known in (self.prepared.model.scene, scene))
-        if said != meant:
+        if [b.name for b in self.prepared.model.scene.bodies] != [b.name for b in scene.bodies]:
             raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
                               f"'{scene.name}', cannot start it: give a state of a scene with the same bodies")  # fmt: skip
         (q,), (u,), (s,) = self.states(when)
@@ -122,7 +122,7 @@ class Result(RunStates, Told):
         return Start(float(when[0]), q, u, s, np.zeros_like(u), np.zeros(0), names=names, coordinates=coordinates)
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
-        """The same run read at other times (dense output)."""
+        """The same run at other times, by its dense output."""
         times = np.atleast_1d(self.solution.times(t))
         if times.ndim > 1:
             raise OptionError(f"t = {shown(t)} has shape {times.shape}: give a time of the run in s, or a list of them")
@@ -159,7 +159,7 @@ class Result(RunStates, Told):
             raise SceneError([f"there is no sensor '{path}'; {told}"])
         return np.asarray(getattr(sensor, quantity))
 
-    # -- guards
+    # -- energy, drift and rank
 
     @cached_property
     def energy(self) -> Energy:
@@ -168,19 +168,19 @@ class Result(RunStates, Told):
 
     @cached_property
     def drift(self) -> Drift:
-        """Constraint violation over the result's times, of all rows: also of those left out as redundant."""
+        """Constraint violation over the result's times, of all rows, redundant ones included."""
         m, (q, u, _) = self.prepared.everything, self._states
         g, gd = m.position_residual(self.t, q), m.velocity_residual(self.t, q, u)
         return Drift(np.max(np.abs(g), axis=1, initial=0.0), np.max(np.abs(gd), axis=1, initial=0.0))
 
     @cached_property
     def smallest_singular_value(self) -> Array:
-        """(nt,) of all constraint rows, each of unit length, those that redundant rows make zero left out: near zero, positions
-        are singular and reactions uncertain."""
+        """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
+        do not count. Near zero, the position is singular and reactions are uncertain."""
         m, rank = self.prepared.everything, len(self.prepared.rank.kept)
         return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
 
-    # -- pictures and files: made by modules above, see `ATTACHED`
+    # -- pictures and files (see `ATTACHED`)
 
     def plot(self, *sensors: str, against: Any = None, labels: Sequence[str] | None = None, path: Any = None) -> Any:
         """Draw sensors ("C.angle", "D.force") over time, one panel per quantity; returns the matplotlib figure.
@@ -209,7 +209,7 @@ class Result(RunStates, Told):
         ATTACHED["animate"](self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
-        """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with one's own classes in `laws`."""
+        """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with your own classes in `laws`."""
         place = option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists")
         ATTACHED["save"](self, place)
 

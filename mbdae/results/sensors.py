@@ -1,4 +1,5 @@
-"""Sensors: what a user reads of bodies, places on bodies, joints and force elements, at the result's times."""
+"""Sensors: motions of bodies and of places on them, coordinates and forces of joints and force elements, at the result's
+times."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Power a joint or force delivers."""
+    """Power that a joint or force delivers."""
     return [] if isinstance(d.law, Element) else power(d)
 
 
@@ -176,7 +177,8 @@ class ConnectionSensor(Told):
 
     @property
     def reaction_is_unique(self) -> bool:
-        """False where redundant constraints could share the reaction: one of many possible values is shown."""
+        """False where redundant constraints could share the reaction: `force` and `torque` are then one of many possible
+        values."""
         prefix = self._item.name + "."
         return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
 

@@ -19,7 +19,7 @@ from mbdae.system.prepare import Prepared
 @dataclass(frozen=True, eq=False)
 class States:
     """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
-    of the beams z (nt, nz), at times t (nt,); they belong to no form."""
+    of the beams z (nt, nz), at times t (nt,); the same in every form."""
 
     t: Array
     q: Array
@@ -92,7 +92,7 @@ class RunStates:
         return tuple(row.name for row in self.prepared.everything.rows)
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
-        """(nt, width) outputs summed over the laws of one item; multipliers included."""
+        """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
         for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
@@ -102,7 +102,7 @@ class RunStates:
         return total
 
     def coordinate(self, item: Connection) -> tuple[Array, Array] | None:
-        """Coordinate and rate (nt,) of a joint; whole turns counted along the run's steps; None if it has none."""
+        """Coordinate and rate (nt,) of a joint, whole turns counted along the run's steps; None if it has no coordinate."""
         if self._one_coordinate(item, self.t[:1]) is None:
             return None
         value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
@@ -133,7 +133,8 @@ class RunStates:
 
 
 def _unwrapped(t: Array, principal: Array, rate: Array, start: float) -> Array:
-    """Continuous angle along steps: every step takes the turn nearest to the angle its rates predict."""
+    """Continuous angle along steps from its principal value: each step adds the whole turns nearest to the angle that the rates
+    predict."""
     out = np.empty_like(principal)
     previous = start
     for i, value in enumerate(principal):

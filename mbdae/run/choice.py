@@ -22,17 +22,14 @@ from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.scene_system import SPARSE_FROM
 from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
-#: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
-TIGHT_ELIMINATED = 3e-6
-STIFF = 100.0  #: fastest decay or oscillation times the characteristic time above which Adams methods waste steps
-#: the same, of oscillations, for an ODE with eliminated multipliers, whose evaluations cost more
-SMOOTH = 0.3
-#: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating them, where every motion is prescribed
-SMALL = 30
+TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, cost less than Radau IIA of order 5
+TIGHT_ELIMINATED = 3e-6  #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
+STIFF = 100.0  #: fastest decay or oscillation, times the characteristic time, above which stability limits Adams methods
+SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose evaluations cost more
+SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
-EIGENVALUES = 300  #: unknowns up to which eigenvalues are sought
+EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class Choice:
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Joints that become recursive although the user did not say so."""
+        """Joints that become recursive although the scene does not state it."""
         as_stated = {c.name for c in self.stated.joints if c.recursive}
         return tuple(c.name for c in self.prepared.model.recursive if c.name not in as_stated)
 
@@ -76,7 +73,7 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
-    """What a default run takes: decided from the equations at the start and the accuracy, before anything is solved."""
+    """Form and solver of a default run, from the equations at the start and the accuracy, before anything is solved."""
     solver, own, why = _chosen(prepared, accuracy, form)
     return Choice(prepared, stated, own, solver, why)
 
@@ -89,7 +86,7 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
-    """What was chosen, then what may run where that stops; given: the form the user asked for."""
+    """The choice, then what runs instead where it stops or misses the accuracy; given: the form the user asked for."""
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.ida import IDA
 
@@ -127,7 +124,7 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 
 
 def _hard(prepared: Prepared) -> str:
-    """What makes a scene one for Radau IIA at every accuracy."""
+    """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
     if prepared.model.lines:
         return "elastic beams, whose fast modes BDF feeds or follows for ever"
     if prepared.contacts:
@@ -150,7 +147,7 @@ class Rates:
 
     @cached_property
     def _eigenvalues(self) -> np.ndarray:
-        """Of small disturbances; infinite where the equations are too large to look for them."""
+        """Of small disturbances at the start; infinite where there are too many unknowns to compute them."""
         system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])
