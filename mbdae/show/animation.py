@@ -71,7 +71,7 @@ def write_gif(film: Film, file: Path, delay: float) -> None:
 
 
 class _Stage:
-    """A figure with the mechanism, and the strip charts below."""
+    """A figure with the mechanism, and charts of sensors over time below."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -83,8 +83,8 @@ class _Stage:
         figure = Figure(figsize=(width, height + 1.3 * n), layout="constrained" if film.seen.planar else None)
         FigureCanvasAgg(figure)
         sides = {"left": 0.09, "right": 0.97, "top": 0.94, "bottom": 0.1 / (1 + 0.3 * n), "hspace": 0.4}
-        room = {} if film.seen.planar else sides
-        grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **room)
+        margins = {} if film.seen.planar else sides
+        grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **margins)
         self.figure, self.axes = figure, axes_for(figure, film.seen, grid[0])
         self.title = self.axes.set_title(" ", fontsize="medium", loc="left", family="monospace")
         self.picture = Picture(self.axes, film.seen)

@@ -14,8 +14,8 @@ from mbdae.show.plots import COLOURS, strips, track
 from mbdae.show.shapes import geometry
 
 LARGEST = 600  #: frames
-SMOOTH = 240  #: least frames of a player, which may be slowed down, and least points of a line over time
-COMFORTABLE = (1.0, 60.0, 8.0)  #: s on the screen: least and most for real time, and what else is aimed at
+SMOOTH = 240  #: least frames of a player, which may be played slowly, and least points of a line over time
+COMFORTABLE = (1.0, 60.0, 8.0)  #: duration on the screen, s: least and most shown in real time, and the one aimed at otherwise
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Trail:
 
 @dataclass(frozen=True)
 class Film:
-    """All that moves, at the times of the frames; trails and curves at `fine` points per frame, times (n,) s."""
+    """Everything that a film shows: the geometry at the times of the frames; trails and curves with `fine` points per frame, at
+    times (n,) s."""
 
     seen: Geometry
     fine: int
@@ -49,7 +50,7 @@ class Film:
 
 
 def natural_speed(duration: float) -> float:
-    """1 where the run lasts a comfortable time on the screen, else 1, 2 or 5 times a power of ten."""
+    """Simulated s per s on the screen: 1 where that is a comfortable duration, else 1, 2 or 5 times a power of ten."""
     least, most, aim = COMFORTABLE
     if duration <= 0 or least <= duration <= most:
         return 1.0
@@ -65,7 +66,7 @@ def frame_times(start: float, duration: float, step: float, least: int = 2) -> A
 
 
 def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float) -> Film:
-    """A result at the times of its frames (nt,), its lines at more."""
+    """The film of a result with frames at times t (nt,)."""
     fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
     times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
     dense = result(times)
@@ -77,6 +78,6 @@ def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any],
 
 
 def digits(t: Array) -> int:
-    """Decimals that tell the frames apart."""
+    """Decimals with which the times of any two frames differ."""
     step = float(t[-1] - t[0]) / 200
     return int(np.clip(np.ceil(-np.log10(step)), 0, 9)) if step > 0 else 2

@@ -1,4 +1,4 @@
-"""A page that plays a motion in any browser: the film as JSON in the page, no network, no library."""
+"""A page that plays a film in any browser; the film is JSON in the page, which needs neither network nor library."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _short(values: Array) -> Any:
 
 
 def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:
-    """Position (nt, 3) and the entries of the rotation (nt, 9); one entry where they never change."""
+    """Position (nt, 3) and the entries of the rotation (nt, 9), or (1, 9) where it never changes."""
     pose = seen.poses[name]
     turn = pose.rotation.reshape(-1, 9)
     still = bool(np.all(np.abs(turn - turn[0]) < GRAIN / 2))

@@ -1,4 +1,4 @@
-"""The page of the player: fields between @ signs are filled by `player.page`."""
+"""The HTML of the player; `player.page` replaces the fields between @ signs."""
 
 PAGE = r"""<!doctype html>
 <html lang="en">

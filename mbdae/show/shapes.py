@@ -1,8 +1,8 @@
-"""The shapes of a result.
+"""The geometry of a result: shapes of bodies, joints and forces.
 
-A body is drawn by its outline; without one by the points where something is attached, joined with its centre of mass,
-and in space by the ellipsoid of its mass and inertia. Rigid bodies move by their position and rotation alone, beams by
-the fields of their elements; what is attached to a beam moves with the section there.
+A body is drawn by its outline; without one by lines from its centre of mass to the points where something is attached, and in
+space by the ellipsoid of its mass and inertia. Rigid bodies move by position and rotation, beams by the interpolation of their
+elements; what is attached to a beam moves with the section there.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ from mbdae.show.plots import COLOURS
 from mbdae.system.model.beams import Line
 
 MARK = 0.03  #: size of symbols over the size of the scene
-ARROWS = 9  #: a distributed load is drawn by
-SMOOTH = 32  #: least chords a beam is drawn by
+ARROWS = 9  #: number of arrows of a distributed load
+SMOOTH = 32  #: least number of chords of a beam
 MARKERS = {"revolute": "pin", "spherical": "ball", "weld": "weld", "fixedorientation": "lock", "distance": "dot",
            "bushing": "dot"}  # fmt: skip
+#: kinds without a marker at their point
 UNMARKED = ("prismatic", "force", "torque", "spring", "pointspring")
 
 
 def geometry(result: Result) -> Geometry:
-    """Everything a result looks like at its times."""
+    """Shapes and names of a result at its times."""
     return _Builder(result).build()
 
 
 class _Collected:
-    """Shapes and names of one result, and the points they are made of."""
+    """What is collected of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
     def __init__(self, result: Result) -> None:
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
@@ -56,7 +57,7 @@ class _Collected:
         self._founded: list[Array] = []
 
     def _attached(self, body: Body) -> Array:
-        """Points (n, 3) of a body in its own axes to which something is attached, each once."""
+        """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
         points: list[Array] = []
         for item in self.scene.connections if body not in self.lines else []:
             for side in (item.k, item.l):
@@ -66,7 +67,7 @@ class _Collected:
         return np.array(points).reshape(-1, 3)
 
     def _size(self) -> float:
-        """Largest extent (m) of all bodies, their attachments, and what stands on the ground."""
+        """Largest extent (m) of all bodies, their attachments, and the points of joints on the ground."""
         parts = [moved(self.poses[b.name], np.vstack([self._local(b, b.outline), self.attached[b.name]]))
                  for b in self.scene.bodies if b not in self.lines]  # fmt: skip
         parts += list(self.lines.values())
@@ -87,7 +88,7 @@ class _Collected:
         return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
 
     def _held(self, item: Connection) -> Connection:
-        """The item between what moves with its ends: on a beam the section nearest to the place as drawn."""
+        """The item with a body in place of every beam: one that moves with the section nearest to the item's point as drawn."""
         sides = {"k": item.k, "l": item.l}
         for (side, body), at in zip(sides.items(), ends(item), strict=True):
             if body in self.lines:
@@ -112,7 +113,7 @@ class _Collected:
         self.labels.append(Label(text, self._local(body, [point]) if on else point.reshape(-1, 3), on, of_body))
 
     def _gather(self) -> None:
-        """One name per point: joints that share a pin share a line of text."""
+        """Join the names at one point to one text, such as those of joints that share a pin."""
         groups: dict[tuple[Any, ...], list[Label]] = {}
         for label in self.labels:
             where = tuple(np.round(self.place_of(label) / (0.5 * self.mark)).astype(int))
@@ -122,7 +123,7 @@ class _Collected:
         self.labels = list(chain.from_iterable(merged))
 
     def place_of(self, label: Label) -> Array:
-        """Where a name belongs at the first time (3,), m."""
+        """Point (3,), m, of a name at the first time."""
         return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
 
 
@@ -163,7 +164,7 @@ class _Builder(_Collected):
         return None
 
     def _extent(self, body: Body, framed: bool) -> list[tuple[str, Array]]:
-        """The body's ellipsoid; a disc in the plane, where nothing else shows its extent; a box where it is tiny."""
+        """The body's ellipsoid; in the plane a disc, unless it is drawn as a plate or bars (framed); a box where it is tiny."""
         axes = half_axes(body, self.planar)
         if self.planar and framed:
             return []
@@ -200,7 +201,7 @@ class _Builder(_Collected):
         return self._name(item.name, item.l, at_l)
 
     def _found(self, item: str, point: Array, down: Array | None = None) -> None:
-        """Ground under a point, once."""
+        """Draw the symbol of the ground under a point, unless there is one."""
         if any(np.linalg.norm(point - p) < self.mark for p in self._founded):
             return
         self._founded.append(point)
@@ -313,7 +314,7 @@ def ends(item: Connection) -> tuple[Array, Array]:
 
 
 def _pieces(line: Line) -> int:
-    """Chords per element a beam is drawn by."""
+    """Number of chords per element with which a beam is drawn."""
     return 1 if line.mesh.order == 1 else max(2, -(-SMOOTH // len(line.mesh.elements)))
 
 
