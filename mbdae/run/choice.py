@@ -16,6 +16,9 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.cvode import CVODE
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
@@ -67,7 +70,7 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
-    except MbdaeError:  # what is wrong is told of the scene as stated
+    except MbdaeError:  # preparing the scene as stated raises what is wrong with it
         return None
     return None if found is None or found.model.kept else found
 
@@ -87,9 +90,6 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
     """The choice, then what runs instead where it stops or misses the accuracy; given: the form the user asked for."""
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.ida import IDA
-
     yield choice.solver, choice.form
     prepared = choice.prepared
     form = given if given is not None else default_form(prepared)
@@ -100,9 +100,6 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
 
 
 def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.cvode import CVODE
-
     form = given if given is not None else default_form(prepared)
     hard = _hard(prepared) or ("only Radau takes index 3" if form.label == "Index3" else "")
     if hard:

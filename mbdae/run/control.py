@@ -20,6 +20,7 @@ from mbdae.errors import AccuracyWarning, SolverError, WallClockError, keeping
 from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
+from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
@@ -179,8 +180,6 @@ def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | 
                       measure: Measure) -> Controlled:  # fmt: skip
     """The run with vibrations that are shorter than its constant steps in its estimate: they look alike with steps of half the
     size, so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
     return with_left_out(run, Probe(close, system, prepared, FIRST_STEPS * run.solution.stats.h_max, PROBES), measure)
 

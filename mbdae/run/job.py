@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.assessment import assessed
@@ -131,8 +132,6 @@ class Job:
         and the job with the form of that run.
 
         form: what the user asked for; with None the others take the default form."""
-        from mbdae.integrators.runge_kutta.radau import RadauIIA
-
         best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
         why, runs, cpu = "", 0, 0.0

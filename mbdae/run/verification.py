@@ -10,6 +10,8 @@ import numpy as np
 from mbdae.errors import MbdaeError
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.reactions import OtherRun, ReactionError
 from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
@@ -50,9 +52,6 @@ def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, a
 
 def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
     """Differences to a run of another method at a tenth of the accuracy."""
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.ida import IDA
-
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
     if prepared.model.lines:  # IDA would take the steps of the fastest vibrations of beams
