@@ -13,7 +13,7 @@ from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
-from mbdae.results.sensors import BodySensor
+from mbdae.results.sensors import BodySensor, turned_about_z
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
@@ -98,13 +98,6 @@ def axes_in_plane(line: Line, elements: Any = slice(None)) -> Array:
     drawn = rotation_matrices(mesh.quaternions[first]) @ rotation_matrices(mesh.turns[elements, 0])
     return np.asarray(np.round(turned_about_z(heading).swapaxes(-1, -2) @ drawn))
 
-
-def turned_about_z(angle: Array) -> Array:
-    """Rotation matrices (..., 3, 3) about z by angles (...), rad."""
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = [np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)]
-    found: Array = np.stack(rows, -2)
-    return found
 
 
 def in_space(line: Line, values: Array) -> Array:

@@ -89,8 +89,7 @@ class BodySensor(Told):
         q = self._result.q[:, self._node.q :]
         if self._node.kind is NodeKind.SPATIAL:
             return rotation_matrices(q[:, 3:7])
-        c, s, zero, one = np.cos(q[:, 2]), np.sin(q[:, 2]), np.zeros(nt), np.ones(nt)
-        return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
+        return turned_about_z(q[:, 2])
 
     def _translation(self, table: Array, start: int) -> Array:
         out = np.zeros((len(self._result.t), 3))
@@ -122,6 +121,14 @@ class BodySensor(Told):
         elif self._node is not None and self._node.kind is NodeKind.SPATIAL:
             out = np.einsum("tij,tj->ti", self.rotation, self._result.u[:, self._node.u + 3 : self._node.u + 6])
         return out
+
+
+def turned_about_z(angle: Array) -> Array:
+    """Rotation matrices (..., 3, 3) about z by angles (...), rad."""
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    rows = [np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)]
+    found: Array = np.stack(rows, -2)
+    return found
 
 
 class ConnectionSensor(Told):

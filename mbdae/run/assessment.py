@@ -11,8 +11,7 @@ from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
 from mbdae.run.checks import doubts
 from mbdae.run.control import Controlled
-from mbdae.run.energy_drift import energy_drift
-from mbdae.run.joint_drift import joint_drift
+from mbdae.run.drift import energy_drift, joint_drift
 from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
 from mbdae.run.singular_positions import singular_passages

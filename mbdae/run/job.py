@@ -7,8 +7,8 @@ The modules of this folder in the order in which a run uses them:
                       their tolerance where there is contact or friction;
 3. `lost_vibrations`  vibrations of stiff beams that long steps leave out, after the start and after `excitations`;
    `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams;
-4. `assessment`       warnings about the run that is returned: `reliability`, `singular_positions`, `quaternion_lengths`,
-                      `energy_drift`, `joint_drift`;
+4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
+                      `quaternion_lengths`;
 5. `recheck`          steps whose `defect` is large are integrated again: something may have acted between the points at which
                       the solver evaluated the equations (`short_events`).
 """
@@ -18,9 +18,10 @@ from __future__ import annotations
 import math
 import time
 import warnings as python_warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
@@ -32,7 +33,7 @@ from mbdae.run.assessment import assessed
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
-from mbdae.run.joint_drift import joint_drift
+from mbdae.run.drift import joint_drift
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import rechecked
 from mbdae.run.verification import accuracy_of, nothing_known, verified
@@ -99,33 +100,13 @@ class Job:
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
         run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
-            run = self._tighter(run, solver, system, resolving)
+            tighter = partial(self._controlled, system, solver, self.accuracy / 10)
+            run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter()))
         if run.estimate <= self.accuracy:
             return run
         if self.prepared.contacts:  # every impact excites such vibrations anew: resolving all costs 10 to 40 times the steps
             return replace(run, notes=(*run.notes, UNRESOLVED))
-        try:
-            again = replace(self._controlled(resolving, solver), waves=True)
-        except WallClockError:
-            raise
-        except SolverError as error:
-            return run.after(1, cpu_of(error))
-        if again.estimate < run.estimate:
-            return again.after(run.runs, run.cpu_s)
-        return run.after(again.runs, again.cpu_s)
-
-    def _tighter(self, run: Controlled, solver: Solver, system: SceneSystem, resolving: SceneSystem) -> Controlled:
-        """A run to a tenth of the accuracy if that is better."""
-        try:
-            again = self._controlled(system, solver, self.accuracy / 10)
-        except WallClockError:
-            raise
-        except OptionError:
-            return run
-        except SolverError as error:
-            return run.after(1, cpu_of(error))
-        again = with_lost_vibrations(self.prepared, resolving, again)
-        return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
+        return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
 
     def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
         """The run of what was chosen; of Radau IIA where that misses the accuracy or stops; of IDA where Radau IIA stops too;
@@ -207,3 +188,16 @@ class Job:
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
             raise
+
+
+def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
+    """The run, or that of an attempt where its estimate is smaller; with the cost of both."""
+    try:
+        again = attempt()
+    except WallClockError:
+        raise
+    except OptionError:  # round-off does not allow the tolerance
+        return run
+    except SolverError as error:
+        return run.after(1, cpu_of(error))
+    return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)

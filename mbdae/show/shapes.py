@@ -284,7 +284,6 @@ class _Builder(_Collected):
                 lines.append(symbols.turning_arrow(p, reach if np.any(reach) else symbols.Z, 2.6 * self.mark * s**0.5))
         self._add(item.name, "arrow", np.array(lines))
 
-
     def _distributed(self, load: BeamLoad) -> None:
         """A row of arrows along the beam, as long as the load is large, joined at their tails."""
         t = self.result.t

@@ -1,4 +1,4 @@
-"""Energy that a run gains or loses without a cause.
+"""Drift of a run: energy that it gains or loses without a cause, and joints whose equations hold accelerations alone (index 1).
 
 BDF of order above 2 feeds energy to undamped motion: measured, a pendulum gains a fifth of its energy in 1e4 periods at rtol =
 1e-6, and a damped oscillator can be made to grow. Neither constraints nor local errors show it; the energy balance does.
@@ -11,10 +11,13 @@ import numpy as np
 from mbdae.results.energy import has_power
 from mbdae.results.result import Result
 from mbdae.run.control import Controlled
+from mbdae.system.prepare import Prepared
+from mbdae.ties import largest
 
 ALLOWED = 10.0  #: energy error over the energy exchanged, in units of the accuracy asked (or rtol)
 SHARE = 1e-3  #: of the energy exchanged below which there is never a warning
 POINTS = 1000  #: steps of a run at which energies are compared
+SAMPLES = 200  #: steps of a run at which constraint rows are evaluated
 
 
 def energy_drift(result: Result, run: Controlled, asked: float | None) -> list[str]:
@@ -46,3 +49,26 @@ def _order(run: Controlled) -> int:
     if run.solver.label == "IDA" or "BDF" in run.solver.label:
         return int(getattr(run.solver, "max_order", None) or 5)
     return 0
+
+
+def joint_drift(prepared: Prepared, run: Controlled, asked: float | None) -> list[str]:
+    """A warning where g over the scene's length, or G u + g_t over its speed, exceeds the accuracy asked for, or the one expected
+    of the tolerance where none was asked."""
+    m, solver = prepared.mechanics, run.solver
+    if not m.m:
+        return []
+    if asked is None:
+        factors = solver.factors.get(solver.label, {}).values()
+        asked = solver.rtol / max(factors) if solver.rtol and factors else 1e-6
+    t = run.solution.t[:: len(run.solution.t) // SAMPLES + 1]
+    q, u, _ = prepared.states(t, run.solution(t))
+    speed = max(prepared.length / prepared.time, float(np.max(np.abs(u) * m.velocity_units, initial=0.0)))
+    units = max(prepared.length, 1.0), max(speed, speed / prepared.length)  # of rows in m, or in rad
+    off = [np.abs(m.position_residual(t, q)) / units[0], np.abs(m.velocity_residual(t, q, u)) / units[1]]
+    for values, what in zip(off, ("closed", "at rest in itself"), strict=True):
+        worst = largest(np.max(values, axis=0))
+        if np.max(values) > asked:
+            return [f"joint row {m.rows[worst].name} does not stay {what}: off by {np.max(values):.1e} of the scene's size or "
+                    f"speed; the index-1 form holds accelerations only: raise baumgarte, ask for a smaller accuracy, or use "
+                    f"mb.GGL()"]  # fmt: skip
+    return []
