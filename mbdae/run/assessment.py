@@ -31,17 +31,11 @@ def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
     contact = reliability(found if few else found(times[:: len(times) // ENERGY_SAMPLES + 1]), run)
     singular = singular_passages(found, known.asked)
     off, broken = _broken_rows(found.prepared, run, known.asked)
-    notes = [*_warnings(found.prepared, run, known, drifts, broken), *doubts_of_steps(run), *contact.notes, *singular,
-             *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+    of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
+    rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
+    notes = [*_missed(known, run.solver), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
+             *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
     return Assessment(tuple(notes), contact.reliable, bool(singular), off)
-
-
-def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool, broken: list[str]) -> list[str]:
-    notes = _missed(known, run.solver)
-    if known.met is False or run.solver.fixed or known.asked is None:
-        notes += run.notes
-    notes += (joint_drift(prepared, run, known.asked) if drifts else []) or broken
-    return notes + doubts(prepared)
 
 
 def _missed(known: Accuracy, solver: Solver) -> list[str]:

@@ -131,7 +131,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 f"{UNKNOWN.format(best.solver.rtol)}; raise max_wall or loosen the accuracy",
                 error.time, error.culprit, best.solution) from error  # fmt: skip
         except SolverError as error:
-            best = _after_failure(best, error)
+            best = replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
             tight = _with_rtol(tight, (tight.tolerance * loose) ** 0.5)
             if tight.tolerance > 0.5 * loose:
                 return best
@@ -223,10 +223,6 @@ def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> fl
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
 
-
-def _after_failure(best: Controlled, error: SolverError) -> Controlled:
-    """The best run so far, with the failure of a tighter one as a note and its cost added."""
-    return replace(best, notes=(*best.notes, f"a tighter run failed: {error}")).after(1, cpu_of(error))
 
 
 def _with_rtol(solver: Solver, rtol: float) -> Solver:

@@ -147,13 +147,10 @@ class Defect:
         for i in np.flatnonzero(effect > DOUBTFUL * limit):
             moved = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])
             effect[i] = self._distance(times[i : i + 1], y[i : i + 1], moved)[0]
-        return [self._suspect(*of_step) for of_step in zip(steps, effect, times, F, strict=True)]
-
-    def _suspect(self, step: int, effect: float, times: Array, F: Array) -> Suspect:
-        """One step as a suspect."""
-        row = largest(np.max(np.abs(F), axis=0))
-        size = np.abs(F[:, row])
-        return Suspect(int(step), float(effect), times, size >= LARGE * np.max(size), self.system.equations[row])
+        worst = [largest(np.max(np.abs(part), axis=0)) for part in F]
+        size = [np.abs(part[:, row]) for part, row in zip(F, worst, strict=True)]
+        return [Suspect(int(steps[i]), float(effect[i]), times[i], size[i] >= LARGE * np.max(size[i]), self.system.equations[row])
+                for i, row in enumerate(worst)]  # fmt: skip
 
     def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
         """Change of the unknowns (m, k, n): - J^-1 right with J in the middle of a step."""

@@ -54,7 +54,8 @@ class FineRun:
             except SolverError:
                 return suspect.effect
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
-            worst = max(worst, self._distance(times, part))
+            motions = (self.prepared.states(times, solution(times))[:2] for solution in (part, run))
+            worst = max(worst, float(np.max(apart(self.prepared, run, *motions))))
             system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]
         return worst
 
@@ -71,10 +72,6 @@ class FineRun:
         large = suspect.large | np.append(suspect.large[1:], False) | np.append(False, suspect.large[:-1])
         return np.append(suspect.times[large], self.run.t[suspect.step + 1])
 
-    def _distance(self, times: Array, part: Solution) -> float:
-        """Largest distance from the run at some times."""
-        motions = [self.prepared.states(times, solution(times))[:2] for solution in (part, self.run)]
-        return float(np.max(apart(self.prepared, self.run, motions[0], motions[1])))
 
 
 @dataclass(frozen=True)

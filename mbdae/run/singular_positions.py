@@ -12,7 +12,6 @@ import numpy as np
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.rank.rows import smallest, unit_rows
 
 SAMPLES = 200  #: positions evaluated along the run
 CHOSEN, REFINED = 5, 40  #: minima among them that are refined, and evaluations for each
@@ -41,7 +40,7 @@ def singular_passages(result: Result, asked: float | None) -> list[str]:
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:
     """The smallest singular value of the rows between the first and the last time, and when."""
-    seen = _singular_values(result, times)
+    seen = result(times).smallest_singular_value
     best = int(np.argmin(seen))
     found = [(float(seen[best]), float(times[best]))]
     inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * np.median(seen))) + 1
@@ -53,20 +52,15 @@ def _smallest(result: Result, times: Array) -> tuple[float, float]:
 def _minimum(result: Result, a: float, b: float) -> tuple[float, float]:
     """The minimum between two times and its time, by golden section."""
     c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-    at_c, at_d = (float(v) for v in _singular_values(result, np.array([c, d])))
+    at_c, at_d = (float(v) for v in result([c, d]).smallest_singular_value)
     for _ in range(REFINED):
         if at_c < at_d:
             b, d, at_d = d, c, at_c
             c = b - GOLDEN * (b - a)
-            at_c = float(_singular_values(result, np.array([c]))[0])
+            at_c = float(result(c).smallest_singular_value[0])
         else:
             a, c, at_c = c, d, at_d
             d = a + GOLDEN * (b - a)
-            at_d = float(_singular_values(result, np.array([d]))[0])
+            at_d = float(result(d).smallest_singular_value[0])
     return min((at_c, c), (at_d, d))
 
-
-def _singular_values(result: Result, t: Array) -> Array:
-    m, rank = result.prepared.everything, len(result.prepared.rank.kept)
-    G = m.constraint_jacobian(t, result.states(t)[0])
-    return np.array([smallest(unit_rows(m, g), rank) for g in G])

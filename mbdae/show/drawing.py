@@ -126,22 +126,19 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
         axes.set_aspect("equal", "datalim" if figure.get_layout_engine() is None else "box")
         dress(axes)
         return axes
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.add_subplot(position, projection="3d", computed_zorder=False)
     axes.set_proj_type("ortho")
     half = np.maximum((high - low) / 2 + pad, 0.3 * float(np.max(high - low)))
     for name, c, h in zip("xyz", (low + high) / 2, half, strict=True):
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
-        getattr(axes, f"{name}axis").set_major_locator(_few())
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
     axes.set_box_aspect(half, zoom=0.95)
     up = "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
     axes.view_init(elev=22, azim=-55, vertical_axis=up)
     return axes
 
-
-def _few() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)
 
 
 def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:

@@ -24,16 +24,14 @@ def page(film: Film) -> str:
     """The whole page as text."""
     data = json.dumps(film_data(film), separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
     name = html.escape(film.seen.name)
-    options = "".join(_option(s, film.speed) for s in sorted({*SPEEDS, film.speed}))
+    options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
+                      for s in sorted({*SPEEDS, film.speed}))  # fmt: skip
     fields = {"@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
     text = PAGE
     for field, value in fields.items():
         text = text.replace(field, value)
     return text
 
-
-def _option(speed: float, chosen: float) -> str:
-    return f'<option value="{speed:g}"{" selected" if speed == chosen else ""}>&times; {speed:g}</option>'
 
 
 def film_data(film: Film) -> dict[str, Any]:
