@@ -33,7 +33,7 @@ from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
 from mbdae.values import number, option
 
-LOOSEST = 1e-2
+LOOSEST = 1e-2  #: rtol of any run
 ATTEMPTS = 5  #: runs at most after the first companions
 #: part of the width of an input of time that a step may cover, over that of the run before. Where this width alone bounds the
 #: steps of two runs, their steps must differ, or the difference of the runs is no measure of the error. Widths differ by factors
@@ -177,7 +177,7 @@ def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Control
 
 
 def with_short_vibrations(run: Controlled, system: System, prepared: Prepared | None, accuracy: float,
-                      measure: Measure) -> Controlled:  # fmt: skip
+                           measure: Measure) -> Controlled:  # fmt: skip
     """The run with vibrations that are shorter than its constant steps in its estimate: they look alike with steps of half the
     size, so that halving does not show them. Measured: an estimate of 5e-6 where a stiff spring swung by 2e-4."""
     close = RadauIIA(3).at_accuracy(max(accuracy, 1e-9), system.label)
@@ -222,7 +222,6 @@ def _apart(run: Solution, close: Solution, times: Array, measure: Measure) -> fl
     steps = run.t[:: len(run.t) // SAMPLES + 1]
     both = np.concatenate([times, steps])
     return float(np.max(measure(both, run(both), np.concatenate([close(times), run(steps)]))))
-
 
 
 def _with_rtol(solver: Solver, rtol: float) -> Solver:
