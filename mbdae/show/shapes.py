@@ -54,7 +54,7 @@ class _Collected:
         self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
         self.shapes: list[Shape] = []
         self.labels: list[Label] = []
-        self._founded: list[Array] = []
+        self._grounded: list[Array] = []
 
     def _attached(self, body: Body) -> Array:
         """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
@@ -87,7 +87,7 @@ class _Collected:
             return np.broadcast_to(point, (len(self.result.t), 3))
         return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
 
-    def _held(self, item: Connection) -> Connection:
+    def _on_sections(self, item: Connection) -> Connection:
         """The item with a body in place of every beam: one that moves with the section nearest to the item's point as drawn."""
         sides = {"k": item.k, "l": item.l}
         for (side, body), at in zip(sides.items(), ends(item), strict=True):
@@ -134,7 +134,7 @@ class _Builder(_Collected):
         for i, body in enumerate(self.scene.bodies):
             self._body(body, COLOURS[i % (len(COLOURS) - 1)])
         for item in self.scene.connections:
-            self._connection(self._held(item))
+            self._connection(self._on_sections(item))
         for load in self.scene.line_loads:
             self._distributed(load)
         self._gather()
@@ -192,19 +192,19 @@ class _Builder(_Collected):
                 "distance": self._distance, "bushing": self._bushing, "force": self._load, "torque": self._load}  # fmt: skip
         draw.get(item.kind, self._other)(item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing", "fixedorientation", "prismatic"):
-            self._found(item.name, at)
+            self._ground(item.name, at)
         if item.l.is_ground:
-            self._found(item.name, at_l)
+            self._ground(item.name, at_l)
         if np.linalg.norm(at_l - at) > self.mark:
             middle = (self._over_time(item.k, at) + self._over_time(item.l, at_l)) / 2
             return self._name(item.name, self.scene.ground, middle)
         return self._name(item.name, item.l, at_l)
 
-    def _found(self, item: str, point: Array, down: Array | None = None) -> None:
+    def _ground(self, item: str, point: Array, down: Array | None = None) -> None:
         """Draw the symbol of the ground under a point, unless there is one."""
-        if any(np.linalg.norm(point - p) < self.mark for p in self._founded):
+        if any(np.linalg.norm(point - p) < self.mark for p in self._grounded):
             return
-        self._founded.append(point)
+        self._grounded.append(point)
         direction = self.down if down is None else down
         self._add(item, "ground", symbols.hatching(point, direction, 1.5 * self.mark, down is None))
 
@@ -233,7 +233,7 @@ class _Builder(_Collected):
         if spring:
             self._spring_between(item, anchor, law.at)
         if item.k.is_ground:
-            self._found(item.name, anchor, -law.axis if spring else self._aside(law.axis))
+            self._ground(item.name, anchor, -law.axis if spring else self._aside(law.axis))
 
     def _aside(self, axis: Array) -> Array:
         side = symbols.across(axis)
@@ -266,7 +266,7 @@ class _Builder(_Collected):
             anchor = law.at + 6 * self.mark * axis
             self._spring_between(item, anchor, law.at)
             if item.k.is_ground:
-                self._found(item.name, anchor, axis)
+                self._ground(item.name, anchor, axis)
 
     def _other(self, item: Connection, law: Any) -> None:
         if item.is_joint and not self.planar and item.kind not in MARKERS:
