@@ -16,7 +16,7 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.run.control import distance
+from mbdae.system.distance import distance
 from mbdae.system.prepare import prepare
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -36,7 +36,7 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.run.control import motion_distance
+from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
 
 HERE = Path(__file__).parent

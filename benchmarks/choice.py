@@ -33,7 +33,7 @@ import numpy as np
 
 import mbdae as mb
 from mbdae.results.result import Result
-from mbdae.run.control import motion_distance
+from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
 
 ROOT = Path(__file__).parent.parent

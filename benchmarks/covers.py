@@ -29,7 +29,8 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.results.reactions import OtherRun, ReactionError, states_of
+from mbdae.results.reactions import OtherRun, ReactionError
+from mbdae.results.states import states_of
 from mbdae.run.mesh import distance_of_meshes
 from mbdae.system.prepare import Prepared, prepare
 

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.run.control import measure_of, run_controlled
 from mbdae.system.base import System
 from mbdae.system.prepare import Prepared, prepare
@@ -184,7 +184,7 @@ def controlled(p: Problem, solver: Solver, times: np.ndarray, exact: np.ndarray)
     for accuracy in ACCURACIES:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", mb.AccuracyWarning)
-            c = run_controlled(p.system, p.prepared, solver, accuracy, p.t_end, times)
+            c = run_controlled(p.system, p.prepared, solver, accuracy, Asked(p.t_end), times)
         found.append((float(np.max(p.measure(times, c.solution(times), exact))) / accuracy, c.estimate / accuracy))
     return found
 

@@ -19,7 +19,7 @@ from mbdae.errors import (
 )
 
 if TYPE_CHECKING:
-    from mbdae.api import Scene
+    from mbdae.api import Scene, load
     from mbdae.audit import Audit, audit
     from mbdae.compare import Run, compare
     from mbdae.contracts.selftest import selftest
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from mbdae.laws.friction import Coulomb, Friction, LuGre
     from mbdae.laws.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.reports.report import report
-    from mbdae.results.storage import load
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
     from mbdae.sweep import sweep
@@ -56,7 +55,7 @@ _HOME = {
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
     "Spherical": "mbdae.laws.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
-    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.results.storage", "params": "mbdae.symbolic.law",
+    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.api", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The Scene as users see it: its data, and check, simulate, system on top of it."""
+"""The Scene as users see it, and `load`. Importing this module gives Result its pictures and files (`mbdae.show.attached`)."""
 
 from __future__ import annotations
 
@@ -8,18 +8,22 @@ from typing import TYPE_CHECKING, Any
 from mbdae.errors import told_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
-from mbdae.integrators.base import Solver, end_after, output_times
+from mbdae.integrators.base import Asked, Solver, end_after, output_times
 from mbdae.integrators.named import solver_of
 from mbdae.results.result import Result
+from mbdae.results.storage import load as load
 from mbdae.run.checks import Check, check_scene
-from mbdae.run.choice import choose, prepared_by_default
+from mbdae.run.choice import choose, prepared_from, with_recursive_joints
 from mbdae.run.control import plausible
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
+from mbdae.show import attached as attached
+from mbdae.show.drawing import draw
+from mbdae.show.plots import checked
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
-from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.prepare import prepare
 from mbdae.system.start.start import Start
 from mbdae.values import flag, number, of_class, option, optional
 
@@ -34,8 +38,8 @@ class Scene(SceneData):
     """A mechanism: bodies, joints and forces. See `SceneData` for the statements."""
 
     def check(self, accuracy: float = 1e-6) -> Check:
-        """Everything that can be said before solving, and what `simulate` to this accuracy will choose; raises SceneError with
-        all problems at once."""
+        """What is known before solving: freedoms, unknowns, redundant rows, and what `simulate` to this accuracy will choose;
+        raises SceneError with all problems at once."""
         return check_scene(self, plausible(accuracy))
 
     def system(self, form: Form | type[Form] | str | None = None, start: Start | Result | None = None) -> SceneSystem:
@@ -49,9 +53,6 @@ class Scene(SceneData):
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
         path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
-        from mbdae.show.drawing import draw
-        from mbdae.show.plots import checked
-
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
@@ -80,10 +81,10 @@ class Scene(SceneData):
         """Run to t_end (s).
 
         accuracy: bound asked for the error over the run (positions relative to the scene's length, angles in rad,
-        velocities relative to length / characteristic time; with beams positions and angles alone, because their
-        velocities ring, and the same while a joint with clearance touches, because an impact a moment later is no error);
-        the run estimates its error and repeats itself tighter where needed; `accuracy.covers` of the result says whether that
-        holds of reactions and of the mesh of beams too. A solver with a tolerance or step of its own is run once, as it is.
+        velocities relative to length / characteristic time; with beams only positions and angles, because their velocities
+        contain fast vibrations, and the same while a joint with clearance touches, because an impact a moment later is no error);
+        the run estimates its error and is repeated with a tighter tolerance where needed; `accuracy.covers` of the result says
+        whether the accuracy also covers reactions and the mesh of beams. A solver with its own tolerance or step runs once.
         solver, form: an object, a class or a name, such as mb.RadauIIA(3), mb.IDA, "radau3", "ggl"; by default chosen.
         outputs: a number of equally spaced times, or the times. start: a Result to continue. verify: measure the
         error by a repeat at a tenth with another method, and that of the mesh of beams by a finer mesh. max_wall: s of wall
@@ -99,20 +100,16 @@ class Scene(SceneData):
         end = end_after(begin, t_end)
         times = output_times(begin, end, outputs if outputs is not None else DEFAULT_OUTPUTS)
         verify = option("verify", verify, flag, "give True to have the error measured by a second method, or False")
-        options = {"max_wall": optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0),
-                   "progress": progress_of(progress)}  # fmt: skip
-
-        def prepared_as(scene: SceneData) -> Prepared:
-            return prepare(scene, start.state_for(scene) if start is not None else None, t_end=end)
-
-        chosen = method is None and own is None
-        prepared = prepared_by_default(self, prepared_as) if chosen else prepared_as(self)
+        wall = optional("max_wall", max_wall, number, "give a positive number of seconds, or None", above=0)
+        asked = Asked(end, max_wall=wall, progress=progress_of(progress))
+        prepared = with_recursive_joints(self, start, end) if method is None and own is None else None
+        prepared = prepared if prepared is not None else prepared_from(self, start, end)
         if method is not None:
             own = own if own is not None else default_form(prepared, method.highest_index)
-            job = Job(prepared, own, accuracy, end, times, options, continued=start is not None)
+            job = Job(prepared, own, accuracy, asked, times, continued=start is not None)
             run = job.run(method)
         else:
             choice = choose(prepared, self, accuracy, own)
-            job = Job(prepared, choice.form, accuracy, end, times, options, continued=start is not None)
-            run = job.run_default(choice, own)
+            job = Job(prepared, choice.form, accuracy, asked, times, continued=start is not None)
+            run, job = job.run_default(choice, own)
         return job.result(run, verify)

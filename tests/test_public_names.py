@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -39,9 +40,24 @@ def test_unknown_name() -> None:
         mbdae.Revolut  # noqa: B018
 
 
-def test_import_is_light() -> None:
-    code = "import sys, mbdae; print([m for m in ('sympy', 'symengine', 'matplotlib', 'scipy', 'sksundae') if m in sys.modules])"
+@pytest.mark.parametrize(("statement", "heavy"), [
+    ("import mbdae", "sympy symengine matplotlib scipy sksundae"), ("from mbdae import Scene", "sympy matplotlib sksundae"),
+    ("from mbdae import load", "sympy matplotlib sksundae"),
+])  # fmt: skip
+def test_import_is_light(statement: str, heavy: str) -> None:
+    code = f"import sys; {statement}; print([m for m in '{heavy}'.split() if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_a_result_that_is_loaded_can_be_drawn_and_stored(tmp_path: Path) -> None:
+    """In a process that does nothing else: `results` knows neither drawings nor files, they are put on Result from above."""
+    s = mbdae.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("hinge", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0))
+    s.simulate(0.1, accuracy=1e-3, outputs=3).save(tmp_path / "a.npz")
+    code = ("import mbdae as mb; r = mb.load('a.npz'); r.plot('hinge.angle', path='a.png'); r.phase('hinge.angle', 'hinge.rate', "
+            "path='b.png'); r.orbit('rod', path='c.png'); r.animate('d.html'); r.save('e.npz')")  # fmt: skip
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+    assert {f.name for f in tmp_path.iterdir()} == {"a.npz", "a.png", "b.png", "c.png", "d.html", "e.npz"}
 
 
 def test_functions_survive_the_import_of_their_package() -> None:

@@ -20,13 +20,13 @@ from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
-from mbdae.run.control import motion_distance
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED
 from mbdae.show.geometry import started
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
+from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import Prepared, prepare
 from mbdae.values import number, optional, shown, text
 

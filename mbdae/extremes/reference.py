@@ -16,7 +16,7 @@ import numpy as np
 from mbdae.compare.equations import Equations
 from mbdae.compare.problem import Problem
 from mbdae.errors import MbdaeError
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import Accuracy
@@ -112,7 +112,7 @@ def _controlled(problem: Problem, own: Equations, solver: Solver, accuracy: floa
     assert isinstance(system, SceneSystem)
     wall = None if problem.max_wall is None else PATIENCE * problem.max_wall
     try:
-        return run_controlled(system, own.prepared, solver, accuracy, end, problem.times[:0], max_wall=wall)
+        return run_controlled(system, own.prepared, solver, accuracy, Asked(end, max_wall=wall), problem.times[:0])
     except MbdaeError as error:
         begun = getattr(error, "solution", None)
         if begun is not None and begun.complete and begun.t[-1] >= end:  # its error is not known: the second method gives it

@@ -143,8 +143,12 @@ class Solver(ABC):
         At a break of an input of time the run ends a step and begins anew.
         Ctrl-C comes out as KeyboardInterrupt, whose attribute `solution` is the Solution so far.
         """
-        asked = Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0, max_residuals=max_residuals,
-                         begin=begin, share=share)  # fmt: skip
+        return self.run(system, Asked.of(system, t_end, outputs, max_wall=max_wall, progress=progress, h0=h0,
+                                         max_residuals=max_residuals, begin=begin, share=share))  # fmt: skip
+
+    def run(self, system: System, asked: Asked) -> Solution:
+        """`solve` with options that are read and checked already."""
+        check_start(system)
         solver = self if self.fixed or self.rtol is not None else self.at_accuracy(DEFAULT_ACCURACY, system.label)
         solver.check(system)
         with StepLoop(system, solver, asked.t_end, asked.times, asked.max_wall, asked.progress, asked.max_residuals,
@@ -186,13 +190,13 @@ class Asked:
     """What `Solver.solve` was asked for, as plain values; see there."""
 
     t_end: float
-    times: Array | None
-    max_wall: float | None
-    progress: Callable[[float, float, Stats], None] | None
-    h0: float | None
-    max_residuals: float
-    begin: float | None
-    share: float | None
+    times: Array | None = None
+    max_wall: float | None = None
+    progress: Callable[[float, float, Stats], None] | None = None
+    h0: float | None = None
+    max_residuals: float = inf
+    begin: float | None = None
+    share: float | None = None
 
     @classmethod
     def of(cls, system: System, t_end: Any, outputs: Any = None, *, max_wall: Any = None, progress: Any = None, h0: Any = None,
@@ -202,16 +206,15 @@ class Asked:
         end = end_after(system.t0, t_end)
         seconds = "give a positive number of seconds, or None"
         budget = optional("max_residuals", max_residuals, number, "give a positive number, or None", above=0)
-        asked = cls(
-            end, output_times(system.t0, end, outputs), optional("max_wall", max_wall, number, seconds, above=0),
+        return cls(
+            end, None if outputs is None else output_times(system.t0, end, outputs),
+            optional("max_wall", max_wall, number, seconds, above=0),
             optional("progress", progress, function, "give a function progress(t, t_end, stats), or None",
                      takes="t, t_end, stats"),
             optional("h0", h0, number, seconds, above=0), inf if budget is None else budget,
             optional("begin", begin, number, "give a value of time.perf_counter(), or None"),
             optional("share", share, number, "give a part of the width of an input, or None", above=0, most=1),
         )  # fmt: skip
-        check_start(system)
-        return asked
 
 
 def check_start(system: System) -> None:
@@ -232,10 +235,8 @@ def end_after(t0: float, t_end: Any) -> float:
     return end
 
 
-def output_times(t0: float, t_end: float, outputs: Any) -> Array | None:
+def output_times(t0: float, t_end: float, outputs: Any) -> Array:
     """Times (k,) asked for; a whole number means that many equally spaced ones, both ends included."""
-    if outputs is None:
-        return None
     remedy = (f"give a number of times, 2 or more (start and end are among them), or increasing times in s from {t0:g} to "
               f"{t_end:g}")  # fmt: skip
     if not several(outputs):

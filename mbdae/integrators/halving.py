@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError, keeping
+from mbdae.integrators.base import Asked
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
@@ -48,11 +49,11 @@ def scaled_difference(system: System) -> Measure:
     return lambda t, a, b: scaled_distance(system, a, b, ALGEBRAIC)
 
 
-def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: Measure, **options: Any) -> Halved:
+def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure) -> Halved:
     """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made.
 
     Raises SolverError, with the last run attached, where more than MOST_STEPS steps would be needed."""
-    options.setdefault("begin", time.perf_counter())
+    t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
@@ -61,7 +62,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
         runs += 1
         try:
             with keeping(best.solution, COARSER.format(best.solver.step)) if best is not None else nullcontext():
-                fine = now.solve(system, t_end, share=SHARE * h / first, **options)
+                fine = now.run(system, replace(asked, share=SHARE * h / first))
         except WallClockError:
             raise
         except SolverError as error:
@@ -79,7 +80,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
         estimate = inf if fine.stats.unresolved else estimate
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
             with keeping(fine, COARSER.format(h)):
-                near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
+                near = replace(solver, step=2 * h, accuracy=None).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
             estimate, coarser = _estimate((near, 2 * h), (fine, h), measure)
         best = Halved(fine, now, estimate, runs, spent, coarser)

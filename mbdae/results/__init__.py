@@ -1,1 +1,1 @@
-"""What a run returns: sensors, energy, accuracy, pictures, storage."""
+"""What a run knows: states, sensors, energy, reactions, accuracy, storage."""

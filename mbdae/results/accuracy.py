@@ -1,4 +1,4 @@
-"""What is known of the error of a run, and what it says nothing of."""
+"""The known errors of a run, and those that are not known."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-WORDS = ("motion", "reactions", "mesh")  #: whose errors are told apart
-#: of a run whose solver had a tolerance or a step of its own
+WORDS = ("motion", "reactions", "mesh")  #: the three errors of a run
+#: reasons why an error is not known; the first of a run whose solver had a tolerance or a step of its own
 RUN_ONCE = "not estimated: the solver ran once, as it was given; leave out its rtol or step, or give verify=True"
 NO_RUN_BESIDE = "not estimated: no other run came to an end beside this one"
 NOT_REPEATED = "not measured: verify=True repeats the run on a finer mesh"
@@ -18,16 +18,16 @@ MODEL = ("the scene is solved as it is stated: what its rigid bodies, ideal join
 
 @dataclass(frozen=True, repr=False)
 class Accuracy:
-    """What is known of the error of a run: bounds of the largest error over its time.
+    """The largest errors of a run over its time, as far as they are known.
 
-    asked, estimated, verified: of the motion (positions relative to the scene's length, angles in rad, velocities relative to
-    length / characteristic time; with beams positions and angles alone); estimated by a companion run of the same method,
-    verified by another method, or None.
-    reactions: of the forces and torques that joints and force elements show, over the largest of the run (torques count over
-    the scene's length); by the runs that told the errors of the motion, in time and of the mesh.
-    mesh: of the positions and angles that the elements of beams cause, all along the beams and of all bodies; None where it
-    was not measured.
-    `covers` names what is within the accuracy asked, `not_covered` the rest with its reason.
+    asked, estimated, verified: error of the motion (positions relative to the scene's length, angles in rad, velocities relative
+    to length / characteristic time; with beams positions and angles alone): asked for; estimated from a companion run of the same
+    method; verified by another method; or None.
+    reactions: error of the forces and torques of joints and force elements, over the largest of the run (torques are divided by
+    the scene's length); from the same runs as the errors of motion and mesh.
+    mesh: error of positions and angles, all along the beams and of all bodies, caused by the elements of beams; None where it was
+    not measured.
+    `covers` names the errors within the accuracy asked, `not_covered` the others with the reason.
     """
 
     asked: float | None
@@ -40,7 +40,7 @@ class Accuracy:
 
     @property
     def motion(self) -> float | None:
-        """The best knowledge of the error of the motion in time: verified, else estimated."""
+        """Error of the motion in time: verified, else estimated."""
         return self.verified if self.verified is not None else self.estimated
 
     @cached_property
@@ -50,21 +50,22 @@ class Accuracy:
 
     @property
     def met(self) -> bool | None:
-        """Whether the motion is within what was asked, by the best that is known of its errors in time and, where it was
-        measured, of the mesh; None where nothing was asked. Reactions do not count: see `covers`."""
+        """Whether the errors of the motion and, where measured, of the mesh are within the accuracy asked; None where none was
+        asked or the error is not known. Reactions do not count: see `covers`."""
         if self.asked is None or self.motion is None:
             return None
         return self.motion <= self.asked and (self.mesh is None or self.mesh <= self.asked)
 
     @property
     def covers(self) -> frozenset[str]:
-        """Which of "motion", "reactions" and "mesh" are within the accuracy asked, as far as runs can tell. Scenes without
-        beams have no mesh: "mesh" is neither here nor in `not_covered`."""
+        """Which of "motion", "reactions" and "mesh" are within the accuracy asked. Scenes without beams have no mesh: "mesh" is
+        neither here nor in `not_covered`."""
         return frozenset(self._errors) - frozenset(self.not_covered)
 
     @property
     def not_covered(self) -> dict[str, str]:
-        """The others, each with its reason, or with its error where that is known; and "model", of which no run says anything."""
+        """The others, each with its error, or with the reason why that is not known; and "model", whose error no run can
+        measure."""
         found = {}
         for word, error in self._errors.items():
             if error is None or self.asked is None:
@@ -80,14 +81,14 @@ class Accuracy:
 
     @property
     def brief(self) -> str:
-        """What is covered, in a line; the known errors of what is not."""
+        """`covers` in one line, with the known errors of what is not covered."""
         missing = [word for word in self._errors if word not in self.covers]
         left_out = [f"{word}{f' ({self._errors[word]:.1e})' if self._errors[word] is not None else ''}" for word in missing]
         return f"covers {', '.join(word for word in self._errors if word in self.covers) or 'nothing'}" + (
             f", not {', '.join(left_out)}" if missing else "")  # fmt: skip
 
     def as_data(self) -> dict[str, Any]:
-        """Plain data of which `Accuracy(**data)` is equal."""
+        """Plain data; `Accuracy(**data)` is equal to this one."""
         return {"asked": self.asked, "estimated": self.estimated, "verified": self.verified, "mesh": self.mesh,
                 "has_mesh": self.has_mesh, "unknown": dict(self.unknown), "found_reactions": self.reactions}  # fmt: skip
 

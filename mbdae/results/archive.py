@@ -1,4 +1,4 @@
-"""The arrays of a stored result: an .npz file whose members are known by name, kind and size before any of them is read."""
+"""The arrays of a stored result: an .npz file; name, type and size of all members are checked before any of them is read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mbdae.files import replacing
 from mbdae.system.base import Array
 from mbdae.values import BadValueError, shown
 
-FREE, DENSEST = 2**28, 100  #: bytes a file may hold whatever its size, and how many times its size it may hold beyond
+FREE, DENSEST = 2**28, 100  #: bytes that any file may unpack to; larger ones up to this multiple of their size
 CHUNK = 2**22  #: bytes read at once
 _HEAD = re.compile(rb"\{'descr': '([<>])(f8|U\d{1,9})', 'fortran_order': (True|False), 'shape': \(([\d, ]{0,60})\), \}\s*\Z")
 
@@ -30,7 +30,7 @@ def write(path: Any, header: str, arrays: Mapping[str, Array]) -> None:
 
 
 class _Member(NamedTuple):
-    """An array inside the file: where its numbers begin, and what they are."""
+    """An array inside the file: offset of its numbers, their type, order and shape."""
 
     info: zipfile.ZipInfo
     offset: int
@@ -40,11 +40,11 @@ class _Member(NamedTuple):
 
 
 class Archive:
-    """An .npz file that is open; raises BadValueError where it is damaged, or holds more than a result does."""
+    """An open .npz file; raises BadValueError where it is damaged, or contains what no result contains."""
 
     def __init__(self, path: Path) -> None:
         mode = os.stat(path).st_mode
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # a pipe would be waited for without end
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # opening a pipe may block for ever
             raise BadValueError("it is no regular file")
         self._file = path.open("rb")
         try:
@@ -76,7 +76,7 @@ class Archive:
         return {name: self._member(name, info) for name, info in zip(names, infos, strict=True)}
 
     def _member(self, name: str, info: zipfile.ZipInfo) -> _Member:
-        """What a member says of itself in its first bytes."""
+        """A member as its first bytes describe it, checked."""
         plain = info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) and not info.flag_bits & 1
         if not (info.filename == f"{name}.npy" and name.isidentifier() and plain):
             raise BadValueError(f"its member {shown(info.filename)} is no array of mbdae")
@@ -119,7 +119,7 @@ class Archive:
         return flat.astype(float, copy=False).reshape(member.shape, order="F" if member.fortran else "C")
 
     def _read(self, member: _Member, into: np.ndarray[Any, np.dtype[np.uint8]]) -> None:
-        """Fill an array with the bytes of a member, whose check sum is compared at its end."""
+        """Fill an array with the bytes of a member; reading to its end compares the check sum."""
         with self._zip.open(member.info) as file:
             file.read(member.offset)
             at = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import symengine as se
@@ -13,19 +13,17 @@ from mbdae.kernels.beam import derived_beam, reference_positions, turns
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, table
-from mbdae.results.sensors import BodySensor
-from mbdae.scene.components import Beam
+from mbdae.results.sensors import BodySensor, turned_about_z
+from mbdae.results.states import RunStates
+from mbdae.scene.components import Body
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.beams import Line, nodal_inputs
 from mbdae.system.model.rotations import rotation_matrices
 
-if TYPE_CHECKING:
-    from mbdae.results.result import Result
-
 STRESSES = ("N1", "N2", "N3", "M1", "M2", "M3")
-NEAR = 1e-9  #: of the longest element: places as near to the axis as each other
+NEAR = 1e-9  #: of the longest element: distances from the axis that differ by less count as equal
 CHUNK = 20_000  #: elements evaluated at once
 Foot = tuple[int, float]  #: element and place in it, 0..1
 
@@ -42,7 +40,7 @@ def foot(mesh: LineMesh, point: Array) -> Foot:
 
 
 def _nearest(mesh: LineMesh, e: int, point: Array, xi: float) -> float:
-    """xi in 0..1 of element e nearest to a point, from a start near to it (Gauss-Newton)."""
+    """xi in 0..1 of element e nearest to a point, by Gauss-Newton from a start value."""
     for _ in range(30):
         d, tangent = _on_curve(mesh, (e, xi), False) - point, _on_curve(mesh, (e, xi), True)
         moved = float(np.clip(xi - d @ tangent / (tangent @ tangent), 0, 1))
@@ -101,13 +99,6 @@ def axes_in_plane(line: Line, elements: Any = slice(None)) -> Array:
     return np.asarray(np.round(turned_about_z(heading).swapaxes(-1, -2) @ drawn))
 
 
-def turned_about_z(angle: Array) -> Array:
-    """Rotation matrices (..., 3, 3) about z by angles (...), rad."""
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = [np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)]
-    found: Array = np.stack(rows, -2)
-    return found
-
 
 def in_space(line: Line, values: Array) -> Array:
     """(..., 3) from the translations of a node."""
@@ -126,7 +117,7 @@ def angular_velocities(line: Line, positions: Array, rates: Array) -> Array:
 def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tuple[Array, Array]:
     """Elastic strains and stress resultants (nt, elements, p, 6) at the Gauss points, section axes, in the order `STRESSES`;
     in the plane those out of it are zero. z (nt, stresses of the beam): the stresses, where they were unknowns of the run
-    (by the strains they carry the error of the positions times the stiffness)."""
+    (computed from strains they would have the error of the positions times the stiffness)."""
     kernel, m = line.displacement, len(line.mesh.elements)
     elastic, names = _elastic(line.kind), [name for name, _ in kernel.derived.resultants]
     expressions = [*(elastic[name] for name in names), *(e for _, e in kernel.derived.resultants)]
@@ -145,22 +136,33 @@ def gauss_strains(line: Line, q: Array, u: Array, z: Array | None = None) -> tup
 
 
 def _elastic(kind: NodeKind) -> dict[str, Expr]:
-    """Strains less those of the reference curve: without damping every stress is the strain over the compliance."""
+    """Strains less those of the reference curve, by name: without damping, stress times compliance."""
     undamped = derived_beam({}, kind, mixed=False)
     return {name: stress * se.Symbol(f"compliance_{name}") for name, stress in undamped.resultants}
 
 
-class BeamPlace(BodySensor):
+class _OnBeam(BodySensor):
+    """What sensors of a beam and of places on it have in common."""
+
+    def __init__(self, result: RunStates, beam: Body, point: Array | None = None) -> None:
+        super().__init__(result, beam, point)
+        line = result.prepared.model.line(beam)
+        assert line is not None
+        self._line = line
+
+    def _place(self, point: Array) -> BodySensor:
+        return BeamPlace(self._result, self._body, point)
+
+
+class BeamPlace(_OnBeam):
     """A place on a beam: a section of it, or a point rigidly joined to the section nearest to it as drawn.
 
     `rotation` (nt, 3, 3) has the section's axes 1, 2, 3 as columns. At a corner, or at a node two elements share, the
     section is that of the earlier element."""
 
-    def __init__(self, result: Result, beam: Beam, point: Array) -> None:
+    def __init__(self, result: RunStates, beam: Body, point: Array) -> None:
         super().__init__(result, beam, point)
-        line = result.prepared.model.line(beam)
-        assert line is not None
-        self._line = line
+        line = self._line
         self.arm: Array  #: (3,) from the axis to the place in section axes, m
         self.drawn_position: Array  #: (3,), m
         self.drawn_rotation: Array  #: (3, 3), section axes to inertial frame
@@ -192,7 +194,7 @@ class BeamPlace(BodySensor):
 
     @cached_property
     def on_axis(self) -> Array:
-        """(nt, 3), m: the point of the axis the place is joined to."""
+        """(nt, 3), m: the point of the axis that the place is rigidly joined to."""
         return in_space(self._line, self._positions)[:, 0, 0]
 
     @cached_property
@@ -239,14 +241,8 @@ class BeamPlace(BodySensor):
         return self._strains[1]
 
 
-class BeamSensor(BodySensor):
+class BeamSensor(_OnBeam):
     """A beam as a whole: position and velocity of its centre of mass, rotation and angular velocity of its middle."""
-
-    def __init__(self, result: Result, beam: Beam) -> None:
-        super().__init__(result, beam)
-        line = result.prepared.model.line(beam)
-        assert line is not None
-        self._line = line
 
     def _mean(self, head: str, values: Array) -> Array:
         n, mesh = self._line.kind.translations, self._line.mesh
@@ -280,7 +276,7 @@ class BeamSensor(BodySensor):
         return np.asarray(self._middle.angular_velocity)
 
 
-def polylines(result: Result, line: Line, pieces: int) -> Array:
+def polylines(result: RunStates, line: Line, pieces: int) -> Array:
     """(nt, n, 3), m: the deformed axis of a beam by `pieces` chords per element."""
     fields = Fields(line, table(line.mesh.order, np.linspace(0, 1, pieces + 1)))
     r = in_space(line, fields.positions(result.q))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +14,9 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
-if TYPE_CHECKING:
-    pass
-
 
 def observed_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """What a law shows beside force, torque and power."""
+    """What the sensor of a law reads beside force, torque and power."""
     if not isinstance(d.law, Force):
         return []
     v = d.variation
@@ -34,7 +30,7 @@ class ClearanceSensor(ConnectionSensor):
     """
 
     def at_times(self, t: Array) -> dict[str, Array]:
-        """Everything the contact shows at times t (nt,): (nt, parts) by name."""
+        """All quantities of the contact at times t (nt,): (nt, parts) by name."""
         columns: dict[str, list[Array]] = {}
         prepared = self._result.prepared
         for g, p, values in prepared.mechanics.evaluate(observed_outputs, t, *self._result.states(t)):
@@ -69,12 +65,12 @@ class ClearanceSensor(ConnectionSensor):
 
     @property
     def penetration(self) -> Array:
-        """How far pin and race overlap, m; 0 apart."""
+        """Depth by which pin and race overlap, m; 0 where they are apart."""
         return np.maximum(0.0, -self.gap)
 
     @property
     def normal_force(self) -> Array:
-        """N, 0 apart."""
+        """N; 0 where pin and race are apart."""
         return self._observed("normal_force")
 
     @property

@@ -11,9 +11,9 @@ from mbdae.system.base import Array
 
 @dataclass(frozen=True)
 class Contacts:
-    """Every contact of a run in order of time, whatever times the result shows: begin, end (s), peak penetration (m), (n,).
+    """All contacts of a run in order of time, also those between the result's times: begin, end (s), peak penetration (m), (n,).
 
-    A contact that lasts at the end of the run ends there; where the bearing touches at both ends, both are counted."""
+    A contact that lasts to the end of the run ends there; contacts at the two ends of a bearing are counted each."""
 
     begin: Array
     end: Array
@@ -34,7 +34,7 @@ class Contacts:
 
 
 def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]:
-    """Begin, end and peak penetration (n,) of the contacts of one place, by cubic interpolation of gap and rate on steps."""
+    """Begin, end and peak penetration (n,) of the contacts at one place, from gap and rate (steps,) by cubic interpolation."""
     touching = gap < 0
     change = np.flatnonzero(np.diff(touching.astype(int)))
     times = np.array([_zero(t[i : i + 2], gap[i : i + 2], rate[i : i + 2]) for i in change])
@@ -55,7 +55,7 @@ def _hermite(t: Array, g: Array, r: Array) -> Array:
 
 
 def _zero(t: Array, g: Array, r: Array) -> float:
-    """Where the gap changes sign between two steps, s."""
+    """Time between two steps at which the gap changes sign, s."""
     roots = np.roots(_hermite(t, g, r))
     real = roots[np.abs(roots.imag) < 1e-9].real
     inside = real[(real >= 0) & (real <= 1)]

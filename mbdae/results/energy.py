@@ -29,7 +29,7 @@ def energy_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Dissipated power, power of applied loads, and what of the dissipated power goes into impacts and friction."""
+    """Dissipated power, power of applied loads, and the parts of the dissipated power lost in impacts and in friction."""
     parts = [(("dissipated",), d.dissipated_power), (("work",), d.work_power)]
     if isinstance(d.law, Force):
         parts += [((cause,), d.variation.resolve(d.variation.name(e))) for cause, e in d.law.losses(*d.sides).items()]
@@ -40,7 +40,8 @@ def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Energy:
-    """Energies over the result's times, J. `balance` is what the run lost or gained without a cause.
+    """Energies over the result's times, J. `balance` is the energy that the run gained without a cause, negative where it lost
+    some.
 
     impact, friction: the parts of `dissipated` lost in contacts normal and tangential to them; other: the rest."""
 
@@ -84,7 +85,7 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
         first = of_line.stop
         for part in _parts(mechanics, len(t)):
             totals["kinetic"][part] += line.kinetic(u[part])
-            if z is None or line.numbers["damping"]:  # a damped stress is not that of the strain alone
+            if z is None or line.numbers["damping"]:  # with damping, the stress is not that of the strain alone
                 elastic = line.energy(q[part], u[part])[0]
             else:
                 elastic = line.stored(q[part], u[part], z[part, of_line])
@@ -93,7 +94,7 @@ def stored(mechanics: Mechanics, t: Array, states: States) -> tuple[Array, Array
 
 
 def _parts(mechanics: Mechanics, count: int) -> list[slice]:
-    """States in portions of bounded memory."""
+    """Slices of `count` states, each of bounded memory."""
     elements = sum(len(line.mesh.elements) for line in mechanics.model.lines)
     size = min(_CHUNK, max(1, _ELEMENTS // elements)) if elements else _CHUNK
     return [slice(i, i + size) for i in range(0, count, size)]

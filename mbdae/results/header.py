@@ -1,6 +1,6 @@
-"""What a stored result says of itself: which entries its header has, of which kinds, and nothing beside them.
+"""The header of a stored result: which entries it must have, and of which types; others are refused.
 
-A kind is a function of a value and of where it stands in the header; it raises BadValueError with a sentence that says both.
+A `Kind` checks one value: a function of the value and its place in the header that raises BadValueError naming both.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Kind = Callable[[Any, str], None]
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """A header from its text, checked; BadValueError where it is damaged, or of another format."""
+    """The header from its JSON text, checked; BadValueError where it is damaged, or of another format."""
     try:
         header = json.loads(text, object_pairs_hook=_table)
     except (ValueError, RecursionError) as error:
@@ -80,7 +80,7 @@ def _flag(value: Any, where: str) -> None:
 
 
 def _real(least: float = -math.inf, finite: bool = True, known: bool = True) -> Kind:
-    """A number; where it need not be known also nan."""
+    """A number; nan too where known=False."""
 
     def check(value: Any, where: str) -> None:
         number = isinstance(value, int | float) and not isinstance(value, bool) and (type(value) is float or abs(value) <= MOST)
@@ -113,7 +113,7 @@ def _many(kind: Kind, count: int | None = None) -> Kind:
 
 
 def _each(kind: Kind) -> Kind:
-    """A table with names of any kind."""
+    """A table with any names and values of one kind."""
 
     def check(value: Any, where: str) -> None:
         if not isinstance(value, dict):
@@ -125,7 +125,7 @@ def _each(kind: Kind) -> Kind:
 
 
 def _row(*kinds: Kind) -> Kind:
-    """A list of one value of every kind."""
+    """A list with one value of each kind, in this order."""
 
     def check(value: Any, where: str) -> None:
         _many(lambda part, place: None, len(kinds))(value, where)

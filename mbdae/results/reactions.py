@@ -1,4 +1,4 @@
-"""Forces and torques of all joints and force elements at once, and how far runs are apart in them."""
+"""Forces and torques of all joints and force elements at once, and their error from the difference of runs."""
 
 from __future__ import annotations
 
@@ -8,37 +8,11 @@ import numpy as np
 
 from mbdae.integrators.solution import Solution
 from mbdae.results.sensors import reaction_outputs
+from mbdae.results.states import States, states_of
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
-#: of the force that moves the scene by its length in its characteristic time: forces below that are round-off
-NO_FORCE = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
-    of the beams z (nt, nz), at times t (nt,); they belong to no form."""
-
-    t: Array
-    q: Array
-    u: Array
-    s: Array
-    z: Array | None
-
-
-def stresses(prepared: Prepared, solution: Solution, t: Array) -> Array | None:
-    """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run; None elsewhere."""
-    names = [name for line in prepared.model.lines for name in line.stresses]
-    if not names or names[0] not in solution.names:
-        return None
-    first = solution.names.index(names[0])
-    return np.asarray(solution(t)[:, first : first + len(names)])
-
-
-def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
-    """The states of a run at times t (nt,)."""
-    return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
+NO_FORCE = 1e-9  #: round-off of forces, over the force that moves the scene by its length in its characteristic time
 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
@@ -55,8 +29,8 @@ def wrenches(prepared: Prepared, at: States) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OtherRun:
-    """States of a run that tells the error of the run that is kept: the error is `share` times the difference; prepared: its
-    scene, where it has another mesh of the beams."""
+    """States of a run with which the returned run is compared: the error of the latter is `share` times the difference; prepared:
+    its scene, where it has another mesh of the beams."""
 
     states: States
     share: float
@@ -65,14 +39,14 @@ class OtherRun:
 
 @dataclass(frozen=True, eq=False)
 class ReactionError:
-    """The error of the forces and torques of a run, by other runs; evaluated when it is called."""
+    """The error of the forces and torques of a run, from its difference to other runs; computed when it is called."""
 
     prepared: Prepared
     solution: Solution
     others: tuple[OtherRun, ...]
 
     def __call__(self) -> float:
-        """Sum of the errors that the other runs tell, each over the largest force of the run (torques: times the length)."""
+        """Sum of the errors from the other runs, each over the largest force of the run (torques are divided by the length)."""
         return float(sum(other.share * self._difference(other) for other in self.others))
 
     def _difference(self, other: OtherRun) -> float:

@@ -1,15 +1,17 @@
-"""Sensors: what a user reads of bodies, places on bodies, joints and force elements, at the result's times."""
+"""Sensors: motions of bodies and of places on them, coordinates and forces of joints and force elements, at the result's
+times."""
 
 from __future__ import annotations
 
 import re
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError, SceneError, Told
-from mbdae.scene.components import Beam, Body, Connection
+from mbdae.results.states import RunStates
+from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element
@@ -17,10 +19,6 @@ from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_matrices
-
-if TYPE_CHECKING:
-    from mbdae.results.result import Result
-
 
 _PLACE = re.compile(r"(?P<item>.+)\.at\((?P<where>[^()]*)\)")
 
@@ -31,7 +29,7 @@ def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def power_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Power a joint or force delivers."""
+    """Power that a joint or force delivers."""
     return [] if isinstance(d.law, Element) else power(d)
 
 
@@ -61,7 +59,7 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
 class BodySensor(Told):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
-    def __init__(self, result: Result, body: Body, point: Array | None = None) -> None:
+    def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
         self._result, self._body = result, body
         drawn = body.position if point is None else point
         self._offset = body.rotation.T @ (drawn - body.position)
@@ -72,7 +70,11 @@ class BodySensor(Told):
 
     def at(self, point: Any) -> BodySensor:
         """A place of the body, given as drawn (inertial coordinates, m), or 0..1 along a link or beam."""
-        return body_sensor(self._result, self._body, self._body.at(point).point)
+        return self._place(self._body.at(point).point)
+
+    def _place(self, point: Array) -> BodySensor:
+        """The sensor of a place (3,) as drawn, m."""
+        return BodySensor(self._result, self._body, point)
 
     @cached_property
     def _node(self) -> Any:
@@ -87,8 +89,7 @@ class BodySensor(Told):
         q = self._result.q[:, self._node.q :]
         if self._node.kind is NodeKind.SPATIAL:
             return rotation_matrices(q[:, 3:7])
-        c, s, zero, one = np.cos(q[:, 2]), np.sin(q[:, 2]), np.zeros(nt), np.ones(nt)
-        return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
+        return turned_about_z(q[:, 2])
 
     def _translation(self, table: Array, start: int) -> Array:
         out = np.zeros((len(self._result.t), 3))
@@ -122,19 +123,18 @@ class BodySensor(Told):
         return out
 
 
-def body_sensor(result: Result, body: Body, point: Array | None = None) -> BodySensor:
-    """The sensor of a body or beam, or of a place on it (3,) as drawn, m."""
-    from mbdae.results.beams import BeamPlace, BeamSensor
-
-    if not isinstance(body, Beam):
-        return BodySensor(result, body, point)
-    return BeamSensor(result, body) if point is None else BeamPlace(result, body, point)
+def turned_about_z(angle: Array) -> Array:
+    """Rotation matrices (..., 3, 3) about z by angles (...), rad."""
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    rows = [np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)]
+    found: Array = np.stack(rows, -2)
+    return found
 
 
 class ConnectionSensor(Told):
     """A joint or force element: coordinate, force and torque on body l, power; arrays over the result's times."""
 
-    def __init__(self, result: Result, item: Connection) -> None:
+    def __init__(self, result: RunStates, item: Connection) -> None:
         self._result, self._item = result, item
 
     @property
@@ -184,7 +184,8 @@ class ConnectionSensor(Told):
 
     @property
     def reaction_is_unique(self) -> bool:
-        """False where redundant constraints could share the reaction: one of many possible values is shown."""
+        """False where redundant constraints could share the reaction: `force` and `torque` are then one of many possible
+        values."""
         prefix = self._item.name + "."
         return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
 

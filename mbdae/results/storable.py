@@ -1,4 +1,4 @@
-"""Whether the statements of a scene can be stored: told by item and remedy where they cannot, before anything is written."""
+"""The statements of a scene as data to store; OptionError with item and remedy where they cannot be stored."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mbdae.scene.scene import SceneData
 
 
 def statements(scene: SceneData) -> dict[str, Any]:
-    """The data a scene is stored as; OptionError where it would not come back the same."""
+    """The data of a scene; OptionError where a scene built from it would differ."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     for method, args, kwargs in scene.statements:
         item = args[0] if args else kwargs.get("name")
@@ -28,7 +28,7 @@ def statements(scene: SceneData) -> dict[str, Any]:
 
 
 def _inside(value: Any) -> Iterator[dict[str, Any]]:
-    """All tables in plain data."""
+    """All dictionaries inside plain data."""
     if isinstance(value, dict):
         yield value
     for part in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
@@ -46,9 +46,9 @@ def _check_name(item: str, name: Any) -> None:
 
 
 def _check_own(scene: SceneData, data: dict[str, Any]) -> None:
-    """Laws of a user's own must come back as they are."""
+    """A scene built from the data must have the user's own laws unchanged."""
     try:
         refuse_losses(scene, replay(json.loads(json.dumps(data)), SceneData, Known(scene.own)))
     except MbdaeError as error:
-        told = "; ".join(error.problems) if isinstance(error, SceneError) else error
-        raise OptionError(f"this scene could not be built again from what is stored of it: {told}") from error
+        why = "; ".join(error.problems) if isinstance(error, SceneError) else error
+        raise OptionError(f"this scene could not be built again from what is stored of it: {why}") from error

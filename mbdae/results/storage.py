@@ -1,8 +1,8 @@
 """Results on disk: one .npz file without pickle that holds the scene's statements, its start and the run.
 
-A header (JSON) carries the statements and how the run was made, arrays carry the numbers. `load` replays the
-statements and restores start, steps and interpolant as they were: nothing is solved again. Own law classes are stored
-by name; `load` builds those that are handed to it, and nothing else that a file names (see `scene/replay.py`).
+A header (JSON) has the statements and how the run was made, arrays have the numbers. `load` builds the scene from its statements
+and restores start, steps and interpolant as they were: nothing is solved again. The user's own classes are stored by name; `load`
+builds those that are given to it, and nothing else that a file names (see `scene/replay.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.header import FORMAT, VERSION, OtherFormatError, parsed
-from mbdae.results.result import Result, RunInfo
+from mbdae.results.result import ATTACHED, Result, RunInfo
 from mbdae.scene.record import encode, stored_name, without_module
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
@@ -42,12 +42,12 @@ from mbdae.values import BadValueError, shown
 
 _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
-#: mbdae's solvers by their stored names; of these, the module of the one that a file names is imported
+#: stored names of mbdae's solvers and their modules, of which only the one that a file names is imported
 SOLVERS = {
     "mbdae:CVODE": "sundials.cvode", "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
     "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau",
 }  # fmt: skip
-LONGEST = 700  #: characters of a reason
+LONGEST = 700  #: characters of an error that is repeated in the message of `load`
 _AGAIN = "give a file written by r.save(path)"
 
 
@@ -72,12 +72,15 @@ def save(result: Result, path: Any) -> None:
     archive.write(path, text, arrays)
 
 
+ATTACHED["save"] = save
+
+
 def load(path: Any, laws: Iterable[Any] = ()) -> Result:
     """The result stored in a file by `Result.save`.
 
-    laws: the law classes (joints, forces, friction, normal laws, solvers) and functions (curves of beams) of one's own that the
-    file names. Nothing else that a file names is built or called. OptionError where the file is damaged, is no result, or names
-    a class that is neither mbdae's nor among `laws`; OSError where it cannot be opened."""
+    laws: your own classes (joints, forces, friction, normal laws, solvers) and functions (curves of beams) that the file names.
+    Nothing else that a file names is built or called. OptionError where the file is damaged, is no result, or names a class that
+    is neither mbdae's nor among `laws`; OSError where it cannot be opened."""
     place, known = path_of(path), Known.among(laws)
     try:
         with archive.Archive(place) as stored:
@@ -88,21 +91,21 @@ def load(path: Any, laws: Iterable[Any] = ()) -> Result:
         raise OptionError(f"{place} {error}") from error
     except (FileNotFoundError, PermissionError, IsADirectoryError):
         raise
-    except Exception as error:  # whatever a damaged archive makes its readers raise
-        raise OptionError(f"{place} is not a result of mbdae ({_told(error)}); {_AGAIN}") from error
+    except Exception as error:  # readers of a damaged archive may raise anything
+        raise OptionError(f"{place} is not a result of mbdae ({_reason(error)}); {_AGAIN}") from error
     try:
         return _result(header, arrays, known)
-    except Exception as error:  # of a statement, or what no check of the statements foresaw
-        told = _told(error)
-        raise OptionError(f"{place} cannot be loaded: {told}{'' if 'pass laws=' in told else f'; {_AGAIN}'}") from error
+    except Exception as error:  # a statement is wrong, in a way that its own checks may not have foreseen
+        why = _reason(error)
+        raise OptionError(f"{place} cannot be loaded: {why}{'' if 'pass laws=' in why else f'; {_AGAIN}'}") from error
 
 
-def _told(error: Exception) -> str:
-    """An error in a few words."""
+def _reason(error: Exception) -> str:
+    """The message of an error on one line, shortened."""
     plain = isinstance(error, MbdaeError | BadValueError)
-    told = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
-    told = " ".join(told.split()) if plain else f"{type(error).__name__}: {' '.join(told.split())}"
-    return told if len(told) <= LONGEST else f"{told[:LONGEST]}..."
+    why = "; ".join(error.problems) if isinstance(error, SceneError) else str(error)
+    why = " ".join(why.split()) if plain else f"{type(error).__name__}: {' '.join(why.split())}"
+    return why if len(why) <= LONGEST else f"{why[:LONGEST]}..."
 
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
@@ -116,13 +119,13 @@ def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> R
     solution = Solution(arrays["steps"], arrays["y"], arrays["yp"], None, stats, solver, tuple(run["names"]), run["complete"],
                         _interpolant(run["dense"], arrays))  # fmt: skip
     accuracy, warnings = _accuracy(info["accuracy"], prepared), tuple(info["warnings"])
-    told = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
+    made = RunInfo(solver, _form(info["form"], known), accuracy, stats, info["runs"], info["cpu_s"], warnings,
                    info.get("choice", ""), info.get("reliable", True))  # fmt: skip
-    return Result(prepared, solution, told, arrays["t"])
+    return Result(prepared, solution, made, arrays["t"])
 
 
 def _accuracy(stored: dict[str, Any], prepared: Prepared) -> Accuracy:
-    """What was known of the error; files of versions that looked at the motion alone say so."""
+    """The stored accuracy; files of earlier versions have the error of the motion alone, and the others are not known."""
     if "found_reactions" not in stored:
         not_looked = "not measured by the version that stored this run"
         unknown = {"reactions": not_looked, "mesh": not_looked}
@@ -140,13 +143,13 @@ def _rank(rank: RankReport) -> dict[str, Any]:
 
 
 def _own_laws(model: Model) -> dict[str, str]:
-    """Fingerprints of the equations of the user's own laws, by their class and the nodes they act on."""
+    """Fingerprints of the equations of the user's own laws, by class and number."""
     own = [group for group in model.groups if not group.key[0].__module__.startswith("mbdae.")]
     return {f"{group.key[0].__qualname__} {i}": fingerprint(group.derived) for i, group in enumerate(own)}
 
 
 def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
-    """Laws handed over have to state what was integrated."""
+    """The laws given to `load` must state the equations that were integrated."""
     for name in stored:
         if found.get(name) != stored[name]:
             raise BadValueError(f"the law {name.split()[0]} states other equations than when the file was written; hand over the "
@@ -167,8 +170,8 @@ def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
     named_rows = [*(name for what in _RANK for name in stored[what]), *(name for name, _ in stored["doubtful"])]
     unknown = sorted({*named_rows} - set(rows))
     if unknown or sorted(stored["kept"] + stored["dropped"]) != sorted(rows):
-        told = f"has no row {shown(unknown[0])}" if unknown else f"has {len(rows)} rows, not those kept or dropped"
-        raise BadValueError(f"its scene {told}")
+        why = f"has no row {shown(unknown[0])}" if unknown else f"has {len(rows)} rows, not those kept or dropped"
+        raise BadValueError(f"its scene {why}")
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
@@ -182,7 +185,7 @@ def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
 
 
 def _check_elements(statements: list[Any], unknowns: int) -> None:
-    """A beam has more unknowns than elements: of one that has not, no mesh is made."""
+    """Refuse a beam with more elements than the run has unknowns before its mesh is made: it could take all memory."""
     for method, args, kwargs in statements:
         given = kwargs.get("elements", 1) if method == "beam" else 1
         for count in given if isinstance(given, list) else [given]:
@@ -191,7 +194,7 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
 
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
-    """The unknowns of a run belong to the scene: those of its motion first, then stresses and multipliers."""
+    """The unknowns of the run must be those of the scene: those of its motion, then stresses and multipliers."""
     nb, mechanics, start = prepared.expansion.numbering, prepared.mechanics, prepared.start
     stresses = [name for line in prepared.model.lines for name in line.stresses]
     rest = [name for name in names[nb.n :] if name not in set(stresses)]
@@ -216,13 +219,13 @@ def _info(info: RunInfo) -> dict[str, Any]:
 
 
 def _info_of(solver: Any) -> dict[str, Any]:
-    """A solver as its class and options."""
+    """The name of a solver's class and its options."""
     given = [f.name for f in fields(solver) if f.init] if is_dataclass(solver) else []
     return {"class": stored_name(type(solver)), "options": {name: encode(getattr(solver, name)) for name in given}}
 
 
 def _solver(stored: dict[str, Any], known: Known) -> Any:
-    """The solver, with its options checked by itself."""
+    """The solver made from its options, which it checks itself."""
     name = without_module(stored["class"])
     own = name.rpartition(":")[2]
     cls = vars(import_module(f"mbdae.integrators.{SOLVERS[name]}"))[own] if name in SOLVERS else known.find(name, Solver)
@@ -261,7 +264,7 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
 
 
 def _arrays(interpolant: Interpolant) -> dict[str, Array]:
-    """What an interpolant needs beside the steps: values inside them, and those before a break of an input of time."""
+    """The arrays of an interpolant beside the steps: values inside them, and those before a jump or kink of an input of time."""
     if isinstance(interpolant, Collocation):
         return {"inner": interpolant.inner, "ends": interpolant.ends}
     if isinstance(interpolant, Joined):
@@ -280,11 +283,11 @@ def _interpolant(stored: dict[str, Any], arrays: dict[str, Array]) -> Interpolan
     return Hermite(arrays["steps"], arrays["y"], arrays["yp"], stored["points"])
 
 
-# ---- what belongs together ---------------------------------------------------------------------------------------------
+# ---- header and arrays must agree --------------------------------------------------------------------------------------
 
 
 def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> None:
-    """The arrays are those the header needs, of the sizes that belong together; nothing of them is read yet."""
+    """The arrays must be those that the header describes, with matching sizes; their numbers are not read yet."""
     dense, n = header["run"]["dense"], len(header["run"]["names"])
     steps = (*shapes.get("steps", ()), 0)[0]
     meant: dict[str, tuple[int | None, ...]] = {f"start_{name}": (None,) for name in _START}
@@ -304,7 +307,7 @@ def _check_shapes(header: dict[str, Any], shapes: dict[str, tuple[int, ...]]) ->
 
 
 def _check_times(header: dict[str, Any], arrays: dict[str, Array]) -> None:
-    """Times of steps rise from the start; times of outputs are among them."""
+    """Times of steps must rise from the start; times of outputs must lie within them."""
     t, steps = arrays["t"], arrays["steps"]
     parts = np.split(arrays["part_t"], np.cumsum(header["run"]["dense"]["steps"])[:-1]) if "part_t" in arrays else []
     if not all(np.all(np.diff(times) > 0) for times in [steps, *parts]):

@@ -1,4 +1,4 @@
-"""What can be said of a scene before it is solved."""
+"""The findings of `Scene.check`: what is known of a scene before it is solved."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cached_property
 
 from mbdae.errors import Told
 from mbdae.kernels.tree_plan import tree_plan
-from mbdae.run.choice import Choice, choose, prepared_by_default
+from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.model.inputs import expressions_of, timeline
@@ -25,15 +25,11 @@ class Check(Told):
     def choice(self) -> Choice:
         """Joints, form and solver that `simulate` to this accuracy takes, with the reason; see `Choice`."""
         stated = self.prepared.model.scene
-
-        def prepared_as(scene: SceneData) -> Prepared:
-            return self.prepared if scene is stated else prepare(scene)
-
-        return choose(prepared_by_default(stated, prepared_as), stated, self.accuracy)
+        return choose(with_recursive_joints(stated) or self.prepared, stated, self.accuracy)
 
     @cached_property
     def reductions(self) -> list[Reduction]:
-        """What is saved against the naive formulation, step by step; see `mbdae.run.reductions`."""
+        """How the equations become fewer from the naive formulation to the default run; see `mbdae.run.reductions`."""
         return reductions(self.prepared.model.scene, self.prepared, self.choice)
 
     @property
@@ -48,7 +44,7 @@ class Check(Told):
 
     @property
     def redundant(self) -> tuple[str, ...]:
-        """Constraint rows that say nothing new, "joint.row"; they are left out."""
+        """Constraint rows that follow from the others, "joint.row"; they are left out."""
         return tuple(row.name for row in self.prepared.rank.dropped)
 
     @property
@@ -89,12 +85,12 @@ class Check(Told):
 
     @property
     def rigid(self) -> tuple[str, ...]:
-        """Welds, and joints that hold a point mass, whose body needs no unknowns: it moves with the other one."""
+        """Welds, and joints that hold a point mass: their body needs no unknowns, it moves with the other one."""
         return tuple(name for tree in self.prepared.expansion.carried.trees for name in tree.rigid)
 
     @property
     def kept_kinematic(self) -> dict[str, str]:
-        """Joints that were to be recursive and stay kinematic, and why."""
+        """Joints stated as recursive that stay kinematic all the same, and why."""
         return dict(self.prepared.model.kept)
 
     def __str__(self) -> str:
@@ -141,29 +137,29 @@ class Check(Told):
 
     @property
     def contacts(self) -> tuple[str, ...]:
-        """Joints with clearance: their laws, and what they leave out."""
+        """Joints with clearance: their laws, and the effects these neglect."""
         return tuple(contact.told() for contact in self.prepared.contacts)
 
     @property
     def friction(self) -> dict[str, str]:
-        """Friction law of every ideal joint that has one: its name, what presses it, and its internal states."""
+        """Friction law of every ideal joint that has one: its name, normal force and internal states."""
         found = {}
         for g, _, instance in self.prepared.model.instances():
             law, own = instance.law, self.prepared.model.groups[g].derived.reactive
             friction = getattr(law, "friction", None)
             if friction is None or not (own or getattr(law, "normal_force", None) is not None):
                 continue
-            pressed = "its reaction" if own else f"{law.normal_force:g} N"
+            normal = "the joint's reaction" if own else f"{law.normal_force:g} N"
             states = f", state {', '.join(friction.states)}" if friction.states else ""
-            found[instance.item] = f"{type(friction).__name__}, pressed by {pressed}{states}"
+            found[instance.item] = f"{type(friction).__name__}, normal force {normal}{states}"
         return found
 
     def _of_friction(self) -> list[str]:
-        told = "; ".join(f"{joint} ({text})" for joint, text in self.friction.items())
-        return [f"  friction: {told}"] if told else []
+        laws = "; ".join(f"{joint} ({text})" for joint, text in self.friction.items())
+        return [f"  friction: {laws}"] if laws else []
 
     def _of_inputs(self) -> list[str]:
-        """Breaks and resolution of the inputs of time over the first seconds; a run looks as far as it goes."""
+        """Jumps, kinks and shortest widths of the inputs of time over the first seconds; a run reads them to its end."""
         t0 = self.prepared.start.t
         if not expressions_of(self.prepared.model):
             return []
@@ -188,13 +184,13 @@ class Check(Told):
 
 
 def doubts(p: Prepared) -> list[str]:
-    """Rows that are nearly redundant, and what was decided about them."""
+    """Warnings of rows that are nearly redundant, kept or left out."""
     dropped = {row.name for row in p.rank.dropped}
     left_out = ("is nearly redundant (novelty {:.1e}: joints misaligned by about that many rad) and was left out: kept, it "
                 "would lock the mechanism; align the joints if that is not meant")  # fmt: skip
     kept = "is nearly redundant at the start (novelty {:.1e}) and was kept; its reaction is uncertain"
-    told = [(row.name, left_out if row.name in dropped else kept, size) for row, size in p.rank.doubtful]
-    return [f"constraint row {name} {text.format(size)}" for name, text, size in told]
+    found = [(row.name, left_out if row.name in dropped else kept, size) for row, size in p.rank.doubtful]
+    return [f"constraint row {name} {text.format(size)}" for name, text, size in found]
 
 
 def _listed(names: list[str]) -> str:

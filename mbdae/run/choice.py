@@ -5,7 +5,7 @@ The rules and their numbers are measured by benchmarks/choice.py; docs/accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,22 +16,23 @@ from scipy.sparse import csc_matrix
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.cvode import CVODE
+from mbdae.integrators.sundials.ida import IDA
+from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.scene_system import SPARSE_FROM
-from mbdae.system.prepare import Prepared
+from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5
-#: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
-TIGHT_ELIMINATED = 3e-6
-STIFF = 100.0  #: fastest decay or oscillation times the characteristic time above which Adams methods waste steps
-#: the same, of oscillations, for an ODE with eliminated multipliers, whose evaluations cost more
-SMOOTH = 0.3
-#: unknowns with all multipliers up to which steps of Radau IIA cost less than eliminating them, where every motion is prescribed
-SMALL = 30
+TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, cost less than Radau IIA of order 5
+TIGHT_ELIMINATED = 3e-6  #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
+STIFF = 100.0  #: fastest decay or oscillation, times the characteristic time, above which stability limits Adams methods
+SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose evaluations cost more
+SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
-EIGENVALUES = 300  #: unknowns up to which eigenvalues are sought
+EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Choice:
 
     @property
     def recursive(self) -> tuple[str, ...]:
-        """Joints that become recursive although the user did not say so."""
+        """Joints that become recursive although the scene does not state it."""
         as_stated = {c.name for c in self.stated.joints if c.recursive}
         return tuple(c.name for c in self.prepared.model.recursive if c.name not in as_stated)
 
@@ -58,22 +59,24 @@ class Choice:
         return f"{self.solver.label}, {self.form.label}, {plane}, {n} unknowns, {linear}{joints}: {self.why}"
 
 
-def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> Prepared:
-    """The scene with recursive joints where its joints form a tree that can be compiled and the user left their model open; as
-    stated otherwise. `prepare(scene)` raises SceneError with every problem found."""
+def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared:
+    """The scene with its own start, or with the end of a Result as its start; raises SceneError with every problem found."""
+    return prepare(scene, start.state_for(scene) if start is not None else None, t_end=t_end)
+
+
+def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
+    """The scene with recursive joints, where its joints form a tree that can be compiled and the user left their model open; None
+    elsewhere: then it is taken as stated."""
     variant = with_open_tree(scene)
-    if variant is not None:
-        try:
-            found = prepare(variant)
-            if not found.model.kept:
-                return found
-        except MbdaeError:
-            pass  # what is wrong is told of the scene as stated
-    return prepare(scene)
+    try:
+        found = prepared_from(variant, start, t_end) if variant is not None else None
+    except MbdaeError:  # preparing the scene as stated raises what is wrong with it
+        return None
+    return None if found is None or found.model.kept else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
-    """What a default run takes: decided from the equations at the start and the accuracy, before anything is solved."""
+    """Form and solver of a default run, from the equations at the start and the accuracy, before anything is solved."""
     solver, own, why = _chosen(prepared, accuracy, form)
     return Choice(prepared, stated, own, solver, why)
 
@@ -86,10 +89,7 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:
-    """What was chosen, then what may run where that stops; given: the form the user asked for."""
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.ida import IDA
-
+    """The choice, then what runs instead where it stops or misses the accuracy; given: the form the user asked for."""
     yield choice.solver, choice.form
     prepared = choice.prepared
     form = given if given is not None else default_form(prepared)
@@ -100,9 +100,6 @@ def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, F
 
 
 def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[Solver, Form, str]:
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.cvode import CVODE
-
     form = given if given is not None else default_form(prepared)
     hard = _hard(prepared) or ("only Radau takes index 3" if form.label == "Index3" else "")
     if hard:
@@ -124,7 +121,7 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
 
 
 def _hard(prepared: Prepared) -> str:
-    """What makes a scene one for Radau IIA at every accuracy."""
+    """Why a scene needs Radau IIA at every accuracy; "" where it does not."""
     if prepared.model.lines:
         return "elastic beams, whose fast modes BDF feeds or follows for ever"
     if prepared.contacts:
@@ -147,7 +144,7 @@ class Rates:
 
     @cached_property
     def _eigenvalues(self) -> np.ndarray:
-        """Of small disturbances; infinite where the equations are too large to look for them."""
+        """Of small disturbances at the start; infinite where there are too many unknowns to compute them."""
         system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])

@@ -1,11 +1,11 @@
-"""What a run left out between the points at which its solver looked at the equations of motion.
+"""The defect of a run: the residual of the equations of motion between the points at which its solver evaluated them.
 
-A solver asks for the residual at a few points of a step; a load that acts between them is never seen, and neither an error
-estimate nor a companion run shows it. Here the residual of the dense output, its defect, is taken at further, seeded random
-points inside the accepted steps. A defect alone is no error: between its nodes a good polynomial has one too, whose integral
-vanishes. So the defect is integrated from the start of its step, and what the motion would have been moved by it,
-J^-1 (integral / step) with the iteration matrix J = dF/dy + dF/dy' / step, is measured against the accuracy. Steps in which that
-is more are suspects; `recheck` integrates them again, closely, and only what that shows is told.
+A solver evaluates the residual at a few points of a step; it misses a load that acts between them, and neither an error estimate
+nor a companion run shows it. Here the residual of the dense output, its defect, is evaluated at further, seeded random points
+inside the accepted steps. A defect alone is no error: between its nodes a good polynomial has one too, whose integral vanishes.
+So the defect is integrated from the start of its step, and the change of the motion that follows from it, J^-1 (integral / step)
+with the iteration matrix J = dF/dy + dF/dy' / step, is its effect. Steps whose effect is above the accuracy are suspects;
+`recheck` integrates them again with short steps, and warns where the motion differs.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from scipy.sparse.linalg import splu
 from mbdae.errors import SolverError
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.integrators.sundials.shared import as_csc
-from mbdae.run.control import Motion, motion_distance
-from mbdae.run.hiding import can_hide
+from mbdae.run.short_events import may_have_short_events
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
+from mbdae.system.distance import Motion, motion_distance
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
 SEED = 20240229
-POINTS = 12  #: points in every step of a scene in which something may act for a short time: a tenth of the step is then hit
-ALONG = 400  #: points along the whole run of such a scene, so that steps which are long compared with it get more
-JITTER = 0.5  #: part of its share of the step in which a point is random; 1 would leave gaps of twice that share
+POINTS = 12  #: points in every step of a scene with possible short events: one that lasts a tenth of the step is then hit
+ALONG = 400  #: points along the whole run of such a scene: long steps get more of them
+JITTER = 0.5  #: random part of the interval of a point; 1 would leave gaps of twice that interval
 SHARE = 0.03  #: points of all other scenes over the residual evaluations of the run
-SINGLE = 2 / 3  #: part of them that are single points; the others are left for steps that are looked at closely
+SINGLE = 2 / 3  #: part of them used as single points; the others are for steps that stand out
 FEWEST, MOST = 4, 400  #: single points
-OUTSTANDING = 30.0  #: defect of a single point over the median of all at which its step is looked at closely
-DEGREE = 5  #: of the polynomial that is integrated exactly; what it leaves by the trapezoidal rule
-BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, up to this part of the limit
-FELT = 0.1  #: defect over the largest of its step where it is felt
-ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: effect over that of their lower quarter which is their usual error
-AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers kept
-SAMPLES = 20  #: steps of the run whose speeds belong to the unit of velocities
+OUTSTANDING = 30.0  #: defect of a single point over the median of all above which its step stands out
+DEGREE = 5  #: of the polynomial that is integrated exactly; the remainder by the trapezoidal rule
+BLOCK, DOUBTFUL = 8, 0.25  #: neighbouring steps that share J, where their effect is below this part of the limit
+LARGE = 0.1  #: defect over the largest of its step above which a point counts as one with a large defect
+ALIKE, QUARTER = 30.0, 0.25  #: with constant steps: largest usual effect over this quantile of the effects of all steps
+AT_ONCE, LARGEST, STORED = 64, 30000, 2_000_000  #: points evaluated in one call, unknowns of all of them, numbers stored
+SAMPLES = 20  #: steps of the run that add their speeds to the unit of velocities
 
 
 @dataclass(frozen=True)
 class Suspect:
     """A step in which the equations contradict the run.
 
-    step: its number; effect: how far the motion would be moved (as `motion_distance`); times (k,): where it was looked at;
-    felt (k,) bool: where the equations contradict; equation: the one that does most; allowed: effect of a step that is."""
+    step: its number; effect: change of the motion (as `motion_distance`); times (k,) s: where the defect was evaluated;
+    large (k,) bool: where it is large; equation: the one with the largest defect; allowed: largest effect without suspicion."""
 
     step: int
     effect: float
     times: Array
-    felt: Any
+    large: Any
     equation: str
     allowed: float = 0.0
 
@@ -62,8 +62,8 @@ class Suspect:
 class Defect:
     """The defect of one run; evaluations: of the residual so far.
 
-    rough: of a run with constant steps only what no polynomial of degree 5 over a step describes, because nothing keeps the
-    smooth part small."""
+    rough: count only the part of the defect that no polynomial of degree 5 over a step describes; for constant steps, whose
+    smooth error nothing controls."""
 
     def __init__(self, prepared: Prepared, system: SceneSystem, run: Solution, rough: bool = False) -> None:
         self.prepared, self.system, self.run, self.rough = prepared, system, run, rough
@@ -71,16 +71,16 @@ class Defect:
         self._algebraic = np.array([kind in ("lambda", "mu", "z") for kind in system.kinds])
 
     def suspects(self, limit: float) -> list[Suspect]:
-        """Steps whose defect moves the motion by more than the limit, worst first; of constant steps those alone that do so much
-        more than the others."""
-        steps = np.arange(len(self.widths)) if can_hide(self.prepared, self.system) else self._outstanding(limit)
+        """Steps whose effect is above the limit, worst first; of constant steps only those whose effect is also far above that of
+        the others."""
+        steps = np.arange(len(self.widths)) if may_have_short_events(self.prepared, self.system) else self._outstanding(limit)
         found = [s for part in self._parts(steps) for s in self._effects(*part, limit)]
         if self.rough and found:
             limit = max(limit, ALIKE * float(np.quantile([s.effect for s in found], QUARTER, method="lower")))
         return sorted((replace(s, allowed=limit) for s in found if s.effect > limit), key=lambda s: -s.effect)
 
     def _parts(self, steps: Any) -> Iterator[tuple[Any, Array]]:
-        """Steps with the points of (0, 1) at which they are looked at, as many at once as are to be stored."""
+        """Steps with the points of (0, 1) at which the defect is evaluated, as many steps at once as memory allows."""
         counts = POINTS + (ALONG * self.widths[steps] / np.sum(self.widths)).astype(int)
         for count in np.unique(counts):
             inside, alike = self._inside(int(count)), steps[counts == count]
@@ -89,12 +89,12 @@ class Defect:
                 yield alike[first : first + size], inside
 
     def _inside(self, count: int) -> Array:
-        """So many points of (0, 1), one in every share of it, moved at random."""
+        """`count` points of (0, 1), one in each of as many equal intervals, moved at random."""
         return np.asarray((np.arange(count) + 0.5 + JITTER * (self.random.random(count) - 0.5)) / count)
 
     def _outstanding(self, limit: float) -> Any:
-        """Steps in which a single point stands out, of a scene in which hardly anything can hide: half of the points are spread
-        over the time, so that long steps get more, half over the steps."""
+        """Steps in which the defect of a single point stands out, of a scene without possible short events: half of the points
+        are spread over the time, so that long steps get more, half over the steps."""
         t, budget = self.run.t, SHARE * self.run.stats.residuals
         count = min(int(budget * SINGLE), MOST)
         if count < FEWEST:
@@ -130,7 +130,7 @@ class Defect:
         return np.nan_to_num(out), y, yp
 
     def _effects(self, steps: Any, inside: Array, limit: float) -> list[Suspect]:
-        """Effect of the defect in steps (m,) looked at in points (k,) of (0, 1)."""
+        """Effect of the defect in steps (m,) at points (k,) of (0, 1)."""
         times = self.run.t[steps, None] + inside * self.widths[steps, None]
         F, y, yp = (a.reshape(*times.shape, -1) for a in self._residual(times.ravel()))
         smooth, rest = integrals(inside)
@@ -147,16 +147,13 @@ class Defect:
         for i in np.flatnonzero(effect > DOUBTFUL * limit):
             moved = self._moved(int(steps[i]), times[i], y[i], yp[i], right[i : i + 1])
             effect[i] = self._distance(times[i : i + 1], y[i : i + 1], moved)[0]
-        return [self._suspect(*of_step) for of_step in zip(steps, effect, times, F, strict=True)]
-
-    def _suspect(self, step: int, effect: float, times: Array, F: Array) -> Suspect:
-        """What is said of one step."""
-        row = largest(np.max(np.abs(F), axis=0))
-        size = np.abs(F[:, row])
-        return Suspect(int(step), float(effect), times, size >= FELT * np.max(size), self.system.equations[row])
+        worst = [largest(np.max(np.abs(part), axis=0)) for part in F]
+        size = [np.abs(part[:, row]) for part, row in zip(F, worst, strict=True)]
+        return [Suspect(int(steps[i]), float(effect[i]), times[i], size[i] >= LARGE * np.max(size[i]), self.system.equations[row])
+                for i, row in enumerate(worst)]  # fmt: skip
 
     def _moved(self, step: int, times: Array, y: Array, yp: Array, right: Array) -> Array:
-        """What the unknowns are moved by, (m, k, n): - J^-1 right with J in the middle of a step."""
+        """Change of the unknowns (m, k, n): - J^-1 right with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
         if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
@@ -166,7 +163,7 @@ class Defect:
         columns = np.ascontiguousarray(right.reshape(-1, system.n).T)
         try:
             moved = np.linalg.solve(J, columns) if system.sparsity is None else splu(as_csc(system, J)).solve(columns)
-        except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there, which others tell
+        except (np.linalg.LinAlgError, RuntimeError):  # singular: the motion is not determined there; `singular_positions` warns
             return np.zeros_like(right)
         return -np.asarray(moved).T.reshape(right.shape)
 
@@ -186,8 +183,8 @@ def apart(prepared: Prepared, run: Solution, a: Motion, b: Motion) -> Array:
 
 
 def integrals(inside: Array) -> tuple[Array, Array]:
-    """Weights (k, k), (k, k) of values at points of (0, 1): integrals from 0 to the next point, of the last one to 1. The first
-    of a polynomial fitted to the values, exactly; the second of what it leaves, by the trapezoidal rule."""
+    """Two matrices of weights (k, k) that turn values at points of (0, 1) into integrals from 0 to the next point (for the last
+    point, to 1): of a polynomial fitted to the values, exactly, and of the remainder, by the trapezoidal rule."""
     degree = min(DEGREE, len(inside) // 2)
     basis = legendre.legvander(2 * inside - 1, degree)
     fit, to, one = np.linalg.pinv(basis), np.append(inside[1:], 1.0), np.eye(len(inside))

@@ -1,13 +1,16 @@
-"""One call of `Scene.simulate`: from a prepared scene and an accuracy to a judged run.
+"""One call of `Scene.simulate`: from a prepared scene and an accuracy to a run with its error and its warnings.
 
-The way of a run through this folder, from top to bottom:
+The modules of this folder in the order in which a run uses them:
 
-1. `choice`      joints, form and solver, where the user names none (`checks` says it before the run);
-2. `control`     runs of the solver until the estimated error is below the accuracy (`resolution`: what contact and friction ask);
-3. `waves`       what long steps leave out of stiff beams;
-   `verification` with verify=True: another method, and a finer `mesh` of the beams;
-4. `judgement`   what is to be said of the run that is kept: `reliability`, `passages`, `norms`, `balance`, `drift`;
-5. `recheck`     steps whose `defect` contradicts the equations, where something can hide between their points (`hiding`).
+1. `choice`           joints, form and solver, where the user names none (`checks` shows it before the run);
+2. `control`          runs of the solver until the estimated error (`estimate`) is below the accuracy; `contact_tolerances` bounds
+                      their tolerance where there is contact or friction;
+3. `lost_vibrations`  vibrations of stiff beams that long steps leave out, after the start and after `excitations`;
+   `verification`     with verify=True: a run of another method, and one on a finer `mesh` of the beams;
+4. `assessment`       warnings about the run that is returned: `reliability`, `drift`, `singular_positions`,
+                      `quaternion_lengths`;
+5. `recheck`          steps whose `defect` is large are integrated again: something may have acted between the points at which
+                      the solver evaluated the equations (`short_events`).
 """
 
 from __future__ import annotations
@@ -15,31 +18,33 @@ from __future__ import annotations
 import math
 import time
 import warnings as python_warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
 
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
+from mbdae.run.assessment import assessed
 from mbdae.run.choice import Choice, alternatives
+from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled
-from mbdae.run.drift import drifted
-from mbdae.run.judgement import judgement_of
-from mbdae.run.recheck import unseen
-from mbdae.run.resolution import refuse_unresolved
+from mbdae.run.drift import joint_drift
+from mbdae.run.lost_vibrations import with_lost_vibrations
+from mbdae.run.recheck import rechecked
 from mbdae.run.verification import accuracy_of, nothing_known, verified
-from mbdae.run.waves import with_lost_waves
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.assembled.without_multipliers import Eliminated
+from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
-NEARLY = 10.0  #: estimate over the accuracy up to which a tighter run is tried before vibrations are followed
+NEARLY = 10.0  #: largest estimate over the accuracy for which a tighter run is tried before one that resolves all vibrations
 
 
 @dataclass
@@ -49,28 +54,27 @@ class Job:
     prepared: Prepared
     form: Form
     accuracy: float
-    t_end: float
-    times: Any
-    options: dict[str, Any]
+    asked: Asked  #: end, wall time and progress
+    times: Array  #: of the result, s
     choice: str = ""
     continued: bool = False  #: it begins where another run ended
     begin: float = field(default_factory=time.perf_counter)
     _systems: dict[tuple[Form, int], SceneSystem] = field(default_factory=dict)
 
     def run(self, solver: Solver, strict: bool = False) -> Controlled:
-        """One solver: to the accuracy, or as its own tolerance or step says. strict: eliminated multipliers stop at singular
-        positions, where another branch may begin."""
+        """A run of one solver to the accuracy, or with the tolerance or step that the user gave it. strict: with eliminated
+        multipliers, stop at singular positions, where another branch of the motion may begin."""
         refuse_unresolved(self.prepared, solver)
         system = self._system(solver)
         if isinstance(system, Eliminated):
             system.strict = strict
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
-                solver = solver.at_accuracy(self.accuracy, system.label)  # a tolerance of the user's own: run as it is
+                solver = solver.at_accuracy(self.accuracy, system.label)  # the user's own atol: run once, with rtol to match
             if solver.fixed or solver.rtol is not None:
                 with python_warnings.catch_warnings(record=True) as caught:
                     python_warnings.simplefilter("always", AccuracyWarning)
-                    solution = solver.solve(system, self.t_end, **self.options)
+                    solution = solver.run(system, self.asked)
                 notes = tuple(dict.fromkeys(str(w.message) for w in caught))
                 return Controlled(solution, solver, math.nan, 1, solution.stats.cpu_s, notes)
             run = self._controlled(system, solver)
@@ -80,64 +84,42 @@ class Job:
                 return self._with_waves(run, solver, system)
 
     def _system(self, solver: Solver) -> SceneSystem:
-        """The equations as a solver takes them, built once."""
+        """The equations in the index a solver takes, built once."""
         key = self.form, solver.highest_index
         if key not in self._systems:
             self._systems[key] = system_for(self.prepared, *key)
         return self._systems[key]
 
     def _controlled(self, system: SceneSystem, solver: Solver, accuracy: float | None = None) -> Controlled:
-        asked = accuracy if accuracy is not None else self.accuracy, self.t_end, self.times
-        return run_controlled(system, self.prepared, solver, *asked, begin=self.begin, **self.options)
+        accuracy = accuracy if accuracy is not None else self.accuracy
+        return run_controlled(system, self.prepared, solver, accuracy, replace(self.asked, begin=self.begin), self.times)
 
     def _with_waves(self, run: Controlled, solver: Solver, system: SceneSystem) -> Controlled:
-        """The run if the elastic vibrations it steps over are small enough, else one that resolves them: a tighter one where
-        they are nearly small enough (shorter steps leave out less), or one that follows them all."""
+        """The run if the elastic vibrations that its long steps leave out are small enough; else a tighter one where they are
+        nearly small enough (shorter steps leave out less), or one that resolves them all."""
         resolving = system_for(self.prepared, replace(self.form, waves=True), solver.highest_index)  # type: ignore[type-var]
-        run = with_lost_waves(self.prepared, resolving, run)
+        run = with_lost_vibrations(self.prepared, resolving, run)
         if self.accuracy < run.estimate < NEARLY * self.accuracy and not self.prepared.contacts:
-            run = self._tighter(run, solver, system, resolving)
+            tighter = partial(self._controlled, system, solver, self.accuracy / 10)
+            run = _better(run, lambda: with_lost_vibrations(self.prepared, resolving, tighter()))
         if run.estimate <= self.accuracy:
             return run
-        if self.prepared.contacts:  # every impact excites such vibrations anew: following all costs 10 to 40 times the steps
+        if self.prepared.contacts:  # every impact excites such vibrations anew: resolving all costs 10 to 40 times the steps
             return replace(run, notes=(*run.notes, UNRESOLVED))
-        try:
-            again = replace(self._controlled(resolving, solver), waves=True)
-        except WallClockError:
-            raise
-        except SolverError as error:
-            return run.after(1, cpu_of(error))
-        if again.estimate < run.estimate:
-            return again.after(run.runs, run.cpu_s)
-        return run.after(again.runs, again.cpu_s)
+        return _better(run, lambda: replace(self._controlled(resolving, solver), waves=True))
 
-    def _tighter(self, run: Controlled, solver: Solver, system: SceneSystem, resolving: SceneSystem) -> Controlled:
-        """A run to a tenth of the accuracy if that is better."""
-        try:
-            again = self._controlled(system, solver, self.accuracy / 10)
-        except WallClockError:
-            raise
-        except OptionError:
-            return run
-        except SolverError as error:
-            return run.after(1, cpu_of(error))
-        again = with_lost_waves(self.prepared, resolving, again)
-        return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)
-
-    def run_default(self, choice: Choice, form: Form | None) -> Controlled:
-        """What was chosen; Radau IIA where it cannot reach the accuracy or stops; IDA where Radau IIA stops too.
+    def run_default(self, choice: Choice, form: Form | None) -> tuple[Controlled, Job]:
+        """The run of what was chosen; of Radau IIA where that misses the accuracy or stops; of IDA where Radau IIA stops too;
+        and the job with the form of that run.
 
         form: what the user asked for; with None the others take the default form."""
-        from mbdae.integrators.runge_kutta.radau import RadauIIA
-
-        best: tuple[Controlled, Form, str] | None = None
+        best: tuple[Controlled, Job] | None = None
         failure: MbdaeError | None = None
         why, runs, cpu = "", 0, 0.0
         for solver, own in alternatives(choice, form):
-            self.form = own
-            told = f"{solver.label}, {self.form.label}: {why}" if why else str(choice)
+            job = replace(self, form=own, choice=f"{solver.label}, {own.label}: {why}" if why else str(choice))
             try:
-                run = self.run(solver, strict=True)
+                run = job.run(solver, strict=True)
             except WallClockError:
                 raise
             except (SolverError, OptionError) as error:
@@ -147,51 +129,51 @@ class Job:
                 continue
             runs, cpu = runs + run.runs, cpu + run.cpu_s
             if best is None or run.estimate < best[0].estimate:
-                best = run, self.form, told
-            missed = self._missed(run)
+                best = run, job
+            missed = job._missed(run)
             if not missed or isinstance(solver, RadauIIA):
                 break
             why = f"{solver.label} {missed}"
         if best is None:
             assert failure is not None
             raise failure
-        run, self.form, self.choice = best
-        return replace(run, runs=runs, cpu_s=cpu)
+        return replace(best[0], runs=runs, cpu_s=cpu), best[1]
 
     def _missed(self, run: Controlled) -> str:
-        """Why another method should try: the accuracy, or joints held on the level of accelerations alone that did not stay."""
+        """Why another method should try, "" where it need not: the accuracy is missed, or joints held by their accelerations
+        alone drift."""
         if not run.estimate <= self.accuracy:
             return f"came to {run.estimate:.1e}"
-        doubts = [*run.notes, *drifted(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
+        doubts = [*run.notes, *joint_drift(self.prepared, run, self.accuracy)] if self.form.label == "Index1" else []
         return f"warned: {doubts[0]}" if doubts else ""
 
     def result(self, run: Controlled, verify: bool = False) -> Result:
-        """The Result with its warnings, each also issued as an AccuracyWarning; verify: measured against another method at a
-        tenth of the accuracy, and beams against a finer mesh."""
+        """The Result with its warnings, each also issued as an AccuracyWarning; verify: compared with another method at a tenth
+        of the accuracy, and beams with a finer mesh."""
         with self._attaching(run.solver), keeping(run.solution, UNTESTED):
-            found = None
+            other = None
             if verify:
                 begin = time.process_time()
-                found = verified(self.prepared, self.form, run, self.accuracy, self.t_end, self.continued, self.options)
-                run = run.after(found.runs, time.process_time() - begin)
-            known = accuracy_of(self.prepared, self.accuracy, run, found)
+                other = verified(self.prepared, self.form, run, self.accuracy, self.asked, self.continued)
+                run = run.after(other.runs, time.process_time() - begin)
+            known = accuracy_of(self.prepared, self.accuracy, run, other)
             info = RunInfo(run.solver, self.form.label, known, run.solution.stats, run.runs, run.cpu_s, (), self.choice)
             times = self.times[self.times <= run.solution.t[-1]]
             made = Result(self.prepared, run.solution, info, times)
-            judgement = judgement_of(made, run, self.form.label == "Index1")
-            known = judgement.within(known)
-            if judgement.reliable and not judgement.singular:  # else it is told already
-                missed = unseen(self.prepared, self.form, self._system(run.solver), run, known.asked)
+            found = assessed(made, run, self.form.label == "Index1")
+            known = found.within(known)
+            if found.reliable and not found.singular:  # else the run has a warning already
+                missed = rechecked(self.prepared, self.form, self._system(run.solver), run, known.asked)
                 info, known = replace(info, cpu_s=info.cpu_s + missed.cpu_s), missed.within(known)
-                judgement = judgement._replace(notes=(*judgement.notes, *missed.notes))
-            made.info = replace(info, accuracy=known, warnings=judgement.notes, reliable=judgement.reliable)
-        for note in judgement.notes:
+                found = found._replace(notes=(*found.notes, *missed.notes))
+            made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
+        for note in found.notes:
             python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
         return made
 
     @contextmanager
     def _attaching(self, solver: Solver) -> Iterator[None]:
-        """Give the solution of a run that fails or is interrupted the shape of a Result: nothing computed is lost."""
+        """Where a run fails or is interrupted inside, put what it computed on the error as a Result."""
         try:
             yield
         except (SolverError, KeyboardInterrupt, SystemExit) as error:
@@ -206,3 +188,16 @@ class Job:
                 made = Result(self.prepared, solution, info, self.times[self.times <= solution.t[-1]])
                 error.solution = made  # type: ignore[union-attr]
             raise
+
+
+def _better(run: Controlled, attempt: Callable[[], Controlled]) -> Controlled:
+    """The run, or that of an attempt where its estimate is smaller; with the cost of both."""
+    try:
+        again = attempt()
+    except WallClockError:
+        raise
+    except OptionError:  # round-off does not allow the tolerance
+        return run
+    except SolverError as error:
+        return run.after(1, cpu_of(error))
+    return again.after(run.runs, run.cpu_s) if again.estimate < run.estimate else run.after(again.runs, again.cpu_s)

@@ -1,4 +1,4 @@
-"""Progress on a terminal: nothing at all where the error stream is not one."""
+"""Progress of a run as a bar on the error stream, where that is a terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mbdae.values import function, optional
 
 
 class Bar:
-    """Callback (t, t_end, stats) of a run: a bar on the error stream, gone when the run ends."""
+    """Callback (t, t_end, stats) of a run that draws a bar on the error stream; it disappears when the run ends."""
 
     def __init__(self) -> None:
         from rich.console import Console

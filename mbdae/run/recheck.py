@@ -1,4 +1,4 @@
-"""One step of a run, integrated again so closely that what acts in it for a short time is met."""
+"""Steps of a run whose defect is large, integrated again with steps so short that they resolve what acts for a short time."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.start.start import Start
 
-FINER = 10.0  #: accuracy over that of the closer run
+FINER = 10.0  #: accuracy of the run over that of the fine run
 BUDGET = 3000  #: residual evaluations between two points of the step
 BETWEEN = 8  #: instants compared between two points
-JUDGED = 5  #: suspicious steps of a run that are integrated again
-SHORTER = 0.8  #: step that is proposed over the longest one that looks at what acts
-TOLD = 3.0  #: difference over what is allowed above which it is told
-UNCONTROLLED = 1e-6  #: accuracy below which nothing is said of runs with constant steps
+MOST = 5  #: suspicious steps of a run that are integrated again
+SHORTER = 0.8  #: step proposed in the warning over the longest one that would resolve what acts
+WARNED = 3.0  #: difference over the allowed one above which there is a warning
+UNCONTROLLED = 1e-6  #: accuracy that runs with constant steps are compared with
 
 
-class Closer:
-    """Integrates steps of a run again, with Radau IIA to a tenth of what is allowed."""
+class FineRun:
+    """Integrates steps of a run again, with Radau IIA to a tenth of the allowed difference."""
 
     def __init__(self, prepared: Prepared, form: Form, run: Solution, accuracy: float) -> None:
         self.prepared, self.form, self.run = prepared, form, run
@@ -41,9 +41,8 @@ class Closer:
         self.solver = RadauIIA(3, rtol=max(wanted, 10 * method.tightest.get(form.label, method.tightest[""])))
 
     def difference(self, suspect: Suspect) -> float:
-        """Largest distance of the run from a closer one over a step, which starts from the state that the run had at its begin
-        and stops at every point where the equations contradict and beside it; the effect of the defect where that run ends
-        before its step does."""
+        """Largest distance of the run from a fine run over one step. The fine run starts from the state at the begin of the step
+        and stops at every point with a large defect and at its neighbours. Where it fails, the effect of the defect."""
         run, i, worst = self.run, suspect.step, 0.0
         system = self._system(float(run.t[i]), run.y[i])
         first = float(np.min(np.diff(np.r_[run.t[i], suspect.times, run.t[i + 1]]))) / 4
@@ -55,7 +54,8 @@ class Closer:
             except SolverError:
                 return suspect.effect
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
-            worst = max(worst, self._distance(times, part))
+            motions = (self.prepared.states(times, solution(times))[:2] for solution in (part, run))
+            worst = max(worst, float(np.max(apart(self.prepared, run, *motions))))
             system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]
         return worst
 
@@ -68,20 +68,16 @@ class Closer:
         return system_for(replace(p, start=start), self.form, self.solver.highest_index)
 
     def _stops(self, suspect: Suspect) -> Array:
-        """Times at which the closer run stops: points where the equations contradict, those beside them, the end of the step."""
-        felt = suspect.felt | np.append(suspect.felt[1:], False) | np.append(False, suspect.felt[:-1])
-        return np.append(suspect.times[felt], self.run.t[suspect.step + 1])
+        """Times at which the fine run stops: points with a large defect, their neighbours, the end of the step."""
+        large = suspect.large | np.append(suspect.large[1:], False) | np.append(False, suspect.large[:-1])
+        return np.append(suspect.times[large], self.run.t[suspect.step + 1])
 
-    def _distance(self, times: Array, part: Solution) -> float:
-        """Largest distance from the run at some times."""
-        motions = [self.prepared.states(times, solution(times))[:2] for solution in (part, self.run)]
-        return float(np.max(apart(self.prepared, self.run, motions[0], motions[1])))
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What acts from about begin to end (s) and was not seen by a step of `step` s: the equation (name of its row) that says so,
-    the difference it makes (as `motion_distance`), and the longest step (s) that looks at it."""
+    """Something that acts from about begin to end (s) inside a step of `step` s and was missed by it: the equation (name of its
+    row) with the largest defect, the difference it makes (as `motion_distance`), and the longest step (s) that resolves it."""
 
     begin: float
     end: float
@@ -92,36 +88,36 @@ class Contradiction:
 
     @classmethod
     def of(cls, run: Solution, suspect: Suspect, difference: float) -> Self:
-        """From a suspect and what its closer run showed."""
-        felt, step = suspect.times[suspect.felt], float(run.t[suspect.step + 1] - run.t[suspect.step])
-        begin, end = float(felt[0]), float(felt[-1])
+        """From a suspect and the difference that its fine run showed."""
+        times, step = suspect.times[suspect.large], float(run.t[suspect.step + 1] - run.t[suspect.step])
+        begin, end = float(times[0]), float(times[-1])
         return cls(begin, end, step, suspect.equation, difference, (end - begin + step / len(suspect.times)) / 2)
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """Where the equations of motion contradict a run, worst first; how many steps were suspected; CPU time spent, s."""
+class Rechecked:
+    """Where the equations of motion contradict a run, worst first; number of suspicious steps; CPU time spent, s."""
 
     contradictions: tuple[Contradiction, ...] = ()
     suspects: int = 0
     cpu_s: float = 0.0
-    allowed: float = 0.0  #: difference that would not be told
+    allowed: float = 0.0  #: largest difference without a warning
 
     def within(self, known: Accuracy) -> Accuracy:
-        """What is known of the errors with what was found here."""
+        """The accuracy with the largest contradiction in it."""
         if not self.contradictions or known.estimated is None:
             return known
         return replace(known, estimated=max(known.estimated, self.contradictions[0].difference))
 
     @property
     def notes(self) -> list[str]:
-        """The warning, if there is anything to tell: the worst, where the others are, and what to do."""
+        """The warning, if any: the worst contradiction, where the others are, and what to do."""
         if not self.contradictions:
             return []
         c, *others = self.contradictions
         also = "; so it is at t = " + ", ".join(f"{(o.begin + o.end) / 2:.6g}" for o in others) + " s" if others else ""
-        if self.suspects > JUDGED:
-            also += f" ({self.suspects} steps are suspect, of which {JUDGED} were followed)"
+        if self.suspects > MOST:
+            also += f" ({self.suspects} steps are suspect, of which {MOST} were followed)"
         return [f"from about t = {c.begin:.6g} to {c.end:.6g} s {c.equation} contradicts the run, whose step of {c.step:.3g} s "
                 f"did not look there: followed closely, the motion differs by {c.difference:.1e} (allowed {self.allowed:.0e})"
                 f"{also}. Something acts there for a short time: take steps below {c.longest:.2g} s, as with mb.RadauIIA(3, "
@@ -129,22 +125,22 @@ class Unseen:
                 f"start="]  # fmt: skip
 
 
-def unseen(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Unseen:
-    """What a run left out between the points its solver looked at; system: the equations as the solver took them."""
+def rechecked(prepared: Prepared, form: Form, system: SceneSystem, run: Controlled, asked: float | None) -> Rechecked:
+    """What a run missed between the points at which its solver evaluated the equations; system: the equations it solved."""
     begin, solution, solver = time.process_time(), run.solution, run.solver
     if len(solution.t) < 2:
-        return Unseen()
-    allowed = asked or _resolved(solver)
+        return Rechecked()
+    allowed = asked or _expected(solver)
     suspects = Defect(prepared, system, solution, rough=solver.fixed).suspects(allowed)
-    closer = Closer(prepared, form, solution, allowed)
-    found = [Contradiction.of(solution, suspect, difference) for suspect in suspects[:JUDGED]
-             if (difference := closer.difference(suspect)) > TOLD * suspect.allowed]  # fmt: skip
+    fine = FineRun(prepared, form, solution, allowed)
+    found = [Contradiction.of(solution, suspect, difference) for suspect in suspects[:MOST]
+             if (difference := fine.difference(suspect)) > WARNED * suspect.allowed]  # fmt: skip
     found.sort(key=lambda c: -c.difference)
-    return Unseen(tuple(found), len(suspects), time.process_time() - begin, TOLD * allowed)
+    return Rechecked(tuple(found), len(suspects), time.process_time() - begin, WARNED * allowed)
 
 
-def _resolved(solver: Solver) -> float:
-    """The accuracy that a tolerance lets expect; with constant steps what is hardly ever asked for."""
+def _expected(solver: Solver) -> float:
+    """The accuracy expected of a tolerance; UNCONTROLLED with constant steps."""
     if not solver.rtol:
         return UNCONTROLLED
     return max(10.0, 1 / max(solver.factors.get(solver.label, {"": 0.1}).values())) * solver.rtol

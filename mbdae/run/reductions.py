@@ -1,6 +1,6 @@
-"""What a scene saves on the way from the naive formulation to the equations that are integrated, counted in systems.
+"""How the equations of a scene become fewer, from the naive formulation to the one integrated by default; counted, not estimated.
 
-The naive one: in space, classical joints with their coordinates, every row of every joint, every node on its own.
+The naive formulation: in space, classical joints with their coordinates, all rows of all joints, no shared unknowns.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from mbdae.system.prepare import Prepared
 
 @dataclass(frozen=True)
 class Size:
-    """Unknowns, equations, multipliers (both sets), kernels, and kernel operations of residual and derivatives, of a system."""
+    """Of a system: unknowns, equations, multipliers (of positions and of velocities), kernels, and operations of kernels for
+    residual and derivatives."""
 
     unknowns: int
     equations: int
@@ -39,14 +40,14 @@ class Size:
 
 @dataclass(frozen=True)
 class Reduction:
-    """What is left after a reduction, and why it is possible."""
+    """The size of the system after a reduction, and why the reduction is possible."""
 
     reason: str
     size: Size
 
 
 def size_of(system: SceneSystem) -> Size:
-    """Counted in the system itself; kernels of beams not among them."""
+    """The size of a system; kernels of beams are not counted."""
     kernels, operations = 0, 0
     live = {(row.group, row.instance) for row in system.numbering.rows}
     for g, group in enumerate(system.model.groups):
@@ -67,7 +68,7 @@ def size_of(system: SceneSystem) -> Size:
 
 
 def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Reduction]:
-    """From the naive formulation to what is integrated by default, one after the other; those without effect are left out."""
+    """The reductions from the naive formulation to the default run, in order; those without effect are left out."""
     found: list[Reduction] = []
     for reason, system in _ladder(scene, prepared):
         size = size_of(system)
@@ -83,7 +84,7 @@ def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Red
 
 
 def absent(scene: SceneData) -> list[str]:
-    """Terms the scene does not need."""
+    """Effects that the scene does not have, such as gravity."""
     laws = [law for c in scene.connections for law in c.laws]
     rubbing = any(getattr(law, "friction", None) is not None for law in laws)
     timed = any(not isinstance(getattr(law, p), float | int | None) for law in laws for p in law.params)
@@ -93,7 +94,7 @@ def absent(scene: SceneData) -> list[str]:
 
 
 def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSystem]]:
-    """Systems of the scene with more and more of its reductions."""
+    """The reasons of the reductions with the system after each; every system has all reductions before it too."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 
@@ -108,7 +109,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSy
         try:
             of = build(replaced(spatial, classical, Classical()) if classical else spatial, by_rows)
             yield reason, whole(of, constraint_rows(of))
-        except MbdaeError:  # laws may exist in the plane alone
+        except MbdaeError:  # some laws exist in the plane only
             continue
     of = build(scene, by_rows)
     rows = constraint_rows(of)

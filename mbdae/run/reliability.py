@@ -1,4 +1,4 @@
-"""What is not to be trusted of a run with contact or friction.
+"""Warnings about runs with contact or friction, and about constant steps.
 
 Measured: every run that left the true motion, although its solver reported success, had an energy error above a tenth of
 what it dissipated.
@@ -14,44 +14,45 @@ import numpy as np
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
 from mbdae.results.result import Result
+from mbdae.run.contact_tolerances import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.run.control import Controlled
-from mbdae.run.resolution import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.system.prepare import Prepared
 
-COARSE = 0.1  #: tolerance of positions over the penetration where a result is doubtful
-ALARM, MOVING = 0.1, 1e-3  #: energy error over what was dissipated, or over MOVING times the largest kinetic energy
-THIN = 3  #: steps in the shortest contact below which it was not resolved
-#: a whirl that many times faster than the spin, in contact for that share of the time, around the race that many times
-FASTER, PRESSED, AROUND = 5.0, 0.9, 2.0
-
-SEEN = 1.0  #: step times frequency up to which an unstable oscillation grows in a run as it should
-GROWN = 5.0  #: logarithm of the growth that must have been lost before it is told
+COARSE = 0.1  #: tolerance of positions over the penetration above which a result is doubtful
+ALARM = 0.1  #: energy error over the energy dissipated above which a result is not reliable
+MOVING = 1e-3  #: of the largest kinetic energy: what is compared where less was dissipated
+FEW_STEPS = 3  #: steps in the shortest contact below which it was not resolved
+#: a backward whirl has at least this ratio of whirl to spin rate, share of the time in contact, and turns around the race
+WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
+RESOLVED_STEP = 1.0  #: step times angular frequency up to which an unstable oscillation grows in a run as in the equations
+GROWN = 5.0  #: logarithm of the growth that steps damped away above which there is a warning
 DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
 
 
-class Judgement(NamedTuple):
-    """What is to be said of a run with contact or friction, and whether its result is one."""
+class Assessment(NamedTuple):
+    """Warnings about a run, and whether it is reliable."""
 
     notes: tuple[str, ...] = ()
     reliable: bool = True
     singular: bool = False  #: it passes a singular position, where two motions meet
-    off: float = 0.0  #: what a constraint row is violated by, over the scene's length, where that is told
+    off: float = 0.0  #: largest violation of a constraint row (over the scene's length, or rad), where there is a warning of it
 
     def within(self, known: Accuracy) -> Accuracy:
-        """What is known of the errors with what was found here."""
+        """The accuracy with the violation of constraint rows in it."""
         if not self.off or known.motion is None:
             return known
         unknown = dict(known.unknown) | {"reactions": "the joints are not kept closed"}
         return replace(known, estimated=max(known.motion, self.off), verified=None, unknown=unknown, found_reactions=None)
 
 
-def judged(result: Result, run: Controlled) -> Judgement:
-    """What is not to be trusted of a run with contact or friction; its energy decides, and contacts whose growth it lost."""
+def reliability(result: Result, run: Controlled) -> Assessment:
+    """Warnings about contact, friction and constant steps; not reliable where energy appears or is lost, or where the steps damp
+    an unstable contact."""
     prepared = result.prepared
     if run.solver.fixed and (made := _of_constant_steps(result)):
-        return Judgement(tuple(made), False)
+        return Assessment(tuple(made), False)
     if not prepared.contacts and not any(True for _ in slowest_velocities(prepared)):
-        return Judgement()
+        return Assessment()
     energy = _of_energy(result)
     notes, reliable = list(energy), not energy
     for contact in prepared.contacts:
@@ -60,11 +61,11 @@ def judged(result: Result, run: Controlled) -> Judgement:
         unstable = [] if whirl else _flutter(result, sensor, contact)
         notes += _of_contact(prepared, sensor, run, contact) + whirl + unstable
         reliable &= not unstable
-    return Judgement((*notes, *_of_friction(prepared, run)), reliable)
+    return Assessment((*notes, *_of_friction(prepared, run)), reliable)
 
 
 def _of_energy(result: Result) -> list[str]:
-    """The alarm where the energy balance is off by more than a tenth of what contact and friction dissipate."""
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
@@ -75,7 +76,7 @@ def _of_energy(result: Result) -> list[str]:
 
 
 def _of_constant_steps(result: Result) -> list[str]:
-    """The alarm of a run whose steps nothing controls: its energy balance is off by more than a tenth of all that moved."""
+    """A warning where, with constant steps, the energy balance is off by more than a tenth of the energy exchanged."""
     e = result.energy
     off = np.abs(e.balance)
     moved = max(float(np.max(e.kinetic)), float(np.ptp(e.potential)), float(np.max(np.abs(e.work))), float(np.max(e.dissipated)))
@@ -86,7 +87,7 @@ def _of_constant_steps(result: Result) -> list[str]:
 
 
 def _of_contact(prepared: Prepared, sensor: ClearanceSensor, run: Controlled, expected: Any) -> list[str]:
-    """Penetrations against the tolerance and the clearance."""
+    """Warnings where penetrations are small against the tolerance, or large against the clearance."""
     law, item, contacts = expected.law, expected.item, sensor.contacts
     if not len(contacts):
         return []
@@ -104,7 +105,7 @@ def _of_contact(prepared: Prepared, sensor: ClearanceSensor, run: Controlled, ex
 
 
 def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
-    """Dry friction that drives the pin backwards around the race."""
+    """A warning where dry friction drives the pin backwards around the race (backward whirl)."""
     t = result.solution.t
     late = t[t >= t[0] + 0.5 * (t[-1] - t[0])]
     if len(late) < 20:
@@ -115,21 +116,22 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
     if found is None:
         return []
     spin = float(np.median(found[1]))
-    pressed = float(np.mean(seen["gap"].min(axis=1) < 0))
+    in_contact = float(np.mean(seen["gap"].min(axis=1) < 0))
     x, y = seen["orbit"].T
     angle = np.unwrap(np.arctan2(y, x))
     turning, turns = float(np.median(np.diff(angle) / np.diff(times))), abs(float(angle[-1] - angle[0])) / (2 * np.pi)
-    if pressed < PRESSED or turning * spin >= 0 or abs(turning) < FASTER * abs(spin) or turns < AROUND:
+    if in_contact < WHIRL_CONTACT or turning * spin >= 0 or abs(turning) < WHIRL_RATE * abs(spin) or turns < WHIRL_TURNS:
         return []
     return [f"backward whirl in '{item}': the contact runs around the race at {turning:.4g} rad/s against a spin of {spin:.4g} "
             f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
 
 
 def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str]:
-    """Dry friction that makes a contact unstable, where the steps are too long to see it: implicit methods damp it away.
+    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps it.
 
-    With k = df/da and f/d, the stiffnesses along the normal and, at the distance d of the centres, across it, a friction mu
-    couples both directions; they flutter where (k - f/d)^2 < 4 mu^2 k f/d, as long as the damping of the contact lets them."""
+    k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the
+    centres). A friction coefficient mu couples both directions; without damping, they flutter where (k - f/d)^2 < 4 mu^2 k
+    f/d."""
     law, t = expected.law, result.solution.t
     if law.friction is None or len(t) < 3:
         return []
@@ -137,14 +139,14 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str
     step, grown, fast = np.diff(t, append=t[-1]), 0.0, 0.0
     for gap, force, rub in zip(seen["gap"].T, seen["normal_force"].T, seen["friction_force"].T, strict=True):
         growth, rate = _instability(law, expected.mass, -gap, force, np.abs(rub))
-        unseen = (growth > 0) & (step * rate > SEEN)
-        grown += float(np.sum((growth * step)[unseen]))
-        fast = max(fast, float(np.max(rate[unseen], initial=0.0)))
+        damped = (growth > 0) & (step * rate > RESOLVED_STEP)
+        grown += float(np.sum((growth * step)[damped]))
+        fast = max(fast, float(np.max(rate[damped], initial=0.0)))
     if grown < GROWN:
         return []
     return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s "
             f"and grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
-            f"{SEEN / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
+            f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
 
 
 def _instability(law: Any, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any]:
@@ -171,13 +173,13 @@ def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:
 
 
 def doubts_of_steps(run: Controlled) -> list[str]:
-    """Contacts that the steps did not resolve."""
+    """Warnings of contacts and laws that the steps did not resolve."""
     stats, found = run.solution.stats, []
     if stats.missed_dips:
         found.append(f"{stats.missed_dips} contacts may have been stepped over: use error control, or a smaller step")
     for item, count in stats.unresolved.items():
         found.append(f"{count} steps went over what the law of '{item}' does within a part of them: use error control, or steps "
                      f"of at most {stats.resolving_step:.1g} s")  # fmt: skip
-    if 0 < stats.shortest_contact < THIN:
+    if 0 < stats.shortest_contact < FEW_STEPS:
         found.append(f"the shortest contact took {stats.shortest_contact} step(s): impacts are not resolved; use a smaller rtol")
     return found

@@ -1,16 +1,17 @@
-"""What is known of the errors of a run; with verify=True also by another method, and by a finer mesh of the beams."""
+"""The known errors of a run; with verify=True also from a run of another method, and from one on a finer mesh of the beams."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from mbdae.errors import MbdaeError
 from mbdae.formulations import Form, default_form, system_for
-from mbdae.integrators.base import Solver
+from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import NO_RUN_BESIDE, NOT_REPEATED, WORDS, Accuracy
 from mbdae.results.reactions import OtherRun, ReactionError
 from mbdae.run.control import Controlled, measure_of, other_run, run_controlled
@@ -22,8 +23,8 @@ CONTINUED = "not measured: the run continues another, whose mesh and error of th
 
 @dataclass(frozen=True)
 class Verified:
-    """motion: largest difference to the other method; mesh: to a finer mesh; reactions, finer: what is kept of these two runs;
-    unknown: why one of them was not found, by its word; runs: how many they took."""
+    """motion: largest difference from the other method; mesh: from the run on a finer mesh; reactions, finer: states of these two
+    runs, to compare reactions; unknown: why an error is not known, by its word; runs: number of runs made."""
 
     motion: float | None = None
     reactions: tuple[OtherRun, ...] = ()
@@ -33,34 +34,31 @@ class Verified:
     runs: int = 0
 
 
-def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, t_end: float, continued: bool,
-             options: dict[str, Any]) -> Verified:  # fmt: skip
+def verified(prepared: Prepared, form: Form, run: Controlled, accuracy: float, asked: Asked,
+             continued: bool) -> Verified:  # fmt: skip
     """A run against another method at a tenth of the accuracy, and, where it has beams, against a finer mesh."""
-    found = _by_another_method(prepared, run, accuracy, t_end, options)
+    found = _by_another_method(prepared, run, accuracy, asked)
     if not prepared.model.lines:
         return found
     if continued:
         return replace(found, unknown=found.unknown | {"mesh": CONTINUED})
     same = replace(form, waves=True) if run.waves else form  # type: ignore[type-var]
     try:
-        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, **options)
+        mesh, finer = mesh_error(prepared, same, run.solver, run.solution, asked)
         return replace(found, mesh=mesh, finer=(finer,), runs=found.runs + 1)
     except MbdaeError as error:
         return replace(found, unknown=found.unknown | {"mesh": f"not measured: the run on a finer mesh failed: {error}"})
 
 
-def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_end: float, options: dict[str, Any]) -> Verified:
+def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, asked: Asked) -> Verified:
     """Differences to a run of another method at a tenth of the accuracy."""
-    from mbdae.integrators.runge_kutta.radau import RadauIIA
-    from mbdae.integrators.sundials.ida import IDA
-
     radau, form = isinstance(run.solver, RadauIIA), default_form(prepared)
     other: Solver = IDA() if radau else RadauIIA(3)
-    if prepared.model.lines:  # IDA follows fast vibrations of beams for ever
+    if prepared.model.lines:  # IDA would take the steps of the fastest vibrations of beams
         other = RadauIIA(2) if radau and run.solver.label == "RadauIIA(3)" else RadauIIA(3)
         form = replace(form, waves=True)  # type: ignore[type-var]
     system = system_for(prepared, form, other.highest_index)
-    controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), t_end, np.array([t_end]), **options)
+    controlled = run_controlled(system, prepared, other, max(accuracy / 10, 1e-10), asked, np.array([asked.t_end]))
     again = controlled.solution
     times = np.linspace(again.t[0], again.t[-1], 2001)
     motion = float(np.max(measure_of(system, prepared)(times, run.solution(times), again(times))))
@@ -68,7 +66,7 @@ def _by_another_method(prepared: Prepared, run: Controlled, accuracy: float, t_e
 
 
 def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Verified | None) -> Accuracy:
-    """What is known of the errors of a run, and why something is not; found: what it was measured against, if it was."""
+    """The known errors of a run, and why others are not known; found: those from verify=True."""
     estimate = None if math.isnan(run.estimate) else run.estimate
     if estimate is None and found is None:
         return Accuracy(None, None, has_mesh=bool(prepared.model.lines))
@@ -81,5 +79,5 @@ def accuracy_of(prepared: Prepared, accuracy: float, run: Controlled, found: Ver
 
 
 def nothing_known(prepared: Prepared, why: str) -> Accuracy:
-    """Of a run that did not come to its end."""
+    """The accuracy of a run that did not come to its end."""
     return Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=dict.fromkeys(WORDS, f"not estimated: {why}"))

@@ -1,57 +1,20 @@
-"""The motion of a result as a GIF or a player: times of the frames, places followed, sensors below."""
+"""The motion of a result as a GIF or as a page that plays it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.files import replacing, write_file
 from mbdae.notation import axis_label
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Body, Connection, Place
 from mbdae.show.drawing import Picture, axes_for, figure_size, show_gravity
-from mbdae.show.geometry import Geometry
-from mbdae.show.plots import COLOURS, PLACE, checked, dress, numbers, steady, strips, style, track
-from mbdae.show.shapes import geometry
+from mbdae.show.film import SMOOTH, Curve, Film, digits, filmed, frame_times, natural_speed
+from mbdae.show.player import page
+from mbdae.show.plots import PLACE, checked, dress, numbers, steady, style, track
 from mbdae.values import number, option, optional, sequence, text
-
-LARGEST = 600  #: frames
-SMOOTH = 240  #: least frames of a player, which may be slowed down, and least points of a line over time
-COMFORTABLE = (1.0, 60.0, 8.0)  #: s on the screen: least and most for real time, and what else is aimed at
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One panel of the strip chart: a sensor's name with its unit, its component names and values (nt, n)."""
-
-    label: str
-    components: tuple[str, ...]
-    values: Array
-
-
-@dataclass(frozen=True)
-class Trail:
-    """The path (nt, 3), m, of a place."""
-
-    name: str
-    colour: str
-    points: Array
-
-
-@dataclass(frozen=True)
-class Film:
-    """All that moves, at the times of the frames; trails and curves at `fine` points per frame, times (n,) s."""
-
-    seen: Geometry
-    fine: int
-    times: Array
-    trails: tuple[Trail, ...]
-    curves: tuple[Curve, ...]
-    speed: float  #: simulated s per s on the screen
 
 
 def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: float | None, trail: Any) -> None:
@@ -77,37 +40,7 @@ def animate(result: Any, path: Any, sensors: Sequence[str], fps: float, speed: f
     if gif:
         write_gif(film, file, max(delay, duration / rate / max(len(times) - 1, 1)))
     else:
-        from mbdae.show.player import page
-
         write_file(file, page(film))
-
-
-def natural_speed(duration: float) -> float:
-    """1 where the run lasts a comfortable time on the screen, else 1, 2 or 5 times a power of ten."""
-    least, most, aim = COMFORTABLE
-    if duration <= 0 or least <= duration <= most:
-        return 1.0
-    wanted = duration / aim
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(f"{power * max(n for n in (1, 2, 5) if n <= wanted / power * (1 + 1e-9)):.3g}")
-
-
-def frame_times(start: float, duration: float, step: float, least: int = 2) -> Array:
-    """Times (nt,) of the frames, s; more than `LARGEST` are thinned."""
-    n = int(np.clip(np.ceil(duration / step - 1e-9) + 1, least if duration > 0 else 1, LARGEST))
-    return np.asarray(start + np.linspace(0.0, duration, n))
-
-
-def filmed(result: Any, t: Array, sensors: Sequence[str], places: Sequence[Any], speed: float) -> Film:
-    """A result at the times of its frames (nt,), its lines at more."""
-    fine = max(1, -(-SMOOTH // len(t))) if len(t) > 1 else 1
-    times = np.interp(np.arange((len(t) - 1) * fine + 1) / fine, np.arange(len(t)), t)
-    dense = result(times)
-    tracks = [track(dense, place) for place in places]
-    trails = tuple(Trail(name, COLOURS[(i + 1) % len(COLOURS)], points) for i, (name, points) in enumerate(tracks))
-    curves = [Curve(label, tuple(c for c, _ in parts), np.stack([v for _, v in parts], axis=1))
-              for sensor in sensors for label, parts in strips(dense, sensor)]  # fmt: skip
-    return Film(geometry(result(t)), fine, times, trails, tuple(curves), speed)
 
 
 def _listed(trail: Any) -> list[Any]:
@@ -138,7 +71,7 @@ def write_gif(film: Film, file: Path, delay: float) -> None:
 
 
 class _Stage:
-    """A figure with the mechanism, and the strip charts below."""
+    """A figure with the mechanism, and charts of sensors over time below."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -150,8 +83,8 @@ class _Stage:
         figure = Figure(figsize=(width, height + 1.3 * n), layout="constrained" if film.seen.planar else None)
         FigureCanvasAgg(figure)
         sides = {"left": 0.09, "right": 0.97, "top": 0.94, "bottom": 0.1 / (1 + 0.3 * n), "hspace": 0.4}
-        room = {} if film.seen.planar else sides
-        grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **room)
+        margins = {} if film.seen.planar else sides
+        grid = figure.add_gridspec(1 + n, 1, height_ratios=[height, *[0.9] * n], **margins)
         self.figure, self.axes = figure, axes_for(figure, film.seen, grid[0])
         self.title = self.axes.set_title(" ", fontsize="medium", loc="left", family="monospace")
         self.picture = Picture(self.axes, film.seen)
@@ -184,9 +117,3 @@ class _Stage:
             marker.set_xdata([self.t[i]] * 2)
         pace = "" if self.film.speed == 1 else f"   (speed x {self.film.speed:g})"
         self.title.set_text(f"{self.film.seen.name}   t = {self.t[i]:.{digits(self.t)}f} s{pace}")
-
-
-def digits(t: Array) -> int:
-    """Decimals that tell the frames apart."""
-    step = float(t[-1] - t[0]) / 200
-    return int(np.clip(np.ceil(-np.log10(step)), 0, 9)) if step > 0 else 2

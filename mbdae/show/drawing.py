@@ -1,4 +1,4 @@
-"""Mechanisms on paper: the shapes of `geometry` on matplotlib axes, in the plane or in space."""
+"""Drawings of mechanisms: the shapes of a `Geometry` on matplotlib axes, in the plane or in space."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from mbdae.show.plots import dress, written
 from mbdae.show.shapes import geometry
 from mbdae.system.prepare import Prepared
 
-PAD = 0.07  #: free margin over the size of what is drawn
+PAD = 0.07  #: margin over the size of the drawing
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a kind of shape is drawn: line width and marker size in points, layer, dash, filling (0..1), marker and its face."""
+    """How a kind of shape is drawn: line width and marker size in points, layer, dashes, opacity of its area (0..1), marker and
+    its colour ("ink", "own" for that of the shape, or a name)."""
 
     width: float = 1.2
     layer: int = 4
@@ -55,7 +56,7 @@ LOOKS: dict[str, Look] = {
 
 
 class Picture:
-    """A geometry on axes; `show(i)` moves it to its i-th time."""
+    """A geometry drawn on axes; `show(i)` moves it to its i-th time."""
 
     def __init__(self, axes: Any, seen: Geometry) -> None:
         self.axes, self.seen = axes, seen
@@ -110,13 +111,13 @@ class Picture:
         return self.axes.add_patch(patch)
 
     def trail(self, points: Array, colour: str) -> Any:
-        """A line that `lengthen` draws up to a time."""
+        """A function that draws the path up to the i-th of its points."""
         line = self._line(Shape("", "trail", colour, points[None]))
         return lambda i: self._place(line, points[: i + 1])
 
 
 def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
-    """Axes with equal scales in m that hold everything over all times."""
+    """Axes with equal scales, m, large enough for all times."""
     low, high = seen.bounds
     pad = PAD * float(np.max(high - low))
     if seen.planar:
@@ -125,26 +126,23 @@ def axes_for(figure: Any, seen: Geometry, position: Any) -> Any:
         axes.set_aspect("equal", "datalim" if figure.get_layout_engine() is None else "box")
         dress(axes)
         return axes
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.add_subplot(position, projection="3d", computed_zorder=False)
     axes.set_proj_type("ortho")
     half = np.maximum((high - low) / 2 + pad, 0.3 * float(np.max(high - low)))
     for name, c, h in zip("xyz", (low + high) / 2, half, strict=True):
         axes.set(**{f"{name}lim": (c - h, c + h), f"{name}label": f"{name} [m]"})
-        getattr(axes, f"{name}axis").set_major_locator(_few())
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
     axes.set_box_aspect(half, zoom=0.95)
     up = "xyz"[int(np.argmax(np.abs(seen.gravity)))] if np.any(seen.gravity) else "z"
     axes.view_init(elev=22, azim=-55, vertical_axis=up)
     return axes
 
 
-def _few() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)
-
 
 def figure_size(seen: Geometry, width: float = 7.0) -> tuple[float, float]:
-    """Width and height (inch) that suit the extent of what is drawn."""
+    """Width and height (inch) for the extent of a geometry."""
     if not seen.planar:
         return width, 6.0
     low, high = seen.bounds
@@ -160,8 +158,8 @@ def draw(prepared: Prepared, path: Any = None) -> Any:
     seen = geometry(started(prepared))
     figure = Figure(figsize=figure_size(seen), layout="constrained" if seen.planar else None)
     FigureCanvasAgg(figure)
-    room = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
-    axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **room)[0])
+    margins = {} if seen.planar else {"left": 0.02, "right": 0.92, "bottom": 0.04, "top": 0.94}
+    axes = axes_for(figure, seen, figure.add_gridspec(1, 1, **margins)[0])
     Picture(axes, seen)
     axes.set_title(f"{seen.name}, t = {seen.t[0]:g} s", fontsize="medium", loc="left")
     show_gravity(axes, seen)
@@ -193,7 +191,7 @@ def show_gravity(axes: Any, seen: Geometry) -> None:
 
 
 class Namer:
-    """Places names beside what they name, where little else is in the way."""
+    """Writes every name beside its item, where it covers little else."""
 
     WAYS = tuple((np.cos(a), np.sin(a)) for a in np.radians([45, 135, -45, -135, 90, 0, 180, -90]))
     HEIGHT = 8.0  #: of the letters, points
@@ -234,8 +232,8 @@ class Namer:
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
     def _cost(self, box: tuple[float, float, float, float], reach: float) -> float:
-        room = 3 * self.point
-        l, b, r, t = box[0] - room, box[1] - room, box[2] + room, box[3] + room
+        gap = 3 * self.point
+        l, b, r, t = box[0] - gap, box[1] - gap, box[2] + gap, box[3] + gap
         inside = (self.busy[:, 0] > l) & (self.busy[:, 0] < r) & (self.busy[:, 1] > b) & (self.busy[:, 1] < t)
         lapped = sum(max(0.0, min(r, R) - max(l, L)) * max(0.0, min(t, T) - max(b, B)) for L, B, R, T in self.boxes)
         return float(np.count_nonzero(inside) + lapped + 0.1 * reach)

@@ -1,4 +1,4 @@
-"""What a scene looks like over time: shapes fixed to bodies or moving freely, shared by pictures, GIFs and the player."""
+"""The geometry of a scene over time: shapes fixed to bodies or given at every time; what drawings, GIFs and the player show."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ INK = "#222222"
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A polyline or markers of one item. `points` (1, n, 3), m, in axes of the body named, from its centre of mass;
-    where `body` is "" in the inertial frame, (nt, n, 3) or (1, n, 3) if it does not move."""
+    """A polyline or markers of one item. `points` (1, n, 3), m: in axes of the body named, from its centre of mass; where `body`
+    is "", in the inertial frame, (nt, n, 3), or (1, n, 3) if it does not move."""
 
     item: str
-    kind: str  #: key of `looks.LOOKS`
+    kind: str  #: key of `drawing.LOOKS`
     colour: str
     points: Array
     body: str = ""
@@ -38,7 +38,7 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A name; `points` as those of a `Shape`, one of them: (1, 3) or (nt, 3)."""
+    """A name and its point: (1, 3) in axes of the body, else (1, 3) or (nt, 3) in the inertial frame, as for a `Shape`."""
 
     text: str
     points: Array
@@ -95,7 +95,7 @@ def started(prepared: Prepared) -> Result:
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """A run of one time."""
+    """Interpolant and solver of a run with one time."""
 
     y: Array
     label: str = "start"

@@ -1,4 +1,4 @@
-"""A page that plays a motion in any browser: the film as JSON in the page, no network, no library."""
+"""A page that plays a film in any browser; the film is JSON in the page, which needs neither network nor library."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.scene.components import Array
-from mbdae.show.animation import Film, digits
 from mbdae.show.drawing import LOOKS
+from mbdae.show.film import Film, digits
 from mbdae.show.geometry import Geometry, Shape
 from mbdae.show.player_page import PAGE
 from mbdae.show.plots import COLOURS
@@ -24,16 +24,14 @@ def page(film: Film) -> str:
     """The whole page as text."""
     data = json.dumps(film_data(film), separators=(",", ":"), ensure_ascii=True).replace("<", "\\u003c")
     name = html.escape(film.seen.name)
-    options = "".join(_option(s, film.speed) for s in sorted({*SPEEDS, film.speed}))
+    options = "".join(f'<option value="{s:g}"{" selected" if s == film.speed else ""}>&times; {s:g}</option>'
+                      for s in sorted({*SPEEDS, film.speed}))  # fmt: skip
     fields = {"@NAME@": name, "@SPEEDS@": options, "@DATA@": data}
     text = PAGE
     for field, value in fields.items():
         text = text.replace(field, value)
     return text
 
-
-def _option(speed: float, chosen: float) -> str:
-    return f'<option value="{speed:g}"{" selected" if speed == chosen else ""}>&times; {speed:g}</option>'
 
 
 def film_data(film: Film) -> dict[str, Any]:
@@ -67,7 +65,7 @@ def _short(values: Array) -> Any:
 
 
 def _pose(seen: Geometry, name: str, unit: float) -> dict[str, Any]:
-    """Position (nt, 3) and the entries of the rotation (nt, 9); one entry where they never change."""
+    """Position (nt, 3) and the entries of the rotation (nt, 9), or (1, 9) where it never changes."""
     pose = seen.poses[name]
     turn = pose.rotation.reshape(-1, 9)
     still = bool(np.all(np.abs(turn - turn[0]) < GRAIN / 2))

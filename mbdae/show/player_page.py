@@ -1,4 +1,4 @@
-"""The page of the player: fields between @ signs are filled by `player.page`."""
+"""The HTML of the player; `player.page` replaces the fields between @ signs."""
 
 PAGE = r"""<!doctype html>
 <html lang="en">
@@ -58,7 +58,7 @@ const scaled = (a, s) => a.map(x => x * s);
 const unit = a => scaled(a, 1 / (Math.hypot(...a) || 1));
 const mixed = (a, b, s) => a.map((x, i) => x + s * (b[i] - x));
 
-// ---- the film at a time: frame i and the share s of the way to the next
+// ---- interpolation: frame i, and the share s of the time to the next frame
 function frame() {
   let lo = 0, hi = t.length - 1;
   while (hi - lo > 1) { const mid = (lo + hi) >> 1; if (t[mid] <= now) lo = mid; else hi = mid; }
@@ -78,7 +78,7 @@ function pointsOf(shape, poses, f) {
   return shape.body ? local.map(p => carried(poses[shape.body], p)) : local;
 }
 
-// ---- the eye: right and up in the picture, towards the reader
+// ---- the camera: directions to the right and up in the picture, and towards the viewer
 const g = Math.hypot(...film.gravity), up = !film.planar && g ? scaled(film.gravity, -1 / g) : [0, 0, 1];
 function eye() {
   if (film.planar) return {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1]};
@@ -139,7 +139,7 @@ function mark(c, look, colour, p, r) {
   c.stroke();
 }
 
-// ---- what lies behind: grid in m, or box and axes
+// ---- background: grid in m, or box and axes
 function nice(x) { const p = 10 ** Math.floor(Math.log10(x)); return p * [1, 2, 5, 10].find(n => n * p >= x * 0.999); }
 const short = x => String(+x.toPrecision(6));
 function grid(c, width, height, eyeing) {
@@ -222,7 +222,7 @@ function drawView(f) {
   if (el("names").checked) names(c, f, poses, eyeing, [[width - 130, 0, 130, 50]]);
 }
 
-// ---- sensors below
+// ---- sensors over time
 const DASH = [[], [7, 4], [8, 3, 2, 3], [2, 3]];
 function drawStrip(f) {
   if (!film.curves.length) return;
@@ -278,7 +278,7 @@ slide.addEventListener("input", () => { setPlaying(false); now = T0 + span * Num
 for (const id of ["names", "trails"]) el(id).addEventListener("change", show);
 window.addEventListener("resize", show);
 
-// ---- the view in space
+// ---- turning the view of a spatial scene
 function turnBy(a, b) { camera.turn += a; camera.tip = Math.max(-1.55, Math.min(1.55, camera.tip + b)); show(); }
 if (!film.planar) {
   view.classList.add("space"); el("reset").hidden = false;

@@ -1,4 +1,4 @@
-"""Pictures of sensors: readable in grey and by the colour-blind, a unit on every axis."""
+"""Plots of sensors: readable in grey prints and by colour-blind readers, with units on all axes."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ import numpy as np
 from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
+from mbdae.results.result import Result
 from mbdae.results.sensors import placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
-#: Okabe and Ito's colours, ordered by falling contrast; the line style changes with the colour for grey prints
+#: the colours of Okabe and Ito by falling contrast; the line style changes with the colour for grey prints
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 1)))
-#: components of what is read of sections of beams, and the panels they are drawn in: first letter, name, unit
+#: components of strains and stress resultants of beams, and the panels they are drawn in: first letter, name, unit
 SECTION = {"strain": ["Γ1", "Γ2", "Γ3", "K1", "K2", "K3"], "stress_resultants": ["N1", "N2", "N3", "M1", "M2", "M3"]}
 PANELS = {"strain": (("Γ", "strain", "-"), ("K", "curvature", "1/m")),
           "stress_resultants": (("N", "section force", "N"), ("M", "section moment", "N m"))}  # fmt: skip
-WIDTH = 100  #: letters a legend has room for beside each other
+WIDTH = 100  #: letters that fit in one line of a legend
 PLACE = "name a body, a joint, a position sensor or a place such as body.at(point)"
 PICTURES = (".png", ".svg", ".pdf")
 
 
 def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any, list[Any]]:
-    """A figure with `rows` axes under each other, without touching the user's backend."""
+    """A figure with `rows` axes under each other; the user's backend of matplotlib stays as it is."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, 0.6 + height * rows), layout="constrained")
@@ -39,14 +40,14 @@ def new_figure(rows: int, width: float = 7.0, height: float = 2.4) -> tuple[Any,
 
 
 def dress(axis: Any) -> None:
-    """Light grid, no box."""
+    """Give axes a light grid and no box."""
     axis.grid(True, color="0.9")
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
 
 
 def steady(axis: Any) -> None:
-    """Plain ticks where nothing but round-off changes."""
+    """Widen the limits of axes on which only round-off changes, so that their ticks are readable."""
     low, high = axis.dataLim.intervaly
     size = max(abs(low), abs(high))
     if high - low < 1e-9 * size:
@@ -87,7 +88,7 @@ def numbers(result: Any, sensor: str) -> Array:
 
 def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
     """(component, values (nt,)) of a sensor: "x", "y", "z" of vectors, "" of scalars, "N1" to "M3" of sections of beams; of a
-    planar model those in its plane."""
+    planar model only those in its plane."""
     values, quantity = numbers(result, sensor), split(sensor)[1]
     pair = ["x", "y"] if quantity == "orbit" else ["near end", "far end"]
     names = SECTION.get(quantity) or {1: [""], 2: pair, 3: list("xyz"), 9: [a + b for a in "xyz" for b in "xyz"]}[values.shape[1]]
@@ -102,14 +103,14 @@ def components(result: Any, sensor: str) -> list[tuple[str, Array]]:
 
 
 def strips(result: Any, sensor: str) -> list[tuple[str, list[tuple[str, Array]]]]:
-    """Label with unit and components of every panel a sensor is drawn in."""
+    """Label with unit, and components, of every panel in which a sensor is drawn."""
     parts, known = components(result, sensor), PANELS.get(split(sensor)[1], ())
     split_up = [(f"{sensor} [{unit}]", [p for p in parts if p[0].startswith(letter)]) for letter, _, unit in known]
     return split_up or [(label_of(result, sensor), parts)]
 
 
 def quantity_of(result: Any, sensor: str) -> str:
-    """Key of the table of symbols: what a sensor measures and in which unit."""
+    """What a sensor measures, as the key of its unit in `notation`."""
     name, quantity = split(sensor)
     law = getattr(placed(result.prepared.model.scene, name)[0], "joint", None)
     return "speed" if quantity == "rate" and getattr(law, "coordinate_unit", "") == "m" else quantity
@@ -147,22 +148,20 @@ def track(result: Any, place: Any) -> tuple[str, Array]:
 
 
 def compared(result: Any, against: Any, labels: Sequence[str] | None) -> list[tuple[str, Any]]:
-    """(label, result) of a result and those it is compared with; labels are made where none are given."""
-    from mbdae.results.result import Result
-
+    """(label, result) of a result and those it is compared with; without labels, by scene or solver."""
     given = [] if against is None else against if isinstance(against, list | tuple) else [against]
     others = option("against", given, sequence, "give a Result, or a list of them", each=of_class, base=Result)
     results = [result, *others]
     if labels is None:
-        return list(zip(_told_apart(results) if others else [""], results, strict=True))
+        return list(zip(_different_names(results) if others else [""], results, strict=True))
     remedy = f"give {len(results)} texts, one for each result, this one first"
-    told = option("labels", labels, sequence, remedy, each=text)
-    if len(told) != len(results):
-        raise OptionError(f"labels = {shown(labels)} has {len(told)} entries for {len(results)} results: {remedy}")
-    return list(zip(told, results, strict=True))
+    texts = option("labels", labels, sequence, remedy, each=text)
+    if len(texts) != len(results):
+        raise OptionError(f"labels = {shown(labels)} has {len(texts)} entries for {len(results)} results: {remedy}")
+    return list(zip(texts, results, strict=True))
 
 
-def _told_apart(results: list[Any]) -> list[str]:
+def _different_names(results: list[Any]) -> list[str]:
     solvers = [f"{r.info.solver.label} {r.info.form}" for r in results]
     for names in ([r.prepared.model.scene.name for r in results], solvers):
         if len(set(names)) == len(names):
@@ -173,8 +172,9 @@ def _told_apart(results: list[Any]) -> list[str]:
 # ---- pictures ----------------------------------------------------------------------------------------------------------
 
 
-def plot_results(results: Sequence[tuple[str, Any]], sensors: Sequence[str], path: Any = None) -> Any:
-    """One panel per quantity; sensors of the same quantity share it, vectors show their components."""
+def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.plot`: one panel per quantity; sensors of the same quantity share it, vectors show their components."""
+    results = compared(result, against, labels)
     place = checked(path) if path is not None else None
     if not sensors:
         raise OptionError("plot: name at least one sensor, e.g. r.plot('C.angle')")
@@ -214,8 +214,9 @@ def _legend(axis: Any) -> None:
         axis.set_title(axis.lines[0].get_label(), fontsize="medium", loc="left")
 
 
-def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = None) -> Any:
-    """One sensor against another; components of vectors in pairs."""
+def plot_phase(result: Result, x: str, y: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.phase`: one sensor against another; components of vectors in pairs."""
+    results = compared(result, against, labels)
     place = checked(path, what="phase") if path is not None else None
     figure, (axis,) = new_figure(1, 6.0, 4.2)
     for label, result in results:
@@ -231,8 +232,9 @@ def plot_phase(results: Sequence[tuple[str, Any]], x: str, y: str, path: Any = N
     return written(figure, place, "phase")
 
 
-def plot_orbit(results: Sequence[tuple[str, Any]], place: Any, axes: str, path: Any = None) -> Any:
-    """Path of a place seen along the third axis, equal scales, m."""
+def plot_orbit(result: Result, place: Any, axes: str, against: Any, labels: Sequence[str] | None, path: Any) -> Any:
+    """`Result.orbit`: path of a place seen along the third axis, equal scales, m."""
+    results = compared(result, against, labels)
     if not (isinstance(axes, str) and len(axes) == 2 and axes[0] != axes[1] and set(axes) <= set("xyz")):
         raise OptionError(f"axes = {shown(axes)} is not a plane: give two of x, y and z, such as 'xy'")
     file = checked(path, what="orbit") if path is not None else None

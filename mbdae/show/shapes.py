@@ -1,8 +1,8 @@
-"""The shapes of a result.
+"""The geometry of a result: shapes of bodies, joints and forces.
 
-A body is drawn by its outline; without one by the points where something is attached, joined with its centre of mass,
-and in space by the ellipsoid of its mass and inertia. Rigid bodies move by their position and rotation alone, beams by
-the fields of their elements; what is attached to a beam moves with the section there.
+A body is drawn by its outline; without one by lines from its centre of mass to the points where something is attached, and in
+space by the ellipsoid of its mass and inertia. Rigid bodies move by position and rotation, beams by the interpolation of their
+elements; what is attached to a beam moves with the section there.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ from mbdae.show.plots import COLOURS
 from mbdae.system.model.beams import Line
 
 MARK = 0.03  #: size of symbols over the size of the scene
-ARROWS = 9  #: a distributed load is drawn by
-SMOOTH = 32  #: least chords a beam is drawn by
+ARROWS = 9  #: number of arrows of a distributed load
+SMOOTH = 32  #: least number of chords of a beam
 MARKERS = {"revolute": "pin", "spherical": "ball", "weld": "weld", "fixedorientation": "lock", "distance": "dot",
            "bushing": "dot"}  # fmt: skip
+#: kinds without a marker at their point
 UNMARKED = ("prismatic", "force", "torque", "spring", "pointspring")
 
 
 def geometry(result: Result) -> Geometry:
-    """Everything a result looks like at its times."""
+    """Shapes and names of a result at its times."""
     return _Builder(result).build()
 
 
 class _Collected:
-    """Shapes and names of one result, and the points they are made of."""
+    """What is collected of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
 
     def __init__(self, result: Result) -> None:
         self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
@@ -52,10 +53,10 @@ class _Collected:
         self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
         self.shapes: list[Shape] = []
         self.labels: list[Label] = []
-        self._founded: list[Array] = []
+        self._grounded: list[Array] = []
 
     def _attached(self, body: Body) -> Array:
-        """Points (n, 3) of a body in its own axes to which something is attached, each once."""
+        """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
         points: list[Array] = []
         for item in self.scene.connections if body not in self.lines else []:
             for side in (item.k, item.l):
@@ -65,7 +66,7 @@ class _Collected:
         return np.array(points).reshape(-1, 3)
 
     def _size(self) -> float:
-        """Largest extent (m) of all bodies, their attachments, and what stands on the ground."""
+        """Largest extent (m) of all bodies, their attachments, and the points of joints on the ground."""
         parts = [moved(self.poses[b.name], np.vstack([self._local(b, b.outline), self.attached[b.name]]))
                  for b in self.scene.bodies if b not in self.lines]  # fmt: skip
         parts += list(self.lines.values())
@@ -85,8 +86,8 @@ class _Collected:
             return np.broadcast_to(point, (len(self.result.t), 3))
         return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
 
-    def _held(self, item: Connection) -> Connection:
-        """The item between what moves with its ends: on a beam the section nearest to the place as drawn."""
+    def _on_sections(self, item: Connection) -> Connection:
+        """The item with a body in place of every beam: one that moves with the section nearest to the item's point as drawn."""
         sides = {"k": item.k, "l": item.l}
         for (side, body), at in zip(sides.items(), ends(item), strict=True):
             if body in self.lines:
@@ -111,7 +112,7 @@ class _Collected:
         self.labels.append(Label(text, self._local(body, [point]) if on else point.reshape(-1, 3), on, of_body))
 
     def _gather(self) -> None:
-        """One name per point: joints that share a pin share a line of text."""
+        """Join the names at one point to one text, such as those of joints that share a pin."""
         groups: dict[tuple[Any, ...], list[Label]] = {}
         for label in self.labels:
             where = tuple(np.round(self.place_of(label) / (0.5 * self.mark)).astype(int))
@@ -121,7 +122,7 @@ class _Collected:
         self.labels = list(chain.from_iterable(merged))
 
     def place_of(self, label: Label) -> Array:
-        """Where a name belongs at the first time (3,), m."""
+        """Point (3,), m, of a name at the first time."""
         return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
 
 
@@ -132,7 +133,7 @@ class _Builder(_Collected):
         for i, body in enumerate(self.scene.bodies):
             self._body(body, COLOURS[i % (len(COLOURS) - 1)])
         for item in self.scene.connections:
-            self._connection(self._held(item))
+            self._connection(self._on_sections(item))
         for load in self.scene.line_loads:
             self._distributed(load)
         self._gather()
@@ -162,7 +163,7 @@ class _Builder(_Collected):
         return None
 
     def _extent(self, body: Body, framed: bool) -> list[tuple[str, Array]]:
-        """The body's ellipsoid; a disc in the plane, where nothing else shows its extent; a box where it is tiny."""
+        """The body's ellipsoid; in the plane a disc, unless it is drawn as a plate or bars (framed); a box where it is tiny."""
         axes = half_axes(body, self.planar)
         if self.planar and framed:
             return []
@@ -190,19 +191,19 @@ class _Builder(_Collected):
                 "distance": self._distance, "bushing": self._bushing, "force": self._load, "torque": self._load}  # fmt: skip
         draw.get(item.kind, self._other)(item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing", "fixedorientation", "prismatic"):
-            self._found(item.name, at)
+            self._ground(item.name, at)
         if item.l.is_ground:
-            self._found(item.name, at_l)
+            self._ground(item.name, at_l)
         if np.linalg.norm(at_l - at) > self.mark:
             middle = (self._over_time(item.k, at) + self._over_time(item.l, at_l)) / 2
             return self._name(item.name, self.scene.ground, middle)
         return self._name(item.name, item.l, at_l)
 
-    def _found(self, item: str, point: Array, down: Array | None = None) -> None:
-        """Ground under a point, once."""
-        if any(np.linalg.norm(point - p) < self.mark for p in self._founded):
+    def _ground(self, item: str, point: Array, down: Array | None = None) -> None:
+        """Draw the symbol of the ground under a point, unless there is one."""
+        if any(np.linalg.norm(point - p) < self.mark for p in self._grounded):
             return
-        self._founded.append(point)
+        self._grounded.append(point)
         direction = self.down if down is None else down
         self._add(item, "ground", symbols.hatching(point, direction, 1.5 * self.mark, down is None))
 
@@ -231,7 +232,7 @@ class _Builder(_Collected):
         if spring:
             self._spring_between(item, anchor, law.at)
         if item.k.is_ground:
-            self._found(item.name, anchor, -law.axis if spring else self._aside(law.axis))
+            self._ground(item.name, anchor, -law.axis if spring else self._aside(law.axis))
 
     def _aside(self, axis: Array) -> Array:
         side = symbols.across(axis)
@@ -264,7 +265,7 @@ class _Builder(_Collected):
             anchor = law.at + 6 * self.mark * axis
             self._spring_between(item, anchor, law.at)
             if item.k.is_ground:
-                self._found(item.name, anchor, axis)
+                self._ground(item.name, anchor, axis)
 
     def _other(self, item: Connection, law: Any) -> None:
         if item.is_joint and not self.planar and item.kind not in MARKERS:
@@ -281,7 +282,6 @@ class _Builder(_Collected):
             else:
                 lines.append(symbols.turning_arrow(p, reach if np.any(reach) else symbols.Z, 2.6 * self.mark * s**0.5))
         self._add(item.name, "arrow", np.array(lines))
-
 
     def _distributed(self, load: BeamLoad) -> None:
         """A row of arrows along the beam, as long as the load is large, joined at their tails."""
@@ -310,7 +310,7 @@ def ends(item: Connection) -> tuple[Array, Array]:
 
 
 def _pieces(line: Line) -> int:
-    """Chords per element a beam is drawn by."""
+    """Number of chords per element with which a beam is drawn."""
     return 1 if line.mesh.order == 1 else max(2, -(-SMOOTH // len(line.mesh.elements)))
 
 

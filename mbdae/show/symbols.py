@@ -1,4 +1,4 @@
-"""Lines that drawings of mechanisms are made of: springs, arrows, hatching; arrays of points (n, 3), m."""
+"""Symbols in drawings of mechanisms, such as springs, arrows and hatching, as polylines: arrays of points (n, 3), m."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Z = np.array([0.0, 0.0, 1.0])
 
 
 def unit(v: Array) -> Array:
-    """v (3,) over its length; zero stays zero."""
+    """v (3,) over its length; zero where v is zero."""
     length = float(np.linalg.norm(v))
     return v / length if length else v
 
@@ -33,7 +33,7 @@ def zigzag(a: Array, b: Array, width: float, turns: int = 6) -> Array:
 
 
 def arrow(tail: Array, tip: Array, head: float) -> Array:
-    """An arrow (5, 3) in one stroke."""
+    """An arrow (5, 3) as one polyline."""
     d = unit(tip - tail)
     side = across(d)
     head = min(head, float(np.linalg.norm(tip - tail)))
@@ -72,7 +72,7 @@ def spiral(center: Array, axis: Array, radius: float) -> Array:
 
 
 def hatching(point: Array, down: Array, size: float, foot: bool = True) -> Array:
-    """The ground under a point (n, 3) in one stroke: a triangle with its top in the point, a base line, short strokes."""
+    """The ground under a point (n, 3) as one polyline: a triangle with its top in the point, a base line, short strokes."""
     down = unit(down)
     side = across(down)
     base = point + (size if foot else 0.0) * down
@@ -85,7 +85,7 @@ def hatching(point: Array, down: Array, size: float, foot: bool = True) -> Array
 
 
 def slider(center: Array, axis: Array, length: float, height: float, flat: bool) -> Array:
-    """A box about a point, long along an axis: closed rectangle (5, 3), or twelve edges in one stroke (16, 3)."""
+    """A box about a point, long along an axis, as one polyline: a rectangle (5, 3) where flat, else its twelve edges (16, 3)."""
     e1, e2 = plane_of(unit(axis))
     a, b, c = length / 2 * unit(axis), height / 2 * (e1 if abs(e1[2]) < 0.9 else e2), height / 2 * np.cross(unit(axis), e1)
     ring = np.array([a + b, a - b, -a - b, -a + b, a + b])

@@ -40,13 +40,13 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
-    "Solver.dense": "interface", "Solver.integrate": "interface",
-    "Solver.check": "interface", "Solver.factor": "interface",
+    "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
+    "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
-    "_Alpha.doubts": "interface", "Result.coordinate": "between modules", "Result.coordinate_at": "between modules",
-    "Result.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
+    "_Alpha.doubts": "interface", "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
+    "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip
 
@@ -200,8 +200,6 @@ CALLS: dict[str, Call] = {
     "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None}),
     "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
     "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
-    "_Alpha.solve": Call(lambda: mb.HHT().solve, lambda: {k: SOLVE[k] for k in ("system", "t_end", "outputs")},
-                         "mbdae.integrators.alpha.generalized_alpha.halved"),
     "_Alpha.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "DAE": Call(lambda: mb.DAE, lambda: {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
@@ -238,15 +236,15 @@ CALLS: dict[str, Call] = {
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
     "Result.__getitem__": Call(lambda: result().__getitem__, lambda: {"name": "hinge"}),
     "Result.read": Call(lambda: result().read, lambda: {"path": "hinge.angle"}),
-    "Result.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
-    "Result.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
+    "RunStates.states": Call(lambda: result().states, lambda: {"t": [0.1]}),
+    "RunStates.stresses": Call(lambda: result().stresses, lambda: {"t": [0.1]}),
     "Result.state_for": Call(lambda: result().state_for, lambda: {"scene": scene(), "t": 0.1}),
     "Result.plot": Call(lambda: result().plot, lambda: {"sensors": "hinge.angle", **PICTURE}, "mbdae.show.plots.new_figure"),
     "Result.phase": Call(lambda: result().phase, lambda: {"x": "hinge.angle", "y": "hinge.rate", **PICTURE}),
     "Result.orbit": Call(lambda: result().orbit, lambda: {"place": "rod", "axes": "xy", **PICTURE}),
     "Result.animate": Call(lambda: result().animate, lambda: {
         "path": folder() / "a.html", "sensors": (), "fps": 30.0, "speed": None, "trail": None}, "mbdae.show.animation.filmed"),
-    "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.storage.save"),
+    "Result.save": Call(lambda: result().save, lambda: {"path": folder() / "a.npz"}, "mbdae.results.archive.write"),
     "Equilibrium.__call__": Call(lambda: hanging().__call__, lambda: {"t": 0.1}),
     "Equilibrium.states": Call(lambda: hanging().states, lambda: {"t": [0.1]}),
     "Equilibrium.save": Call(lambda: hanging().save, lambda: {"path": "a.npz"}),
@@ -301,11 +299,11 @@ NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
 SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
      "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
-     "Solver.solve.h0 Solver.solve.max_residuals _Alpha.solve.t_end DAE.scale Scene.floquet.period Scene.simulate.t_end "
+     "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
      "ComparisonData.cheapest.accuracy"),
-    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t Result.states.t "
-                         "Result.stresses.t Result.state_for.t"),
+    ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
+                         "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
     ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy _Alpha.at_accuracy.accuracy GeneralizedAlpha.accuracy "
                  "HHT.accuracy Result.animate.fps"),

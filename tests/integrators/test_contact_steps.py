@@ -19,6 +19,7 @@ from contact_problems import (
 from dae_problems import pendulum, pendulum_exact
 
 import mbdae as mb
+from mbdae.integrators.base import Asked
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched import contact_steps
 from mbdae.integrators.watched.contact_steps import ContactSteps, Cubic
@@ -95,7 +96,7 @@ def test_slow_impact_below_the_tolerance_still_bounces(name):
 @pytest.mark.parametrize("solver", [mb.IDA(), mb.RadauIIA(3)], ids=lambda s: s.label)
 def test_accuracy_is_controlled(solver):
     """Position and velocity relative to 1 m and 1 m/s, a tenth of a second after an impact."""
-    found = run_controlled(ball(1.0, 0.1, damping=0.3), None, solver, 1e-5, 0.2, np.linspace(0, 0.2, 21))
+    found = run_controlled(ball(1.0, 0.1, damping=0.3), None, solver, 1e-5, Asked(0.2), np.linspace(0, 0.2, 21))
     error = abs(found.solution.y[-1, 1] - exit_speed(1.0, 0.3))
     print(f"{solver.label}: error {error:.1e}, estimated {found.estimate:.1e}")
     assert found.estimate <= 1e-5

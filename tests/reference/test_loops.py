@@ -19,7 +19,8 @@ from threadpoolctl import threadpool_limits
 
 import mbdae as mb
 from mbdae.formulations import GGL, Index1, system_for
-from mbdae.results.reactions import States, wrenches
+from mbdae.results.reactions import wrenches
+from mbdae.results.states import States
 from mbdae.system.prepare import prepare
 
 AGREE = 1e-9  #: of the largest acceleration, or force; what is measured is near 1e-13

@@ -54,7 +54,7 @@ def test_all_runs_are_counted(case: str, monkeypatch: Any) -> None:
     inside: list[None] = []  # a method may call the general one
 
     def counted(method: Any) -> Any:
-        def solve(*args: Any, **given: Any) -> Any:
+        def run(*args: Any, **given: Any) -> Any:
             inside.append(None)
             solution = None
             try:
@@ -68,10 +68,10 @@ def test_all_runs_are_counted(case: str, monkeypatch: Any) -> None:
                     spent.append(solution.stats.cpu_s if solution is not None else 0.0)
             return solution
 
-        return solve
+        return run
 
-    for cls in (Solver, next(cls for cls in mb.HHT.__mro__ if "solve" in vars(cls))):
-        monkeypatch.setattr(cls, "solve", counted(vars(cls)["solve"]))
+    for cls in (Solver, next(cls for cls in mb.HHT.__mro__ if "run" in vars(cls))):
+        monkeypatch.setattr(cls, "run", counted(vars(cls)["run"]))
     info = scene().simulate(**options).info
     assert len(spent) >= 3
     assert info.runs == len(spent)

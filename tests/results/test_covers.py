@@ -15,8 +15,10 @@ from beam_scenes import bend45, cantilever, slider_crank, steel_pendulum, thin
 from contact_scenes import ball
 
 import mbdae as mb
+from mbdae.integrators.base import Asked
 from mbdae.results.accuracy import Accuracy
-from mbdae.results.reactions import OtherRun, ReactionError, states_of, wrenches
+from mbdae.results.reactions import OtherRun, ReactionError, wrenches
+from mbdae.results.states import states_of
 from mbdae.run import verification
 from mbdae.run.control import Controlled
 from mbdae.run.mesh import distance_of_meshes, mesh_error, with_finer_beams
@@ -198,7 +200,7 @@ def test_the_error_of_a_mesh_is_known_within_a_half(elements, order):
     r = dropped(elements, order).simulate(0.1, solver=solver)
     error = true_mesh_error(r, 0.1)
     assert error > 1e-5
-    assert mesh_error(r.prepared, mb.GGL(), solver, r.solution)[0] == pytest.approx(error, rel=0.5)
+    assert mesh_error(r.prepared, mb.GGL(), solver, r.solution, Asked(0.1))[0] == pytest.approx(error, rel=0.5)
 
 
 def test_a_verified_run_measures_the_mesh_and_warns():
@@ -218,7 +220,7 @@ def test_the_mesh_of_a_run_with_all_vibrations_is_compared_with_all_vibrations(m
     solver = mb.RadauIIA(3, rtol=1e-5)
     r = slider_crank(2, 4).simulate(0.005, solver=solver, form=mb.GGL(waves=True))
     run = Controlled(r.solution, solver, 1e-5, 2, 0.0, waves=True)
-    found = verification.verified(r.prepared, mb.GGL(), run, 1e-4, 0.005, False, {})
+    found = verification.verified(r.prepared, mb.GGL(), run, 1e-4, Asked(0.005), False)
     assert found.mesh < 2e-5
 
 
@@ -235,7 +237,7 @@ def test_reactions_of_a_verified_run_contain_what_the_mesh_makes_of_them():
     r, fine = (clamped(n, p).simulate(0.05, solver=solver) for n, p in ((2, 1), (6, 4)))
     exact = OtherRun(states_of(fine.prepared, fine.solution, np.linspace(0, 0.05, 201)), 1.0, fine.prepared)
     error = ReactionError(r.prepared, r.solution, (exact,))()
-    _, finer = mesh_error(r.prepared, mb.GGL(), solver, r.solution)
+    _, finer = mesh_error(r.prepared, mb.GGL(), solver, r.solution, Asked(0.05))
     assert error > 0.01
     assert ReactionError(r.prepared, r.solution, (finer,))() == pytest.approx(error, rel=0.5)
 
@@ -258,16 +260,19 @@ def test_a_finer_mesh_that_does_not_run_is_told(monkeypatch):
     monkeypatch.setattr(verification, "_by_another_method", lambda *_: verification.Verified(1e-5))
     r = dropped(1, 1).simulate(0.01, 1e-3)
     run = Controlled(r.solution, r.info.solver, 1e-5, 2, 0.0)
-    kept = r.prepared, mb.GGL(), run, 1e-3, 0.01, False
-    found = verification.verified(*kept, {"max_residuals": 3})
+
+    def again(**options: Any) -> verification.Verified:
+        return verification.verified(r.prepared, mb.GGL(), run, 1e-3, Asked(0.01, **options), False)
+
+    found = again(max_residuals=3)
     known = verification.accuracy_of(r.prepared, 1e-3, run, found)
     assert known.mesh is None
     assert "mesh" not in known.covers
     assert "failed: " in known.not_covered["mesh"]
     with pytest.raises(KeyboardInterrupt):
-        verification.verified(*kept, {"progress": stop})
+        again(progress=stop)
     r.prepared.model.scene.problem = threading.Lock()
-    assert "cannot be copied" in verification.verified(*kept, {}).unknown["mesh"]
+    assert "cannot be copied" in again().unknown["mesh"]
 
 
 def test_states_at_rest_do_not_claim_their_mesh():

@@ -10,7 +10,7 @@ import sympy as sp
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.run.defect import POINTS, Defect, Suspect, integrals
-from mbdae.run.hiding import can_hide
+from mbdae.run.short_events import may_have_short_events
 from mbdae.system.prepare import prepare
 
 pytestmark = pytest.mark.filterwarnings("ignore::mbdae.errors.AccuracyWarning")
@@ -155,10 +155,10 @@ def test_scenes_in_which_nothing_can_hide_pay_three_per_cent():
         s.revolute(f"J{i}", previous, link, at=(i, 0), spring=3.0, damper=0.1, angle=3 * mb.t if i == 0 else None)
         previous = link
     defect, run = looked_at(s, 2.0)
-    assert not can_hide(defect.prepared, defect.system)
+    assert not may_have_short_events(defect.prepared, defect.system)
     assert 0 < defect.evaluations <= 0.03 * run.stats.residuals
     defect, run = looked_at(pushed(sp.sin(mb.t)), 5.0)
-    assert can_hide(defect.prepared, defect.system)
+    assert may_have_short_events(defect.prepared, defect.system)
     assert defect.evaluations >= POINTS * run.stats.steps
 
 
@@ -188,8 +188,8 @@ def test_its_cost_is_counted(monkeypatch):
     import mbdae.run.job as job
 
     spent = []
-    real = job.unseen
-    monkeypatch.setattr(job, "unseen", lambda *given: spent.append(real(*given)) or spent[-1])
+    real = job.rechecked
+    monkeypatch.setattr(job, "rechecked", lambda *given: spent.append(real(*given)) or spent[-1])
     r = pushed(box(6.8, 1.0)).simulate(20.0)
     (missed,) = spent
     assert missed.cpu_s > 0

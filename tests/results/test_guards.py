@@ -11,7 +11,7 @@ import pytest
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.sundials.ida import IDA
-from mbdae.run.norms import unequal_norms
+from mbdae.run.quaternion_lengths import unequal_lengths
 from mbdae.system.prepare import prepare
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "validation"))
@@ -116,7 +116,7 @@ def test_quaternions_of_unequal_length_are_told():
     section = mb.Section(1e4, 1e4, 1e4, 10.0, 10.0, 10.0, 1.0, 1e-2)
     s.weld("clamp", s.ground, s.beam("rod", (0, 0, 0), (1, 0, 0), section=section, elements=2).at(0.0))
     r = s.simulate(0.02, 1e-3)
-    assert unequal_norms(r) == []
+    assert unequal_lengths(r) == []
     node = r.prepared.model.lines[0].nodes[2]
     seen = r.states
     def stretched(t):
@@ -125,7 +125,7 @@ def test_quaternions_of_unequal_length_are_told():
         q[:, node.q + 3 : node.q + 7] *= 1.01
         return q, u, z
     r.states = stretched
-    (note,) = unequal_norms(r)
+    (note,) = unequal_lengths(r)
     assert "beam 'rod': quaternions within one element differ in length by 1.0e-02" in note
 
 

@@ -162,9 +162,9 @@ def test_states_are_scaled_by_their_law() -> None:
 def test_bristles_under_the_joints_own_reaction() -> None:
     """LuGre slides at mu_k, once the bristles are bent: the block loses mu_k g, and friction is a state of the joint."""
     s = block(mb.LuGre(0.3, 0.4, 1e-3, 1e5, 100.0))
-    assert s.check().friction == {"slide": "LuGre, pressed by its reaction, state z"}
+    assert s.check().friction == {"slide": "LuGre, normal force the joint's reaction, state z"}
     assert s.check().unknowns["states"] == 1
-    assert "friction: slide (LuGre, pressed by its reaction, state z)" in str(s.check())
+    assert "friction: slide (LuGre, normal force the joint's reaction, state z)" in str(s.check())
     r = s.simulate(0.5, solver=mb.RadauIIA(3, rtol=1e-8), outputs=3)
     assert r["slide"].rate[-1] == pytest.approx(3 - 0.3 * G * 0.5, rel=1e-6)
 

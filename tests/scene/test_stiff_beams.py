@@ -10,8 +10,8 @@ from beam_scenes import slider_crank, steel_pendulum
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
-from mbdae.run.control import motion_distance
 from mbdae.system.assembled.vibrations import fastest_vibration
+from mbdae.system.distance import motion_distance
 from mbdae.system.prepare import prepare
 
 

@@ -13,7 +13,7 @@ from runs import SOLVERS
 
 import mbdae as mb
 from mbdae.formulations import system_for
-from mbdae.run.control import distance
+from mbdae.system.distance import distance
 from mbdae.system.prepare import prepare
 
 claim = Claim("asked_accuracy", "on random scenes of 1 to 20 bodies no run is more than three times off what was asked without a "

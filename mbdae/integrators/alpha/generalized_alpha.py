@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -72,15 +71,13 @@ class _Alpha(Solver):
         option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
         return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
 
-    def solve(self, system: System, t_end: float, outputs: int | Sequence[float] | Array | None = None,
-              **options: Any) -> Solution:  # fmt: skip
+    def run(self, system: System, asked: Asked) -> Solution:
         """Integrate with the given step, or with steps halved until the error of all unknowns but multipliers, over their scale,
         is below `accuracy` (1e-6 where none is given)."""
         if self.fixed:
-            return super().solve(system, t_end, outputs, **options)
-        end = Asked.of(system, t_end, outputs, **options).t_end
+            return super().run(system, asked)
         goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
-        return halved(self, system, end, goal, scaled_difference(system), outputs=outputs, **options).solution
+        return halved(self, system, asked, goal, scaled_difference(system)).solution
 
     def check(self, system: System) -> None:
         """Refuse what is no equation of motion with multipliers as algebraic unknowns."""

@@ -1,4 +1,4 @@
-"""Whether anything in a scene may act for a time, or over a distance, that is short against a step."""
+"""Whether something in a scene may act for a time, or over a distance, that is short against a step: a short event."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared
 
 STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows of joints, rates of internal states
-OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions that laws have by nature (the last are parentheses)
+OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions of rotations, in nearly every law (the last are parentheses)
 
 
-def can_hide(prepared: Prepared, system: SceneSystem) -> bool:
-    """Whether a run has inputs of time that were not resolved before (but uniform and uniformly accelerated ones), or laws with
-    functions that switch or are steep somewhere; not contacts, which solvers watch."""
+def may_have_short_events(prepared: Prepared, system: SceneSystem) -> bool:
+    """Whether a scene has inputs of time that do not bound the steps (constant, uniform and uniformly accelerated ones aside), or
+    laws with functions that switch or are steep somewhere; contacts aside, whose gaps solvers watch."""
     return _inputs(prepared, system) or _laws(prepared)
 
 
 def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
     if system.timeline is not None:
-        return False  # steps are bounded by what varies and end at every break
+        return False  # steps are bounded by the width of every input and end at every break
     inputs = prepared.mechanics.numbering.clock.expressions
     return any(se.diff(se.diff(se.diff(se.sympify(e), TIME), TIME), TIME) != 0 for e in inputs)
 
@@ -58,8 +58,8 @@ def _subexpressions(expressions: Sequence[Any]) -> Iterator[Any]:
 
 
 def _steep(e: Any) -> bool:
-    """Whether a subexpression is another function than a sine of rotations, or another power than those of distances: a symbol
-    in the exponent (symengine's exp is a power of e), or 1 / (1 + ...)."""
+    """Whether a subexpression may be steep: a function other than sine and cosine, a power with a symbol in the exponent
+    (symengine's exp is a power of e), or 1 / (1 + ...); powers of distances are not."""
     if isinstance(e, se.Function):
         return type(e).__name__ not in OF_ROTATIONS
     if not isinstance(e, se.Pow):

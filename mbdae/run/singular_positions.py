@@ -1,7 +1,8 @@
-"""Positions in which the joints of a closed loop lose their rank: two motions meet there, and a run may leave on the other.
+"""Positions in which the constraint rows of a closed loop lose rank: two branches of the motion meet there, and a run may change
+from one to the other.
 
-Between branches that come as near as s (in the smallest singular value of the constraint rows) lies a violation of about s^2:
-an error of that size is enough to change over, and companion runs may do so together.
+Where the smallest singular value of the rows is s, a violation of about s^2 lies between the branches: an error of that size is
+enough to change over, and a companion run may change over too, so that their difference does not show it.
 """
 
 from __future__ import annotations
@@ -11,16 +12,16 @@ import numpy as np
 from mbdae.results.result import Result
 from mbdae.scene.topology import spanning_tree
 from mbdae.system.base import Array
-from mbdae.system.rank.rows import smallest, unit_rows
 
-SAMPLES, CHOSEN, REFINED = 200, 5, 40  #: positions looked at, minima among them that are followed, and in how many positions
-NEAR = 0.3  #: smallest singular value, over its median, below which a minimum is followed
-BLIND = 1e-6  #: violation that a run with a constant step is taken to be unable to resolve
+SAMPLES = 200  #: positions evaluated along the run
+CHOSEN, REFINED = 5, 40  #: minima among them that are refined, and evaluations for each
+NEAR = 0.3  #: smallest singular value over its median below which a minimum is refined
+UNCONTROLLED = 1e-6  #: violation below which branches are not told apart by a run without a tolerance
 GOLDEN = (5**0.5 - 1) / 2
 
 
-def passages(result: Result, asked: float | None) -> list[str]:
-    """What is to be said of a run through singular positions; nothing of trees, whose joints never lose their rank."""
+def singular_passages(result: Result, asked: float | None) -> list[str]:
+    """A warning where a run passes a singular position; none for trees, whose joints never lose rank."""
     prepared = result.prepared
     scene = prepared.model.scene
     loops = [joint for joint in spanning_tree(scene).closing if not joint.loose]
@@ -29,7 +30,7 @@ def passages(result: Result, asked: float | None) -> list[str]:
     t = result.solution.t
     times = np.interp(np.linspace(0, len(t) - 1, min(SAMPLES, 4 * len(t))), np.arange(len(t)), t)
     value, when = _smallest(result, times)
-    resolved = max(asked or 0.0, result.info.solver.rtol or 0.0) or BLIND
+    resolved = max(asked or 0.0, result.info.solver.rtol or 0.0) or UNCONTROLLED
     if value**2 > resolved:
         return []
     return [f"passes a singular position of the loop closed by '{loops[0].name}' at t = {when:.6g} s (smallest singular value "
@@ -39,32 +40,27 @@ def passages(result: Result, asked: float | None) -> list[str]:
 
 def _smallest(result: Result, times: Array) -> tuple[float, float]:
     """The smallest singular value of the rows between the first and the last time, and when."""
-    seen = _singular_values(result, times)
+    seen = result(times).smallest_singular_value
     best = int(np.argmin(seen))
     found = [(float(seen[best]), float(times[best]))]
     inner = np.flatnonzero((seen[1:-1] <= seen[:-2]) & (seen[1:-1] <= seen[2:]) & (seen[1:-1] < NEAR * np.median(seen))) + 1
     for i in sorted(inner, key=lambda i: float(seen[i]))[:CHOSEN]:
-        found.append(_followed(result, float(times[i - 1]), float(times[i + 1])))
+        found.append(_minimum(result, float(times[i - 1]), float(times[i + 1])))
     return min(found)
 
 
-def _followed(result: Result, a: float, b: float) -> tuple[float, float]:
-    """The minimum between two times, by golden section."""
+def _minimum(result: Result, a: float, b: float) -> tuple[float, float]:
+    """The minimum between two times and its time, by golden section."""
     c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-    at_c, at_d = (float(v) for v in _singular_values(result, np.array([c, d])))
+    at_c, at_d = (float(v) for v in result([c, d]).smallest_singular_value)
     for _ in range(REFINED):
         if at_c < at_d:
             b, d, at_d = d, c, at_c
             c = b - GOLDEN * (b - a)
-            at_c = float(_singular_values(result, np.array([c]))[0])
+            at_c = float(result(c).smallest_singular_value[0])
         else:
             a, c, at_c = c, d, at_d
             d = a + GOLDEN * (b - a)
-            at_d = float(_singular_values(result, np.array([d]))[0])
+            at_d = float(result(d).smallest_singular_value[0])
     return min((at_c, c), (at_d, d))
 
-
-def _singular_values(result: Result, t: Array) -> Array:
-    m, rank = result.prepared.everything, len(result.prepared.rank.kept)
-    G = m.constraint_jacobian(t, result.states(t)[0])
-    return np.array([smallest(unit_rows(m, g), rank) for g in G])

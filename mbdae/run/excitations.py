@@ -1,4 +1,5 @@
-"""Where vibrations begin in a run: at its start, and where an input of time jumps or changes within a step of its own."""
+"""Where vibrations begin in a run: at its start, and where an input of time excites them by a jump or by a change that is shorter
+than a mean step."""
 
 from __future__ import annotations
 
@@ -10,18 +11,18 @@ import numpy as np
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
-MOST = 4  #: kicks that are looked at, those that change velocities and accelerations most
-LONG = 50.0  #: mean steps after which an input that goes on changing is no kick
+MOST = 4  #: excitations that count: those that change velocities and accelerations most
+LONG = 50.0  #: duration over the mean step above which a changing input is no excitation
 
 
 def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float, float]]:
-    """(begin, end) of what is looked at: `span` (s) after the start of a run and after its kicks."""
+    """(begin, end) of the parts of a run to be compared: `span` (s) after its start and after its excitations."""
     for a, b in _beginnings(system, run):
         yield a, min(b + span, float(run.t[-1]))
 
 
 def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
-    """(begin, end) in s of the start of a run and of its kicks."""
+    """(begin, end) in s of the start of a run and of its excitations."""
     t0, t1 = float(run.t[0]), float(run.t[-1])
     line = None if system.timeline is None or not t1 > t0 else system.timeline(t1)
     if line is None:
@@ -48,10 +49,10 @@ def _merged(found: Array, near: float) -> list[tuple[float, float]]:
     return [(a, b) for a, b in clusters]
 
 
-def _change(system: System, run: Solution, kick: tuple[float, float], h: float) -> float:
-    """Largest change of a velocity over a kick, and by the jump of its acceleration over a step, in units of its scale."""
+def _change(system: System, run: Solution, excitation: tuple[float, float], h: float) -> float:
+    """Largest change of a velocity by an excitation, over its scale; that by the jump of its acceleration within a step added."""
     velocities = np.array([kind == "v" for kind in system.kinds])
-    a, b = kick
+    a, b = excitation
     aside = 1e-9 * max(abs(a), abs(b), h)
     times = np.array([a - aside, b + aside])
     y, yp = run(times), run.derivative(times)
@@ -61,7 +62,7 @@ def _change(system: System, run: Solution, kick: tuple[float, float], h: float) 
 
 @contextmanager
 def beginning_at(system: System, run: Solution, t: float) -> Iterator[None]:
-    """The system started from a time inside a run, s, with consistent values."""
+    """Inside, the system starts from a time (s) within a run, with consistent values."""
     start = system.t0, system.y0, system.yp0
     if t > start[0]:
         system.t0, (system.y0, system.yp0) = t, system.enter(t, run(t), t)

@@ -1,7 +1,7 @@
-"""What a run with contact or friction needs of its tolerance.
+"""The tolerance that a run with contact or friction needs.
 
-Measured: below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, the motion is right to a
-few per cent of clearance and penetration; above ten times the penetration it is not, and solvers report success.
+Measured: with tolerances below a hundredth (IDA) or a tenth (Radau) of the penetration over the scene's length, the motion is
+right to a few per cent of clearance and penetration; above ten times the penetration it is wrong although solvers report success.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from mbdae.results.contacts import contacts_of
 from mbdae.system.motion.contacts import gaps_of
 from mbdae.system.prepare import Prepared
 
-RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; cost explodes and stick is lost above
-SLOW = 10.0  #: sliding that many times faster than that velocity does not feel it
-WRONG = 10.0  #: tolerance of positions over the penetration where a result is none
+RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; above, sticking is lost and the cost explodes
+SLOW = 10.0  #: sliding velocity over that velocity above which the change of friction does not matter
+WRONG = 10.0  #: tolerance of positions over the penetration above which the motion is wrong
 
 
 def slowest_velocities(prepared: Prepared) -> Iterator[tuple[str, Any, float]]:
@@ -48,8 +48,8 @@ def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
 
 
 def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling: float) -> float:
-    """The largest rtol that resolves the contacts a run has found: that of their median penetration, and the velocities of
-    friction where it changes its sense; the ceiling before where it has found none."""
+    """The largest rtol that resolves the contacts of a run: their median penetrations, and the friction where sliding reverses;
+    `ceiling` where there was no contact."""
     if prepared is None or not prepared.contacts:
         return ceiling
     q, u, _ = prepared.states(run.t, run.y)
@@ -61,7 +61,7 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
 
 
 def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
-    """(item, velocity in m/s over which its friction changes) where sliding becomes that slow while bodies touch."""
+    """(item, velocity in m/s over which its friction changes) of every joint whose sliding becomes that slow while in contact."""
     slowest: dict[str, float] = {}
     for g, p, values in prepared.mechanics.evaluate(observed_outputs, run.t, *prepared.states(run.t, run.y)):
         at = [[o for o, (name, _) in enumerate(p.targets) if name == wanted] for wanted in ("gap", "slip")]

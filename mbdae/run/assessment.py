@@ -1,4 +1,4 @@
-"""What is to be said of the run that is kept, and whether it is a result at all."""
+"""All warnings about the run that is returned, and whether it is reliable."""
 
 from __future__ import annotations
 
@@ -9,39 +9,33 @@ import numpy as np
 from mbdae.integrators.base import Solver
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result
-from mbdae.run.balance import drift_of_energy
 from mbdae.run.checks import doubts
 from mbdae.run.control import Controlled
-from mbdae.run.drift import drifted
-from mbdae.run.norms import unequal_norms
-from mbdae.run.passages import passages
-from mbdae.run.reliability import Judgement, doubts_of_steps, judged
+from mbdae.run.drift import energy_drift, joint_drift
+from mbdae.run.quaternion_lengths import unequal_lengths
+from mbdae.run.reliability import Assessment, doubts_of_steps, reliability
+from mbdae.run.singular_positions import singular_passages
 from mbdae.system.model.inputs import expressions_of
 from mbdae.system.prepare import Prepared
 from mbdae.ties import largest
 
-LOOKED_AT = 2000  #: steps at which constraint rows are looked at
-JUDGED = 1000  #: outputs, or steps where an input depends on time, at which energies are judged
+ROW_SAMPLES = 2000  #: steps at which constraint rows are evaluated
+ENERGY_SAMPLES = 1000  #: outputs, or steps where an input depends on time, at which energies are evaluated
 
 
-def judgement_of(found: Result, run: Controlled, drifts: bool) -> Judgement:
-    """Every warning of a run; drifts: joints are held on the level of accelerations alone."""
+def assessed(found: Result, run: Controlled, drifts: bool) -> Assessment:
+    """Every warning of a run; drifts: joints are held by their accelerations alone."""
     known, timed = found.info.accuracy, bool(expressions_of(found.prepared.model))
-    times = run.solution.t if timed else found.t  # a short input lies between outputs
-    judgement = judged(found if times is found.t and len(times) <= JUDGED else found(times[:: len(times) // JUDGED + 1]), run)
-    singular = passages(found, known.asked)
+    times = run.solution.t if timed else found.t  # a short input may lie between outputs
+    few = times is found.t and len(times) <= ENERGY_SAMPLES
+    contact = reliability(found if few else found(times[:: len(times) // ENERGY_SAMPLES + 1]), run)
+    singular = singular_passages(found, known.asked)
     off, broken = _broken_rows(found.prepared, run, known.asked)
-    notes = [*_warnings(found.prepared, run, known, drifts, broken), *doubts_of_steps(run), *judgement.notes, *singular,
-             *unequal_norms(found), *drift_of_energy(found, run, known.asked)]  # fmt: skip
-    return Judgement(tuple(notes), judgement.reliable, bool(singular), off)
-
-
-def _warnings(prepared: Prepared, run: Controlled, known: Accuracy, drifts: bool, broken: list[str]) -> list[str]:
-    notes = _missed(known, run.solver)
-    if known.met is False or run.solver.fixed or known.asked is None:
-        notes += run.notes
-    notes += (drifted(prepared, run, known.asked) if drifts else []) or broken
-    return notes + doubts(prepared)
+    of_run = run.notes if known.met is False or run.solver.fixed or known.asked is None else ()
+    rows = (joint_drift(found.prepared, run, known.asked) if drifts else []) or broken
+    notes = [*_missed(known, run.solver), *of_run, *rows, *doubts(found.prepared), *doubts_of_steps(run), *contact.notes,
+             *singular, *unequal_lengths(found), *energy_drift(found, run, known.asked)]  # fmt: skip
+    return Assessment(tuple(notes), contact.reliable, bool(singular), off)
 
 
 def _missed(known: Accuracy, solver: Solver) -> list[str]:
@@ -61,14 +55,14 @@ def _missed(known: Accuracy, solver: Solver) -> list[str]:
 
 
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
-    """How far constraint rows, the redundant ones included, are from kept (over the scene's length, or rad), where that is more
-    than the accuracy allows; and what is to be said of it."""
+    """Largest violation of a constraint row, redundant ones included (over the scene's length, or rad), with its warning, where
+    it is more than the accuracy allows; else 0 and none."""
     m, t = prepared.everything, run.solution.t
     if not m.m:
         return 0.0, []
-    t = t[:: len(t) // LOOKED_AT + 1]
+    t = t[:: len(t) // ROW_SAMPLES + 1]
     off = np.max(np.abs(m.position_residual(t, prepared.states(t, run.solution(t))[0])), axis=0) / max(prepared.length, 1.0)
-    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # told by `doubts`
+    off[[row.name in {r.name for r, _ in prepared.rank.doubtful} for row in m.rows]] = 0.0  # `doubts` warns of these
     worst = largest(off)
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return 0.0, []

@@ -1,0 +1,144 @@
+"""The states of a run at the times that a result shows, and accelerations and multipliers from them: what sensors read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from mbdae.inputs import timed
+from mbdae.integrators.solution import Solution
+from mbdae.kernels.plan import Outputs
+from mbdae.scene.components import Connection
+from mbdae.symbolic.outputs import coordinate
+from mbdae.system.base import Array
+from mbdae.system.prepare import Prepared
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Positions q (nt, nq), velocities u (nt, nu), internal states s (nt, ns) and, where they were unknowns of the run, stresses
+    of the beams z (nt, nz), at times t (nt,); the same in every form."""
+
+    t: Array
+    q: Array
+    u: Array
+    s: Array
+    z: Array | None
+
+
+def stresses(prepared: Prepared, solution: Solution, t: Array) -> Array | None:
+    """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run; None elsewhere."""
+    names = [name for line in prepared.model.lines for name in line.stresses]
+    if not names or names[0] not in solution.names:
+        return None
+    first = solution.names.index(names[0])
+    return np.asarray(solution(t)[:, first : first + len(names)])
+
+
+def states_of(prepared: Prepared, solution: Solution, t: Array) -> States:
+    """The states of a run at times t (nt,)."""
+    return States(t, *prepared.states(t, solution(t)), stresses(prepared, solution, t))
+
+
+class RunStates:
+    """A run of a prepared scene, read at times t (nt,)."""
+
+    def __init__(self, prepared: Prepared, solution: Solution, t: Array) -> None:
+        self.prepared, self.solution, self.t = prepared, solution, np.asarray(t, dtype=float)
+
+    @cached_property
+    def _states(self) -> tuple[Array, Array, Array]:
+        return self.states(self.t)
+
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions q (nt, nq), velocities u (nt, nu) and internal states s (nt, ns) at times t (nt,)."""
+        y = self.solution(t)
+        return self.prepared.states(np.ravel(np.asarray(t, dtype=float)), y.reshape(-1, y.shape[-1]))
+
+    def stresses(self, t: Array) -> Array | None:
+        """Stresses z (nt, nz) of the beams at times t (nt,), where they were unknowns of the run (Radau IIA); None elsewhere."""
+        return stresses(self.prepared, self.solution, np.atleast_1d(self.solution.times(t)))
+
+    @property
+    def q(self) -> Array:
+        """Positions of all nodes (nt, nq)."""
+        return self._states[0]
+
+    @property
+    def u(self) -> Array:
+        """Velocities of all nodes (nt, nu)."""
+        return self._states[1]
+
+    @cached_property
+    def _dynamics(self) -> tuple[Array, Array]:
+        return self.prepared.everything.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
+
+    @property
+    def acceleration(self) -> Array:
+        """u' of all nodes (nt, nu), from the equations of motion at q, u."""
+        return self._dynamics[0]
+
+    @property
+    def multipliers(self) -> Array:
+        """Constraint multipliers (nt, m), from the equations of motion at q, u; names in `multiplier_names`. Where redundant rows
+        leave them open, those of least norm (`Mechanics.accelerations`)."""
+        return self._dynamics[1]
+
+    @property
+    def multiplier_names(self) -> tuple[str, ...]:
+        """"joint.row" of every multiplier."""
+        return tuple(row.name for row in self.prepared.everything.rows)
+
+    def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
+        """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""
+        total = np.zeros((len(self.t), width))
+        q, u, s = self._states
+        for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
+            for i, instance in enumerate(self.prepared.model.groups[g].instances):
+                if instance.item == item.name:
+                    total += values[:, i]
+        return total
+
+    def coordinate(self, item: Connection) -> tuple[Array, Array] | None:
+        """Coordinate and rate (nt,) of a joint, whole turns counted along the run's steps; None if it has no coordinate."""
+        if self._one_coordinate(item, self.t[:1]) is None:
+            return None
+        value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
+        unwrapped = self.prepared.model.planar or item.name in {n.name for n in self.prepared.model.joint_coordinates}
+        if unwrapped or getattr(item.joint, "coordinate_unit", "") != "rad":
+            return value, rate
+        steps = self.solution.t
+        grid, fine_rate = self._one_coordinate(item, steps)  # type: ignore[misc]
+        followed = _unwrapped(steps, grid, fine_rate, self._start_value(item))
+        near = np.interp(self.t, steps, followed)
+        return value + 2 * np.pi * np.round((near - value) / (2 * np.pi)), rate
+
+    def _start_value(self, item: Connection) -> float:
+        if item.prescribed is not None:
+            return timed.value_at(item.prescribed, float(self.solution.t[0]))
+        return self.prepared.start.coordinates.get(item.name, item.hold or 0.0)
+
+    def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
+        """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""
+        return self._one_coordinate(self.prepared.model.scene[item], t)
+
+    def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
+        for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
+            for i, instance in enumerate(self.prepared.model.groups[g].instances):
+                if instance.item == item.name:
+                    return values[:, i, 0], values[:, i, 1]
+        return None
+
+
+def _unwrapped(t: Array, principal: Array, rate: Array, start: float) -> Array:
+    """Continuous angle along steps from its principal value: each step adds the whole turns nearest to the angle that the rates
+    predict."""
+    out = np.empty_like(principal)
+    previous = start
+    for i, value in enumerate(principal):
+        guess = previous if i == 0 else previous + (t[i] - t[i - 1]) * (rate[i] + rate[i - 1]) / 2
+        out[i] = value + 2 * np.pi * np.round((guess - value) / (2 * np.pi))
+        previous = out[i]
+    return out
