@@ -11,7 +11,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.contracts.case import columns, starts
-from mbdae.contracts.states import States, positions, rotation, velocities
+from mbdae.contracts.states import States, columns, rotation
 from mbdae.kernels import plan
 from mbdae.laws import contact, forces, joints
 from mbdae.symbolic.derive import Derived, derive
@@ -42,7 +42,7 @@ class Side:
 
 def side(d: Derived, i: int, values: dict[str, Array], point: int) -> Side:
     f = d.frames[i]
-    R, q, u = rotation(f, values)[point], positions(f, values)[point], velocities(f, values)[point]
+    R, q, u = rotation(f, values)[point], columns(f.q, values)[point], columns(f.u, values)[point]
     p = np.array([values[f"{f.side}_p{j}"][point] for j in (1, 2, 3)])
     Q = np.array([[values[f"{f.side}_Q{a}{j}"][point] for a in "xyz"] for j in (1, 2, 3)])
     if not f.kind.moves:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbdae.contracts.case import columns
-from mbdae.contracts.states import States, positions, rotation
+from mbdae.contracts.states import States, columns, rotation
 from mbdae.kernels import plan
 from mbdae.laws import joints
 from mbdae.symbolic.derive import Derived, derive
@@ -34,7 +34,7 @@ def geometry(d: Derived, values: dict[str, Array], i: int) -> tuple[Array, Array
     points, axes = [], []
     for f in d.sides:
         R, p = rotation(f, values)[i], np.array([values[f"{f.side}_p{j}"][i] for j in (1, 2, 3)])
-        points.append(positions(f, values)[i, :3] + R @ p)
+        points.append(columns(f.q, values)[i, :3] + R @ p)
         axes.append(R @ np.array([[values[f"{f.side}_Q{a}{j}"][i] for a in "xyz"] for j in (1, 2, 3)]))
     return points[1] - points[0], axes[0], axes[1]
 
