@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.contracts.case import columns, starts
+from mbdae.contracts.case import starts
 from mbdae.contracts.states import States, columns, rotation
 from mbdae.kernels import plan
 from mbdae.laws import contact, forces, joints

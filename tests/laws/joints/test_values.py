@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdae.contracts.case import columns
 from mbdae.contracts.states import States, columns, rotation
 from mbdae.kernels import plan
 from mbdae.laws import joints
