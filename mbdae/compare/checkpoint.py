@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.compare.pairwise import Final
+from mbdae.compare.pairwise import TightestRun
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
 from mbdae.sweep.resume import ResumeFile, record
@@ -20,13 +20,12 @@ from mbdae.values import BadValueError, number, whole
 
 @dataclass
 class State:
-    """What has been computed so far. reference_values: what is compared, of the reference; finals: the same of the tightest run
-    of each label."""
+    """What has been computed so far; reference_values: the values of the reference that are compared."""
 
     reference: Reference | None = None
     reference_values: Array | None = None
     rows: list[Row] = field(default_factory=list)
-    finals: dict[str, Final] = field(default_factory=dict)
+    tightest_runs: dict[str, TightestRun] = field(default_factory=dict)
     cpu_s: float = 0.0  #: CPU s in solver calls
     total_cpu_s: float = 0.0  #: CPU s in all
 
@@ -42,17 +41,18 @@ class Checkpoint(ResumeFile):
             if data is None:
                 return State()
             reference = record(Reference, data["reference"]) if data["reference"] else None
-            finals = {f["label"]: record(Final, f, values=unpacked(f["values"])) for f in data["finals"]}
+            tightest_runs = {f["label"]: record(TightestRun, f, values=unpacked(f["values"])) for f in data["finals"]}
             values = unpacked(data["truth"]) if data["truth"] else None
             rows = [record(Row, row) for row in data["rows"]]
             cpu, total = (number(data[key], least=0.0) for key in ("cpu_s", "total_cpu_s"))
-            return State(reference, values, rows, finals, cpu, total)
+            return State(reference, values, rows, tightest_runs, cpu, total)
 
     def save(self, state: State) -> None:
         """Replace the file by the state."""
         if self.path is None:
             return
-        finals = [{"label": f.label, "asked": f.asked, "rtol": f.rtol, "values": packed(f.values)} for f in state.finals.values()]
+        finals = [{"label": run.label, "asked": run.asked, "rtol": run.rtol, "values": packed(run.values)}
+                  for run in state.tightest_runs.values()]  # fmt: skip
         self.store({
             "rows": [asdict(row) for row in state.rows], "reference": asdict(state.reference) if state.reference else None,
             "cpu_s": state.cpu_s, "total_cpu_s": state.total_cpu_s, "finals": finals,

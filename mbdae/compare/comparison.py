@@ -78,7 +78,7 @@ def compare(scene: Any, t_end: float, runs: Sequence[Run | Solver | type[Solver]
     smallest = min([*asked, *(a for run in chosen if (a := run.own_accuracy(problem.system(None).label)) is not None)])
     Execution(problem, queue, smallest, state, kept, begin).do(tell)
     assert state.reference is not None
-    differences = pairwise(list(state.finals.values()), problem.error)
+    differences = pairwise(list(state.tightest_runs.values()), problem.error)
     return Comparison(problem.name, problem.t_end, measure, problem.what, state.reference, asked, with_front(state.rows),
                       differences, state.cpu_s, state.total_cpu_s, environment())  # fmt: skip
 

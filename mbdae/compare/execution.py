@@ -57,7 +57,7 @@ class Execution:
             tell(i + 1, total, f"{run.name('')} {asked_for(accuracy)}")
             row, values = measured(self.problem, run, accuracy, self.state.reference_values)
             if values is not None:
-                tightest(self.state.finals, row, values)
+                tightest(self.state.tightest_runs, row, values)
             self.state.rows.append(row)
             self._keep(before)
 
@@ -69,11 +69,11 @@ class Execution:
 
 def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any) -> tuple[Row, Array | None]:
     """One run: its row, and its values that are compared (None where it failed)."""
-    facts: dict[str, Any] = {**_told(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
+    facts: dict[str, Any] = {**_labels(problem, run, None), "solver": run.solver.label, "accuracy": accuracy}
     spent = problem.spent
     try:
         equations = problem.equations(run)
-        facts |= _told(problem, run, equations)
+        facts |= _labels(problem, run, equations)
         solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
         facts["rtol"] = None if solver.fixed else solver.rtol
         done = problem.solve(solver, run.form, equations)
@@ -89,7 +89,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
     return Row(**facts, error=error_now, **cost, **counts(done.solution)), values
 
 
-def _told(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
+def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
     """Label, form and joint model of the equations of a run; of the run as asked where there are none yet."""
     form = run.form.label if run.form is not None else (equations or problem.stated).system(None).label
     now, asked = equations.recursive if equations is not None else (0, 0)

@@ -12,7 +12,7 @@ from mbdae.system.base import Array
 
 
 @dataclass(frozen=True)
-class Final:
+class TightestRun:
     """The finished run of a label with the tightest tolerance so far: accuracy asked, rtol, and the values compared."""
 
     label: str
@@ -42,19 +42,19 @@ class Pairwise:
         return f"At the tightest accuracy no two runs differ by more than {d:.1e} ({b} and {a})."
 
 
-def tightest(finals: dict[str, Final], row: Row, values: Array) -> None:
+def tightest(tightest_runs: dict[str, TightestRun], row: Row, values: Array) -> None:
     """Keep the values of a run where no tighter run of its label has been kept."""
-    before = finals.get(row.label)
+    before = tightest_runs.get(row.label)
     if before is None or before.rtol is None or row.rtol is None or row.rtol <= before.rtol:
-        finals[row.label] = Final(row.label, asked_for(row.accuracy), row.rtol, values)
+        tightest_runs[row.label] = TightestRun(row.label, asked_for(row.accuracy), row.rtol, values)
 
 
-def pairwise(finals: Sequence[Final], error: Callable[[Array, Array], float]) -> Pairwise:
+def pairwise(tightest_runs: Sequence[TightestRun], error: Callable[[Array, Array], float]) -> Pairwise:
     """All pairs of runs."""
-    n = len(finals)
+    n = len(tightest_runs)
     table = np.zeros((n, n))
     for i in range(n):
         for j in range(i):
-            table[i, j] = table[j, i] = error(finals[i].values, finals[j].values)
+            table[i, j] = table[j, i] = error(tightest_runs[i].values, tightest_runs[j].values)
     differences = tuple(tuple(float(d) for d in row) for row in table)
-    return Pairwise(tuple(f.label for f in finals), tuple(f.asked for f in finals), differences)
+    return Pairwise(tuple(f.label for f in tightest_runs), tuple(f.asked for f in tightest_runs), differences)

@@ -116,7 +116,7 @@ class _Execution:
         chosen, t_end = self._ways(p, value), p.t_end(value)
         if p.name == "step":
             t_end = min(t_end, STEPS * value)
-        self._told(p, value, "reference")
+        self._announce(p, value, "reference")
         try:
             problem = new_problem(p.scene(value), t_end, self.measure, self.max_wall)
         except MbdaeError as error:
@@ -125,7 +125,7 @@ class _Execution:
         reference = reference_at(problem, accuracy, p.stops(value))
         cells = []
         for way in chosen:
-            self._told(p, value, way.label)
+            self._announce(p, value, way.label)
             cells.append(cell(problem, way, value, accuracy, reference))
         return reference.label, cells
 
@@ -137,7 +137,7 @@ class _Execution:
         stepped = [(way, way.with_step(value)) for way in self.chosen]
         return [Way(way.label, run) for way, run in stepped if run is not None] or stepped_ways(self.first, value)
 
-    def _told(self, p: Varied, value: float, label: str) -> None:
+    def _announce(self, p: Varied, value: float, label: str) -> None:
         self.tell(min(self.done, self.total), self.total, f"{p.name} = {value:g}: {label}")
         self.done += 1
 

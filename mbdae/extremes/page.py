@@ -55,16 +55,16 @@ def _legend(m: ExtremesData) -> str:
 def _block(i: int, block: Block) -> str:
     head = headings(["way \\ value", *(f"{value:g}" for value in block.values)])
     rows = [row(label, [_cell(block.at(label, value)) for value in block.values]) for label in block.labels]
-    return section(f"b{i}", block.parameter, table(f"b{i}", head, rows, attributes=' class="map"') + _said(block))
+    return section(f"b{i}", block.parameter, table(f"b{i}", head, rows, attributes=' class="map"') + _remarks(block))
 
 
 def _cell(cell: Cell | None) -> str:
     if cell is None:
         return "<td></td>"
-    return f'<td class="{KINDS[cell.verdict]}" title="{escape(_told(cell))}">{MARKS[cell.verdict]} {escape(text(cell))}</td>'
+    return f'<td class="{KINDS[cell.verdict]}" title="{escape(_details(cell))}">{MARKS[cell.verdict]} {escape(text(cell))}</td>'
 
 
-def _told(cell: Cell) -> str:
+def _details(cell: Cell) -> str:
     """The data of a cell, shown where the pointer rests on it."""
     parts = [cell.verdict, f"{cell.solver} {cell.form}".strip()]
     for name, value, form in (("estimated", cell.estimated, ".1e"), ("CPU s", cell.cpu_s, ".2f")):
@@ -73,7 +73,7 @@ def _told(cell: Cell) -> str:
     return "; ".join([*(p for p in parts if p), *cell.warnings, *([cell.failure] if cell.failure else [])])
 
 
-def _said(block: Block) -> str:
+def _remarks(block: Block) -> str:
     """Uncertain references, and warnings and errors of runs."""
     told = [*(f"not judged at {value:g}: reference {reference}" for value, reference in doubted(block)), *notes(block)]
     if not told:

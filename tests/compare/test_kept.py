@@ -13,7 +13,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.compare.checkpoint import Checkpoint, State
-from mbdae.compare.pairwise import Final
+from mbdae.compare.pairwise import TightestRun
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row
 
@@ -24,7 +24,7 @@ HOSTILE = ["os:system", "__import__('os').system('touch X')", "", "x" * 100_000,
 def state() -> State:
     rows = [Row("IDA", "IDA", "GGL", None, 1e-3, 1e-5, 2e-4, 0.1, None, 12), Row("Radau", "R", "GGL", "m", 1e-3,
         failure="stopped")]
-    finals = {"IDA": Final("IDA", "1e-03", 1e-5, np.linspace(0, 1, 24).reshape(4, 3, 2))}
+    finals = {"IDA": TightestRun("IDA", "1e-03", 1e-5, np.linspace(0, 1, 24).reshape(4, 3, 2))}
     return State(Reference("Radau", 1e-5, "IDA", 1e-6), np.arange(12.0).reshape(4, 3), rows, finals, 0.5, 0.75)
 
 
@@ -34,7 +34,7 @@ def test_what_is_kept_comes_back(tmp_path: Path) -> None:
     again = kept.load()
     assert (again.rows, again.reference, again.cpu_s, again.total_cpu_s) == (state().rows, state().reference, 0.5, 0.75)
     assert np.array_equal(again.reference_values, state().reference_values)
-    assert np.array_equal(again.finals["IDA"].values, state().finals["IDA"].values)
+    assert np.array_equal(again.tightest_runs["IDA"].values, state().tightest_runs["IDA"].values)
     assert [path.name for path in tmp_path.iterdir()] == ["w.json"]
 
 
@@ -72,7 +72,7 @@ def test_damaged_entries_are_told_or_of_their_kind(tmp_path: Path) -> None:
                 assert len(told) < 1000
             else:
                 assert all(type(row.steps) is int and isinstance(row.label, str) for row in found.rows)
-                assert all(final.values.dtype == float for final in found.finals.values())
+                assert all(final.values.dtype == float for final in found.tightest_runs.values())
     assert refused > 300
 
 
