@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import StepFailedError
+from mbdae.integrators.runge_kutta.step import StepFailedError
 from mbdae.integrators.watched.arguments import Inside
 from mbdae.integrators.watched.watch import watch_of
 from mbdae.system.base import Array, System

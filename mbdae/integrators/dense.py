@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable, radau_table
+from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
 
 
@@ -22,7 +22,7 @@ class Collocation:
 
     ends (m, n): values at the end of every step, where they are not those the next step begins with."""
 
-    def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
+    def __init__(self, table: CollocationTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
         self.table, self.t, self.y, self.inner = table, t, y, inner
         self.ends = y[1:] if ends is None else ends
 

@@ -16,8 +16,8 @@ from mbdae.integrators.constant import constant_steps, first_width
 from mbdae.integrators.dense import Collocation, cubic
 from mbdae.integrators.halving import halved, scaled_difference
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import Demand, RadauStep, StepFailedError
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.step import CollocationStep, Demand, StepFailedError
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.integrators.watched.arguments import Inside, cubic_of_step
 from mbdae.system.base import Array, System
@@ -199,7 +199,7 @@ def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
         return
     tolerance = 1e-10
     scale = np.asarray(step.system.scale, dtype=float)
-    short = RadauStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
+    short = CollocationStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
     try:
         short.solve(-lead * h)
     except StepFailedError:

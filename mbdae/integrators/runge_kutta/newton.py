@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.integrators.matrices.factors import coupled_correction
 from mbdae.integrators.matrices.iteration import IterationMatrix, SingularMatrixError
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
@@ -38,7 +38,7 @@ class StageNewton:
     Z and Yp (s, n) are its results and belong to it; Z holds the starting values on entry to `solve`.
     """
 
-    def __init__(self, system: System, table: RadauTable, matrix: IterationMatrix, stats: Stats) -> None:
+    def __init__(self, system: System, table: CollocationTable, matrix: IterationMatrix, stats: Stats) -> None:
         s, n = len(table.c), system.n
         self.system, self.table, self.matrix, self.stats = system, table, matrix, stats
         self.Z, self.Y, self.Yp, self.R, self.D = (np.zeros((s, n)) for _ in range(5))

@@ -17,8 +17,8 @@ from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.constant import constant_steps
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import Demand, RadauStep, StepFailedError
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.step import CollocationStep, Demand, StepFailedError
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.watched.watch import watch_of
 from mbdae.system.base import Array, System
@@ -113,7 +113,7 @@ def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> Non
     """Constant steps."""
     tolerance, target = (ROUND, TARGET) if solver.newton is None else (solver.newton, 1.0)
     demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
-    step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
+    step = CollocationStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
 
     def inside(width: float) -> list[tuple[float, Array]]:
         return [(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]]
@@ -130,7 +130,7 @@ class _Adaptive:
         target = max(10 * np.finfo(float).eps / rtol, min(1e-3, 0.3 * rtol**0.5))
         self.limit = 7 + 2 * (solver.stages - 2)
         demand = Demand(rtol, atol, target, self.limit)
-        self.step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=True)
+        self.step = CollocationStep(system, radau_table(solver.stages), loop.stats, demand, estimate=True)
         self.system, self.loop, self.rtol = system, loop, rtol
         self.exponent = 1 / (solver.stages + 1)
         self.accepted_h, self.accepted_error = 0.0, 1.0

@@ -12,7 +12,7 @@ from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.dense import Collocation, Hermite, cubic
 from mbdae.integrators.loop import BLOCK, StepLoop
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials.shared import Callbacks, as_csc, not_finite, reason, watched
 from mbdae.integrators.watched.watch import StepWatch, SundialsWatch, stop_time

@@ -18,7 +18,7 @@ from mbdae.system.base import Array
 
 
 @dataclass(frozen=True)
-class RadauTable:
+class CollocationTable:
     """One Radau IIA method in the letters of Hairer and Wanner.
 
     c        (s,) nodes, the last one is 1
@@ -79,7 +79,7 @@ class RadauTable:
 
 
 @cache
-def radau_table(s: int) -> RadauTable:
+def radau_table(s: int) -> CollocationTable:
     """Radau IIA with s stages, order 2 s - 1."""
     c = _nodes(s)
     k = np.arange(1, s + 1)
@@ -95,7 +95,7 @@ def radau_table(s: int) -> RadauTable:
     gamma0 = 1 / float(real[0]) if len(real) else 1 / float(np.abs(pairs[0]))
     start = gamma0 * (k == 1)
     e = np.asarray(-np.linalg.solve((c[:, None] ** (k - 1)).T, start) @ A_inv, dtype=float)
-    return RadauTable(c, A, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
+    return CollocationTable(c, A, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
 
 
 def _nodes(s: int) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from mbdae.integrators.matrices.factors import iteration_matrix
 from mbdae.integrators.matrices.iteration import SingularMatrixError
 from mbdae.integrators.runge_kutta.newton import Outcome, StageNewton
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
@@ -48,13 +48,13 @@ class Demand:
     limit: int
 
 
-class RadauStep:
+class CollocationStep:
     """The state (t, y, yp) of a Radau IIA integration and what it takes to go one step further.
 
     estimate: whether `error` will be asked for; factored_h: step (s) the factors at hand belong to, 0 without.
     """
 
-    def __init__(self, system: System, table: RadauTable, stats: Stats, demand: Demand, estimate: bool) -> None:
+    def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
         self.system, self.table, self.stats, self.demand = system, table, stats, demand
         self.t, self.y, self.yp = float(system.t0), np.array(system.y0, float), np.array(system.yp0, float)
         self.iterations = 0
