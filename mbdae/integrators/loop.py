@@ -11,13 +11,12 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError, interrupted
-from mbdae.integrators.dense import joined
+from mbdae.integrators.dense import BLOCK, joined
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-BLOCK = 1000  #: steps that are kept together
 
 
 class _Rows:

@@ -12,11 +12,11 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.alpha.step import ORDER, Alphas, AlphaStep
 from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
-from mbdae.integrators.constant import constant_steps, first_width
+from mbdae.integrators.constant import StepFailedError, constant_steps, first_width
 from mbdae.integrators.dense import Collocation, cubic
 from mbdae.integrators.halving import halved, scaled_difference
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.step import CollocationStep, Demand, StepFailedError
+from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.integrators.watched.arguments import Inside, cubic_of_step
