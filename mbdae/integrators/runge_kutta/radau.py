@@ -33,10 +33,12 @@ class RadauIIA(CollocationMethod):
     newton: float | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
+        "RadauIIA(5)": {"GGL": 0.3, "Index3": 0.01, "Index1": 0.5, "ODE": 0.3, "DAE": 0.1},
         "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "Index1": 0.2, "ODE": 0.2, "DAE": 0.03},
         "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "Index1": 0.01, "ODE": 0.01, "DAE": 0.01},
     }
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        "RadauIIA(5)": {"GGL": (9, 9, 5), "Index3": (9, 5, 4), "Index1": (9, 9, 9)},
         "RadauIIA(3)": {"GGL": (5, 5, 3), "Index3": (5, 3, 2), "Index1": (5, 5, 5)},
         "RadauIIA(2)": {"GGL": (3, 3, 2), "Index3": (3, 2, 1), "Index1": (3, 3, 3)},
     }
