@@ -131,14 +131,16 @@ class _Steps:
         self.f.start, self.f.rate = y, yp
 
     def solve(self, h: float) -> None:
-        """Make a step."""
-        end: Array = np.array(self.solver.advance(self.f, self.t, self.y, h), dtype=float)
+        """Make a step; numbers that overflow are told by what they leave."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            end: Array = np.array(self.solver.advance(self.f, self.t, self.y, h), dtype=float)
         if end.shape != (self.system.n,):
             raise OptionError(f"{self.solver.label}.advance returned an array of shape {end.shape}: return y at t + h, "
                               f"of shape ({self.system.n},)")  # fmt: skip
         if not np.isfinite(end).all():
             raise StepFailedError("the end of the step is not finite", self.system.names[int(np.argmax(~np.isfinite(end)))])
-        self._end, self.rate = end, self.f(self.t + h, end)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._end, self.rate = end, self.f(self.t + h, end)
 
     def reached(self) -> Array:
         """y (n,) at the end of the step."""
