@@ -115,8 +115,14 @@ def _parts(system: System, y: Array) -> dict[str, Array]:
 
 
 def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Reference, dict[str, float]]:
-    parts = _parts(system, np.asarray(exact(np.array([system.t0]))))
-    return lambda t: _parts(system, np.asarray(exact(t))), dict.fromkeys(parts, ROUND_OFF)
+    def values(t: Array) -> dict[str, Array]:
+        y = np.asarray(exact(t), dtype=float)
+        if y.ndim != 2 or len(y) != len(t) or not 0 < y.shape[1] <= system.n:
+            raise OptionError(f"exact = {shown(exact)} returns an array of shape {y.shape} for {len(t)} times: return the first "
+                              f"unknowns (k, m) at times (k,), m up to {system.n}")  # fmt: skip
+        return _parts(system, y)
+
+    return values, dict.fromkeys(values(np.array([system.t0])), ROUND_OFF)
 
 
 def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:

@@ -295,7 +295,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
-    ("measure_order", "exact"): ({"a lambda"}, "a function of time"), ("Switches", "weights"): ({"one entry"}, "one per argument"),
+    ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY),
     ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("Stepped.at_accuracy", "form_label"): (TEXT, ANY),
     ("Block.at", "label"): (TEXT, ANY),
@@ -343,6 +343,6 @@ OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("sweep", "grid"): ({"a dict", "a generator"}, "the entry"),
     ("Result.animate", "sensors"): ({"a tuple of text"}, "the entry"),
     ("Result.animate", "trail"): ({"a tuple of text"}, "the entry"),
-    ("measure_order", "exact"): ({"a function"}, "the error of the function itself"),
+    ("measure_order", "exact"): ({"a function", "a lambda"}, "what the function does"),
     ("compare", "reference"): ({"a function"}, "the error of the function itself"),
 }  # fmt: skip

@@ -43,13 +43,13 @@ def on_circle(solver: Solver, form: str) -> list[Found]:
 
 
 def cases() -> list[Case]:
+    plain = [solver for solver in ALL if solver.by_steps and solver.highest_index == 0]
     found = [Case(TITLES[form], solver.label, lambda solver=solver, form=form: on_circle(solver, form))
              for solver in ALL for form in solver.orders.get(solver.label, ())]  # fmt: skip
     found += [Case(TITLES["ODE"], solver.label, lambda solver=solver: deviations(
-                  solver, circle_ode(), lambda t: circle_exact(t)[:, :2], {"unknowns": solver.order}))
-              for solver in ALL if solver.by_steps and solver.highest_index == 0]  # fmt: skip
-    return found + [Case(TITLES["jay"], solver.label, lambda solver=solver: deviations(solver, jay(), jay_exact, JAY[solver.label]))
-                    for solver in ALL if solver.label in JAY]  # fmt: skip
+        solver, circle_ode(), lambda t: circle_exact(t)[:, :2], {"unknowns": solver.order})) for solver in plain]  # fmt: skip
+    return found + [Case(TITLES["jay"], solver.label, lambda solver=solver: deviations(
+        solver, jay(), jay_exact, JAY[solver.label])) for solver in ALL if solver.label in JAY]  # fmt: skip
 
 
 def run() -> list[Row]:
