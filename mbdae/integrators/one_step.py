@@ -69,7 +69,7 @@ class OneStep(Stepped):
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Equal steps."""
         assert self.step is not None
-        span, step = loop.t_end - float(system.t0), _Steps(self, system, loop.stats)
+        span, step = loop.t_end - float(system.t0), RightHandSide(self, system, loop.stats)
 
         def inside(width: float) -> Inside:
             return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rate))
@@ -82,65 +82,49 @@ class OneStep(Stepped):
 
 
 class RightHandSide:
-    """f of y' = f(t, y) as a one-step method calls it."""
+    """f of y' = f(t, y) as `advance` calls it, with the state (t, y, y') of the run and the end of the step just made."""
 
-    def __init__(self, system: System, stats: Stats) -> None:
-        self.system, self.stats = system, stats
-        self.start, self.rate = system.y0, system.yp0
+    def __init__(self, solver: OneStep, system: System, stats: Stats) -> None:
+        self._solver, self._system, self._stats = solver, system, stats
+        self.t, self.y, self.yp = float(system.t0), np.array(system.y0, dtype=float), np.array(system.yp0, dtype=float)
+        self.y.setflags(write=False)
 
     def __call__(self, t: float, y: Array) -> Array:
         """y' (n,); at the start of the step it is known already."""
-        if y is self.start:
-            return self.rate.copy()
-        out = np.empty(self.system.n)
-        self.system.rhs(t, y, out)
-        self.stats.residuals += 1
+        if y is self.y:
+            return self.yp.copy()
+        out = np.empty(self._system.n)
+        self._system.rhs(t, y, out)
+        self._stats.residuals += 1
         if not np.isfinite(out).all():
-            raise self._failed(t, y, out)
+            raise self._not_finite(t, y, out)
         return out
 
     def jacobian(self, t: float, y: Array) -> Array:
         """df/dy (n, n)."""
-        self.stats.jacobians += 1
-        return rate_jacobian(self.system, t, y, self(t, y))
+        self._stats.jacobians += 1
+        return rate_jacobian(self._system, t, y, self(t, y))
 
-    def _failed(self, t: float, y: Array, rate: Array) -> StepFailedError:
+    def _not_finite(self, t: float, y: Array, rate: Array) -> StepFailedError:
         """The unknown that has grown beyond all bounds, else the equation that is not finite."""
-        system = self.system
+        system, rows = self._system, np.empty(self._system.n)
         size = np.abs(y) / (np.asarray(system.scale) + np.abs(system.y0))
         if not np.max(size) < GROWN:
             return StepFailedError(f"the motion grows beyond all bounds near t = {t:.9g}", system.names[largest(size)])
-        rows = np.empty(system.n)
-        system.residual(t, y, self.rate, rows)
-        bad = ~np.isfinite(rows) if not np.isfinite(rows).all() else ~np.isfinite(rate)
+        system.residual(t, y, self.yp, rows)
+        bad = ~np.isfinite(rows if not np.isfinite(rows).all() else rate)
         equation = system.equations[int(np.argmax(bad))]
         return StepFailedError(f"equation {equation} is not finite near t = {t:.9g}", equation)
 
-
-class _Steps:
-    """The state (t, y, y') of an integration and the end of the step just made."""
-
-    def __init__(self, solver: OneStep, system: System, stats: Stats) -> None:
-        self.solver, self.system = solver, system
-        self.f = RightHandSide(system, stats)
-        self._begin(float(system.t0), np.array(system.y0, dtype=float), np.array(system.yp0, dtype=float))
-
-    def _begin(self, t: float, y: Array, yp: Array) -> None:
-        self.t, self.y, self.yp = t, y, yp
-        y.setflags(write=False)
-        self.f.start, self.f.rate = y, yp
-
     def solve(self, h: float) -> None:
-        """Make a step; numbers that overflow are told by what they leave."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            end: Array = np.array(self.solver.advance(self.f, self.t, self.y, h), dtype=float)
-        if end.shape != (self.system.n,):
-            raise OptionError(f"{self.solver.label}.advance returned an array of shape {end.shape}: return y at t + h, "
-                              f"of shape ({self.system.n},)")  # fmt: skip
-        if not np.isfinite(end).all():
-            raise StepFailedError("the end of the step is not finite", self.system.names[int(np.argmax(~np.isfinite(end)))])
-        with np.errstate(over="ignore", invalid="ignore"):
-            self._end, self.rate = end, self.f(self.t + h, end)
+        """Make a step."""
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is named
+            end: Array = np.array(self._solver.advance(self, self.t, self.y, h), dtype=float)
+            if end.shape != self.y.shape:
+                raise OptionError(f"{self._solver.label}.advance returned an array of shape {end.shape}: return y at t + h, "
+                                  f"of shape {self.y.shape}")  # fmt: skip
+            self._end, self.rate = end, self(self.t + h, end)
+        end.setflags(write=False)
 
     def reached(self) -> Array:
         """y (n,) at the end of the step."""
@@ -148,5 +132,5 @@ class _Steps:
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
         """Move to t1 = t + h; returns (t1, y, y')."""
-        self._begin(t1, self._end, self.rate)
+        self.t, self.y, self.yp = t1, self._end, self.rate
         return t1, self.y, self.yp

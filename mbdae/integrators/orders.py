@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from math import lcm, log
+from math import lcm
 from typing import Any
 
 import numpy as np
@@ -51,18 +51,17 @@ class Orders(Told):
 
     def __str__(self) -> str:
         lines = ["".join([f"{'steps':>6}", *(f"{part:>18}{'order':>7}" for part in self.errors)])]
+        slopes = {part: _slopes(self.steps, errors) for part, errors in self.errors.items()}
         for i, count in enumerate(self.steps):
-            lines.append("".join([f"{count:6d}", *(f"{e[i]:18.2e}{self._slope(e, i):7.2f}" for e in self.errors.values())]))
+            lines.append(f"{count:6d}" + "".join(f"{e[i]:18.2e}{slopes[part][i]:7.2f}" for part, e in self.errors.items()))
         told = [f"{part}: " + (self.why[part] if order is None else f"order {order:.2f}") for part, order in self.orders.items()]
         return "\n".join([f"{self.label}, {self.form}", *lines, *told])
 
-    def _slope(self, errors: Array, i: int) -> float:
-        return slope(self.steps, errors, i - 1, i) if i else float("nan")
 
-
-def slope(steps: tuple[int, ...], errors: Array, i: int, j: int) -> float:
-    """Observed order from one run to another."""
-    return log(errors[i] / errors[j]) / log(steps[j] / steps[i]) if errors[i] > 0 and errors[j] > 0 else float("nan")
+def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
+    """Observed order (k,) from the run before to every run; nan for the first."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
 
 
 def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps: Any = STEPS,
@@ -84,19 +83,23 @@ def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps:
     if len(counts) < 3 or not (np.diff(counts) > 0).all():
         raise OptionError(f"steps = {shown(steps)}: give three or more rising numbers of steps")
     optional("exact", exact, function, "give a function of times (k,), or None", takes="t")
+    if form is not None and isinstance(what, System):
+        raise OptionError(f"form = {shown(form)}: equations that are given have theirs already, only scenes take a form")
+    system: System
+    full: System
     if isinstance(what, SceneData):
         prepared = prepare(what)
         own = form_of(form) if form is not None else default_form(prepared, method.highest_index)
-        system, full = (system_for(prepared, own, index) for index in (method.highest_index, RadauIIA.highest_index))
+        system, full = system_for(prepared, own, method.highest_index), system_for(prepared, own, RadauIIA.highest_index)
     else:
-        system = full = what
+        system, full = what, what
     span = end_after(system.t0, t_end) - system.t0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AccuracyWarning)
         reference, floors = _reference(method, full, span, counts) if exact is None else _closed_form(exact, system)
         errors = [_errors(_with_steps(method, span, count), system, span, reference) for count in counts]
     parts = {part: np.array([e.get(part, np.nan) for e in errors]) for part in floors}
-    found = {part: _order(counts, e, floors[part]) for part, e in parts.items()}
+    found = {part: _order(_slopes(counts, e), e, floors[part]) for part, e in parts.items()}
     return Orders(method.label, system.label, counts, parts, {part: order for part, (order, _) in found.items()},
                   {part: text for part, (_, text) in found.items() if text})  # fmt: skip
 
@@ -127,8 +130,7 @@ def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Refer
 
 def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:
     """Values of one variant of Radau IIA, and how far another is from them."""
-    many = lcm(*counts)
-    many = many if many <= 4 * counts[-1] else 4 * counts[-1]  # else polynomials between the steps serve
+    many = min(lcm(*counts), 4 * counts[-1])  # all steps are among its own, or its polynomials serve
     stages = (3, 5) if solver.label == "RadauIIA(5)" else (5, 3)
     runs = [_with_steps(RadauIIA(s), span, many).solve(system, system.t0 + span) for s in stages]
     t = runs[0].t[runs[0].t >= system.t0 + BEGIN * span]
@@ -151,7 +153,7 @@ def _errors(solver: Solver, system: System, span: float, reference: Reference) -
     return _distances(_parts(system, run.y[late]), reference(run.t[late]))
 
 
-def _order(steps: tuple[int, ...], errors: Array, floor: float) -> tuple[float | None, str]:
+def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, str]:
     """The order that the finest runs show, or None and why there is none."""
     if np.isnan(errors).all():
         return None, "not among the unknowns of these equations"
@@ -163,9 +165,9 @@ def _order(steps: tuple[int, ...], errors: Array, floor: float) -> tuple[float |
     if not len(windows):
         return None, (f"no order to be seen: fewer than three neighbouring runs have errors between {ABOVE * floor:.0e}, where "
                       f"those of the reference and of round-off begin, and {SMALL:g}")  # fmt: skip
-    slopes = np.array([slope(steps, errors, i, i + 1) for i in range(windows[0], windows[-1] + 2)])
-    spread, order = float(np.ptp(slopes)), slope(steps, errors, windows[-1], windows[-1] + 2)
-    if not spread <= max(AGREE, PART * abs(order)):
-        return None, (f"no order to be seen: it goes from {slopes.min():.2f} to {slopes.max():.2f} between neighbouring runs, as "
+    found = slopes[windows[0] + 1 : windows[-1] + 3]
+    order = float(found[-2:].mean())
+    if not np.ptp(found) <= max(AGREE, PART * abs(order)):
+        return None, (f"no order to be seen: it goes from {found.min():.2f} to {found.max():.2f} between neighbouring runs, as "
                       f"where the equations have kinks or the steps are too long")  # fmt: skip
     return order, ""

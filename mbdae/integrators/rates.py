@@ -14,16 +14,13 @@ def check_rates(label: str, system: System) -> None:
     """Refuse a system without a right-hand side; label: of the solver."""
     if system.rhs is not None:
         return
+    needs = f"{label} needs y' = f(t, y), but this system"
     if any(kind in ("lambda", "mu") for kind in system.kinds):
-        raise OptionError(
-            f"{label} needs y' = f(t, y), but this system has constraints ({system.label} form), so no right-hand "
-            "side: use form=mb.Index1(), which solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or "
-            "make the joints recursive with s.recursive()"
-        )
-    raise OptionError(
-        f"{label} needs y' = f(t, y), but this system ({system.label}) gives only F(t, y, y') = 0, no right-hand side: "
-        "use mb.IDA() or mb.RadauIIA(3), or set system.rhs, a function (t, y, out) that fills out with y'"
-    )
+        raise OptionError(f"{needs} has constraints ({system.label} form), so no right-hand side: use form=mb.Index1(), which "
+                          f"solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or make the joints recursive with "
+                          f"s.recursive()")  # fmt: skip
+    raise OptionError(f"{needs} ({system.label}) gives only F(t, y, y') = 0, no right-hand side: use mb.IDA() or mb.RadauIIA(3), "
+                      f"or set system.rhs, a function (t, y, out) that fills out with y'")  # fmt: skip
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
