@@ -83,7 +83,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate
-        if estimate <= accuracy and h < NEARBY * coarse[1]:  # so far apart the order says nothing: steps may alias a vibration
+        if estimate <= accuracy and h < NEARBY * coarse[1]:  # too far apart: long steps may alias a vibration
             with keeping(fine, COARSER.format(h)):
                 near = replace(solver, step=2 * h, accuracy=None).solve(system, t_end, share=2 * SHARE * h / first, **options)
             runs, spent = runs + 1, spent + near.stats.cpu_s
@@ -94,7 +94,7 @@ def halved(solver: Any, system: System, t_end: float, accuracy: float, measure: 
             return best
         coarse = fine, h
         wanted = max((SAFETY * accuracy / estimate) ** (1 / solver.order) if isfinite(estimate) else 0.25, SHORTEST)
-        if fine.stats.unresolved:  # what a law does was stepped over: an estimate does not know of it
+        if fine.stats.unresolved:  # a kink or peak of a law was passed over, which the estimate does not see
             wanted = fine.stats.resolving_step / h
         if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
             raise _too_dear(best, h * wanted, t_end - system.t0, accuracy)

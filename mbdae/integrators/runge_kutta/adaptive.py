@@ -49,7 +49,7 @@ class Adaptive:
         self.landing = inf
 
     def run(self, h0: float | None) -> None:
-        """Step until the end or until the loop says stop."""
+        """Step until the end, or until the loop stops the run."""
         h = self.first_step() if h0 is None else h0
         self.smallest = 1e-12 * h
         rejected = True  # the first step is treated with the care of one after a rejection
@@ -74,7 +74,7 @@ class Adaptive:
             if self.watch is not None and self._ends_wrong(width, t1):
                 continue
             proposed = self._next(width, error, rejected)
-            if self.landing < inf:  # that step was short for its end, not for its error
+            if self.landing < inf:  # that step was shortened to end at a contact or kink, not for its error
                 proposed, self.landing = max(proposed, h), inf
             if not self.loop.accept(*self.step.advance(width, t1)):
                 return
@@ -90,7 +90,7 @@ class Adaptive:
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
     def _watched(self, h: float) -> float:
-        """h, no longer than contacts and laws allow; the factors at hand are used where that shortens it little."""
+        """h, no longer than contacts and laws allow; the present factors are used again where that shortens it little."""
         assert self.watch is not None
         bound = self.watch.bound()
         if bound < h:
@@ -99,7 +99,7 @@ class Adaptive:
         return min(h, self.landing)
 
     def _ends_wrong(self, h: float, t1: float) -> bool:
-        """Whether the step hides a contact or what a law does, or has a kink inside: the next attempt then ends there."""
+        """Whether the step hides a contact or a peak, or has a kink inside: the next attempt then ends there."""
         assert self.watch is not None
         self.watch.look(t1, self.step.reached(), self.step.inside)
         shorter = self.watch.shorter(h, self.step.inside)
@@ -142,7 +142,7 @@ class Adaptive:
         return h * max(SHRINK, factor)
 
     def _is_round_off(self, h: float, error: float) -> bool:
-        """Whether the estimate can be round-off alone; said once, because the tolerance is then not met."""
+        """Whether the estimate can be round-off alone; warned of once, because the tolerance is then not met."""
         noise = self.step.noise(h)
         if not error <= noise:
             return False
@@ -157,7 +157,7 @@ class Adaptive:
         return True
 
     def _watch(self, h: float, message: str, culprit: str) -> None:
-        """Stop on a vanishing step; the wall clock is seen here too."""
+        """Stop on a vanishing step, or where the wall time is used up."""
         t = self.step.t
         if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
             raise self.loop.failure(message + self._where(), culprit)

@@ -1,4 +1,4 @@
-"""Simplified Newton iteration on the stages of one Radau IIA step."""
+"""Simplified Newton iteration on the stages of one collocation step."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
-#: a first correction has shown no contraction of its own: that of an earlier step is believed only where it leaves this part
-#: of the tolerance, because steps that end just below it add up (9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
+#: after one correction no contraction is known but that of an earlier step: it is trusted only where the correction is below this
+#: part of the tolerance, because what remains adds up over steps (9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
 UNSEEN = 0.1
 #: corrections that stopped shrinking are round-off; below this part of the tolerance they do no harm
 STAGNATION = 0.03

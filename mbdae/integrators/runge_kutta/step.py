@@ -1,4 +1,4 @@
-"""One step of a collocation method: starting values, stage equations with what is tried where they resist, error estimate."""
+"""One step of a collocation method: starting values, stage equations, what is tried where they resist, error estimate."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Demand:
 class CollocationStep:
     """The state (t, y, yp) of an integration by collocation and what it takes to go one step further.
 
-    estimate: whether `error` will be asked for; factored_h: step (s) the factors at hand belong to, 0 without.
+    estimate: whether `error` will be asked for; factored_h: step (s) of the present factors, 0 without.
     """
 
     def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
@@ -73,7 +73,7 @@ class CollocationStep:
         return self.demand.rtol * np.abs(y) + self.demand.atol
 
     def solve(self, h: float, full: bool = True) -> None:
-        """Solve the stage equations: with the factors at hand, then a fresh Jacobian, then full Newton if allowed."""
+        """Solve the stage equations: with the present factors, then a fresh Jacobian, then full Newton if allowed."""
         weights = self.weights(h, self.y)
         outcome = self._simplified(h, weights)
         if not outcome.converged and not self._fresh:
@@ -130,7 +130,7 @@ class CollocationStep:
 
     def _predict(self, h: float) -> None:
         """Starting increments: the last collocation polynomial continued; a straight line at the start, and after a step that
-        was much shorter, whose polynomial says nothing so far away."""
+        was much shorter, whose polynomial is useless so far away."""
         if self._previous is None or h > FAR * self._previous[0]:
             np.multiply.outer(self.table.c * h, self.yp, out=self.newton.Z)
             return
