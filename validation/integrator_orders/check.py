@@ -20,8 +20,7 @@ FORMS = {"Index3": "index3", "GGL": "ggl", "Index1": "index1"}
 TITLES = {"Index3": "circle, index 3", "GGL": "circle, stabilised", "Index1": "circle, index 1", "ODE": "circle, no constraint",
           "jay": "Jay, index 2"}  # fmt: skip
 PARTS = ("positions", "velocities", "multipliers")
-JAY = {"RadauIIA(2)": {"unknowns": 3, "multipliers": 2}, "RadauIIA(3)": {"unknowns": 5, "multipliers": 3},
-       "RadauIIA(5)": {"multipliers": 5}}  # fmt: skip
+JAY = {"RadauIIA(2)": {"unknowns": 3, "multipliers": 2}, "RadauIIA(3)": {"unknowns": 5, "multipliers": 3}}
 
 
 def deviations(solver: Solver, system: Any, exact: Any, orders: dict[str, int]) -> list[Found]:
