@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
+    from mbdae.integrators.one_step import OneStep
+    from mbdae.integrators.orders import measure_order
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.cvode import CVODE
     from mbdae.integrators.sundials.ida import IDA
@@ -52,19 +54,22 @@ _HOME = {
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
+    "OneStep": "mbdae.integrators.one_step",
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
     "Spherical": "mbdae.laws.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
-    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.api", "params": "mbdae.symbolic.law",
+    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.api",
+    "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
 }  # fmt: skip
 
 __all__ = [
     "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance",
-    "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz", "Index1",
-    "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OptionError", "Prismatic", "RadauIIA",
-    "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical", "StartError", "SteadyError",
-    "Switches", "Weld", "audit", "compare", "extremes", "load", "params", "report", "selftest", "sweep", "t",
+    "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
+    "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError",
+    "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical",
+    "StartError", "SteadyError", "Switches", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params",
+    "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

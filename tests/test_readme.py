@@ -35,6 +35,15 @@ def test_python_blocks_run(text, line, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_the_method_of_ones_own_in_docs_accuracy_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    texts = [text for language, text, _ in blocks(page) if language == "python"]
+    assert texts
+    for text in texts:
+        exec(compile(text, "accuracy.md", "exec"), {"__name__": "accuracy"})
+
+
 def test_laws_of_the_contributing_guide_work(monkeypatch):
     """Each block is a file; its laws are exported, keep the contract, and the tests among the blocks pass."""
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

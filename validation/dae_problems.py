@@ -100,6 +100,13 @@ def circle_exact(times: np.ndarray) -> np.ndarray:
     return np.array([np.cos(phi), np.sin(phi), -w * np.sin(phi), w * np.cos(phi), w**2 / 2]).T
 
 
+def circle_ode() -> DAE:
+    """The same circle as a limit cycle of an ordinary differential equation: x = cos t^2, y = sin t^2."""
+    (x, y), p = unknowns("x y")
+    pull = 1 - x**2 - y**2
+    return explicit(dae([x, y], p, [p[0] + 2 * t * y - pull * x, p[1] - 2 * t * x - pull * y], [1.0, 0.0], [0.0, 0.0], 1))
+
+
 def jay() -> DAE:
     """Index-2 problem of Jay (1993): y1 = e^t, y2 = e^-2t, z = e^2t."""
     (a, b, z), p = unknowns("a b z")

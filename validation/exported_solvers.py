@@ -1,12 +1,14 @@
-"""Every solver the package exports, so that a new one is held to the same contract without being named."""
+"""Every solver the package exports, and those of `own_methods.CONTRIBUTED`: what tests and claims hold to one contract."""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from inspect import isabstract
 from typing import Any
 
 import numpy as np
 from dae_problems import AsInternalStates
+from own_methods import CONTRIBUTED
 
 import mbdae as mb
 from mbdae.errors import SolverError
@@ -14,8 +16,9 @@ from mbdae.integrators.base import Solver
 from mbdae.integrators.solution import Outputs, Solution
 
 _EXPORTED = [getattr(mb, name) for name in mb.__all__]
-_METHODS = [found for found in _EXPORTED if isinstance(found, type) and issubclass(found, Solver)]
+_METHODS = [found for found in _EXPORTED if isinstance(found, type) and issubclass(found, Solver) and not isabstract(found)]
 VARIANTS = [variant for method in _METHODS for variant in method.variants()]
+ALL = VARIANTS + CONTRIBUTED
 
 
 def _ready(solver: Any) -> list[Any]:
@@ -24,7 +27,7 @@ def _ready(solver: Any) -> list[Any]:
     return adaptive + ([replace(solver, step=0.01)] if "step" in {f.name for f in fields(solver)} else [])
 
 
-READY = [solver for variant in VARIANTS for solver in _ready(variant)]
+READY = [solver for variant in ALL for solver in _ready(variant)]
 
 
 class _Inner:
@@ -40,8 +43,8 @@ def _trimmed(s: Any) -> Any:
 
 
 def solve(solver: Any, system: Any, *arguments: Any, **options: Any) -> Any:
-    """solver.solve of first-order equations; methods for equations of motion get them as internal states."""
-    if not solver.by_steps:
+    """solver.solve of first-order equations; methods for equations of motion alone get them as internal states."""
+    if not solver.by_steps or solver.highest_index == 0:
         return solver.solve(system, *arguments, **options)
     try:
         return _trimmed(solver.solve(AsInternalStates(system), *arguments, **options))

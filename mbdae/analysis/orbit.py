@@ -12,7 +12,7 @@ from mbdae.analysis.pencil import acting, derivatives
 from mbdae.errors import SteadyError
 from mbdae.integrators.dense import Collocation
 from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.scene_system import SceneSystem
@@ -38,7 +38,7 @@ class Orbit:
 
     h: Array
     systems: list[SceneSystem]
-    table: RadauTable
+    table: CollocationTable
     t: Array
     y: Array
     yp: Array

@@ -11,7 +11,7 @@ from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.laws import gap, journal, outward
 from mbdae.audit.phrases import Env, phrase
 from mbdae.audit.rules_motion import moving_point, velocity_of_point
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb, LuGre
 

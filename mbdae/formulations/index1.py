@@ -15,8 +15,8 @@ from mbdae.system.assembled.acceleration_kernel import POSITION, VELOCITY, stabi
 from mbdae.system.assembled.scene_system import FormSpec
 from mbdae.values import array, flag, number, set_option, several, word
 
-#: default rate times the characteristic time: what is off decays as fast as the motion changes, so the rows are no stiffer than
-#: the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
+#: default alpha times the characteristic time: errors of joints decay as fast as the motion changes, so the rows are no stiffer
+#: than the motion. Measured with CVODE on five scenes: 3 takes up to 2.5, 10 up to 4, 100 up to 12 times the evaluations of 1 for
 #: no smaller error; 0 drifts, with 5 to 50 times the error (docs/accuracy.md)
 RATE = 1.0
 MULTIPLIERS = ("derivatives", "algebraic", "eliminated")
@@ -33,15 +33,15 @@ def index1_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 class Index1(Form):
     """Constraints differentiated twice: cheap steps, but nothing except Baumgarte's terms keeps the joints closed.
 
-    baumgarte    alpha (1/s): what is off in a joint decays like exp(-alpha t); or the pair (alpha, beta) of
-                 G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0. None: 1 over the characteristic time of the scene, because a
-                 fixed number of 1/s is nothing for a fast scene and a stiff spring for a slow one. 0: no stabilisation
-    multipliers  "derivatives" of unknowns (what IDA takes: in its error test multipliers stall or lie), "algebraic" unknowns
+    baumgarte    alpha (1/s): an error of a joint decays like exp(-alpha t); or the pair (alpha, beta) of
+                 G u' + gamma + 2 alpha (G u + g_t) + beta^2 g = 0. None: 1 over the characteristic time of the scene; a
+                 fixed alpha is too weak for a fast scene and makes a slow one stiff. 0: no stabilisation
+    multipliers  "derivatives" of unknowns (for IDA, whose error test fails on multipliers themselves), "algebraic" unknowns
                  (Radau IIA), or "eliminated": u' and lambda are solved for at every state, which leaves y' = f(t, y) (CVODE);
                  None: the solver decides, the equations as such have them as derivatives
     waves        Radau resolves elastic vibrations instead of stepping over them
 
-    What the joints are off at the end of a run is compared with the accuracy, and told where it is larger.
+    A run whose joints are open by more than the accuracy at its end warns of it.
     """
 
     baumgarte: float | Sequence[float] | None = None

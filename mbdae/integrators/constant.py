@@ -1,4 +1,4 @@
-"""Steps of constant length: what Radau IIA and generalised-alpha share."""
+"""Steps of constant length: what all methods that take them share."""
 
 from __future__ import annotations
 
@@ -10,13 +10,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import StepFailedError
 from mbdae.integrators.watched.arguments import Inside
 from mbdae.integrators.watched.watch import watch_of
 from mbdae.system.base import Array, System
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow
 FOLLOWED = 1e-9
+
+
+class StepFailedError(Exception):
+    """A step could not be solved; culprit: name of the unknown or equation that resists."""
+
+    def __init__(self, message: str, culprit: str = "") -> None:
+        super().__init__(message)
+        self.culprit = culprit
 
 
 class Stepping(Protocol):
@@ -44,7 +51,7 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
         try:
             solve(width)
         except StepFailedError as error:
-            text = f"Newton's method fails with step = {h:g} s, try another one: {error}"
+            text = f"a step of {width:g} s fails, try another step: {error}"
             raise loop.failure(text, error.culprit) from error
         loop.stats.shortened += not whole
         if watch is not None:

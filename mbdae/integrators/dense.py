@@ -8,8 +8,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable, radau_table
+from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.system.base import Array
+
+BLOCK = 1000  #: steps that are kept, or interpolated, together
+EVEN = 0.5  #: shortest of neighbouring steps over a step, above which one polynomial goes through all of them
 
 
 def interval(t: Array, times: Array) -> NDArray[np.intp]:
@@ -22,7 +25,7 @@ class Collocation:
 
     ends (m, n): values at the end of every step, where they are not those the next step begins with."""
 
-    def __init__(self, table: RadauTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
+    def __init__(self, table: CollocationTable, t: Array, y: Array, inner: Array, ends: Array | None = None) -> None:
         self.table, self.t, self.y, self.inner = table, t, y, inner
         self.ends = y[1:] if ends is None else ends
 
@@ -81,9 +84,13 @@ class Hermite:
         """dy/dt (k, n) at times (k,)."""
         return self._combine(times, self._slope_weights)
 
+    def first(self, i: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Number of the first of the points that hold in step i (k,)."""
+        return np.clip(i - (self.points - 1) // 2, 0, len(self.t) - self.points)
+
     def _combine(self, times: Array, weights: Callable[..., tuple[Array, Array]]) -> Array:
         i = interval(self.t, times)
-        first = np.clip(i - (self.points - 1) // 2, 0, len(self.t) - self.points)
+        first = self.first(i)
         width = (self.t[i + 1] - self.t[i]) if len(self.t) > 1 else np.ones(len(i))
         nodes = np.array([(self.t[first + j] - self.t[i]) / width for j in range(self.points)])
         x = (times - self.t[i]) / width
@@ -115,6 +122,36 @@ class Hermite:
         d = x - nodes[j]
         on_value = 2 * L * slope * (1 - 2 * d * own) - 2 * own * L * L
         return on_value / width, L * L + 2 * d * L * slope
+
+
+def sampled(polynomials: Hermite, steps: NDArray[np.intp], stages: int) -> Array:
+    """Increments (k, stages - 1, n) at the inner nodes of some steps (k,)."""
+    t, y, c = polynomials.t, polynomials.y, radau_table(stages).c[:-1]
+    inner = np.empty((len(steps), stages - 1, y.shape[1]))
+    for first in range(0, len(steps), BLOCK):  # not all at once: that takes several times their memory
+        some = steps[first : first + BLOCK]
+        times = t[some, None] + (t[some + 1] - t[some])[:, None] * c
+        inner[first : first + BLOCK] = polynomials.value(times.ravel()).reshape(len(some), *inner.shape[1:]) - y[some, None]
+    return inner
+
+
+def hermite(order: int, t: Array, y: Array, yp: Array) -> Collocation | Hermite:
+    """Polynomials through y and y' (m+1, n) at the steps t, whose error falls with h^order at least, up to order 8.
+
+    Up to order 4 the cubic through both ends of a step; above a polynomial through several steps, except where one of them is
+    so much shorter than the step itself that it would magnify round-off: there the cubic."""
+    points = min((max(order, 4) + 1) // 2, 4)
+    cubics = Hermite(t, y, yp, 2)
+    if points == 2:
+        return cubics
+    longer, stages, widths = Hermite(t, y, yp, points), 2 * points - 1, np.diff(t)
+    steps = np.arange(len(widths))
+    first = longer.first(steps)
+    shortest = np.min([widths[first + j] for j in range(longer.points - 1)], axis=0) if len(steps) else widths
+    inner = np.empty((len(steps), stages - 1, y.shape[1]))
+    for polynomials, some in ((longer, steps[shortest > EVEN * widths]), (cubics, steps[shortest <= EVEN * widths])):
+        inner[some] = sampled(polynomials, some, stages)
+    return Collocation(radau_table(stages), t, y, inner)
 
 
 class Joined:

@@ -1,4 +1,4 @@
-"""The services every step loop needs: collected steps, guards, progress, and what is kept where a run is interrupted."""
+"""The services every step loop needs: stored steps, limits of time and work, progress, and the solution of an interrupted run."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError, interrupted
-from mbdae.integrators.dense import joined
+from mbdae.integrators.dense import BLOCK, joined
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-BLOCK = 1000  #: steps that are kept together
 
 
 class _Rows:
@@ -79,7 +78,7 @@ class StepLoop:
         self._y = _Rows(np.array(system.y0, dtype=float))
         self._yp = _Rows(np.array(system.yp0, dtype=float))
         self._pieces: list[Any] = []
-        self._renewed: System | None = None  # what takes over from the system
+        self._renewed: System | None = None  # the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
 
@@ -116,7 +115,7 @@ class StepLoop:
 
     def _interrupted(self, error: KeyboardInterrupt | SystemExit) -> None:
         """Give what ends the process (Ctrl-C, or what a handler of the user's raises) the solution so far."""
-        whole = len(self._pieces) + 1  # a step that was being kept is left out
+        whole = len(self._pieces) + 1  # a step that was only half stored is left out
         del self._t[whole:]
         where = f"{self.solver.label} was interrupted at t = {self.t:.9g} of {self.run_end:.9g}"
         interrupted(error, f"{where}: the attribute `solution` of this exception is what was computed", self.solution())
@@ -143,7 +142,7 @@ class StepLoop:
         return t < self.t_end and self._renewed is None
 
     def renew(self) -> bool:
-        """Go on with other equations where those of the system are about to depend on each other; whether that is so."""
+        """Continue with other equations where constraints are about to depend on each other; returns whether that is so."""
         if self._renewed is None and len(self._t) == 1 and self.system.renewed is not None:
             self._renewed = self.system.renewed(self.t, self.state[0])
         if self._renewed is None:
@@ -154,7 +153,7 @@ class StepLoop:
         return True
 
     def restart(self, y: Array, yp: Array) -> None:
-        """Go on from the last step with other values: what jumps at a break of the inputs (accelerations, multipliers)."""
+        """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
         self._y.last, self._yp.last = y, yp

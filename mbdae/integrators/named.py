@@ -1,4 +1,4 @@
-"""Solvers by object, class or name. The names are made from the classes; nobody types them."""
+"""Solvers by object, class or name. The names follow from the classes."""
 
 from __future__ import annotations
 

@@ -22,11 +22,11 @@ class Stats:
     Evaluations of a right-hand side count as `residuals`.
     h_min and h_max in s, over accepted steps, the last one (cut to the end) left out.
     shortened: steps of a constant-step run that are shorter, because an input of time breaks or varies faster there.
-    Where a system has contacts: contacts made, as seen at accepted steps; dips: steps taken back because they may hide a
+    Where a system has contacts: contacts made, as seen at accepted steps; dips: steps repeated because they may hide a
     contact; missed_dips: contacts that came and went inside an accepted step; shortest_contact: fewest accepted steps that
     ended inside one complete contact (0: there was none).
-    Where laws switch or are local: retaken: steps taken back because they stepped over what a law does; unresolved: by item,
-    accepted steps that did all the same; resolving_step: longest step (s) that would not have (0: none did).
+    Where laws have kinks or narrow peaks: retaken: steps repeated because they passed over one; unresolved: by item, accepted
+    steps that passed over one all the same; resolving_step: longest step (s) that would not have (0: none did).
     """
 
     steps: int = 0

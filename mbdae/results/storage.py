@@ -20,7 +20,7 @@ from mbdae.files import path_of
 from mbdae.formulations import GGL, ODE, Form, Index1, Index3
 from mbdae.integrators.base import Solver
 from mbdae.integrators.dense import Collocation, Hermite, Joined
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Solution, Stats
 from mbdae.results import archive, storable
 from mbdae.results.accuracy import Accuracy

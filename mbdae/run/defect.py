@@ -19,8 +19,8 @@ from numpy.polynomial import legendre
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
+from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Solution, systems_at
-from mbdae.integrators.sundials.shared import as_csc
 from mbdae.run.short_events import may_have_short_events
 from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array

@@ -45,7 +45,8 @@ ELSEWHERE = {
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
-    "_Alpha.doubts": "interface", "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
+    "_Alpha.doubts": "interface", "OneStep.advance": "interface",
+    "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip
@@ -179,6 +180,15 @@ class _Now:
         return done
 
 
+class Euler(mb.OneStep):
+    """A solver of a user's own."""
+
+    order = 1
+
+    def advance(self, f: Any, t: float, y: Any, h: float) -> Any:
+        return y + h * f(t, y)
+
+
 TOLERANCES: dict[str, Any] = {"rtol": 1e-6, "atol": None}
 SOLVE = {"system": dae(), "t_end": 0.1, "outputs": 3, "max_wall": 60.0, "progress": tell, "h0": 0.01, "max_residuals": 1e5,
          "begin": 0.0, "share": 1.0}  # fmt: skip
@@ -193,6 +203,10 @@ CALLS: dict[str, Call] = {
     "RadauIIA": Call(lambda: mb.RadauIIA, lambda: {"stages": 3, **TOLERANCES, "step": 0.1, "newton": 1e-6}),
     "GeneralizedAlpha": Call(lambda: mb.GeneralizedAlpha, lambda: {"rho": 0.7, "step": None, "accuracy": None}),
     "HHT": Call(lambda: mb.HHT, lambda: {"alpha": 0.1, "step": None, "accuracy": None}),
+    "OneStep": Call(lambda: Euler, lambda: {"step": None, "accuracy": None}),
+    "measure_order": Call(lambda: mb.measure_order, lambda: {
+        "solver": mb.HHT(), "what": scene(), "t_end": 0.1, "form": mb.GGL(), "steps": (4, 6, 8), "exact": None},
+        "mbdae.integrators.orders._reference"),
     "GGL": Call(lambda: mb.GGL, lambda: {"algebraic": None, "waves": False}),
     "Index1": Call(lambda: mb.Index1, lambda: {"baumgarte": 1.0, "multipliers": None, "waves": False}),
     "Index3": Call(lambda: mb.Index3, lambda: {"waves": False}),
@@ -200,7 +214,7 @@ CALLS: dict[str, Call] = {
     "Run": Call(lambda: Run, lambda: {"solver": mb.IDA(), "form": None, "model": None, "label": None}),
     "Solver.solve": Call(lambda: mb.RadauIIA(3).solve, lambda: SOLVE, INTEGRATE),
     "Solver.at_accuracy": Call(lambda: mb.IDA().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
-    "_Alpha.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
+    "Stepped.at_accuracy": Call(lambda: mb.HHT().at_accuracy, lambda: {"accuracy": 1e-6, "form_label": "GGL"}),
     "DAE": Call(lambda: mb.DAE, lambda: {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
         "names": ["a", "b", "c"], "t0": 0.0, "scale": 1.0, "sparsity": None, "guards": guards, "guard_names": ["gap"],
@@ -284,7 +298,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
     ("Run", "label"): (TEXT, ANY), ("audit", "counts"): ({"a dict"}, "words and their number"),
-    ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("_Alpha.at_accuracy", "form_label"): (TEXT, ANY),
+    ("Solver.at_accuracy", "form_label"): (TEXT, ANY), ("Stepped.at_accuracy", "form_label"): (TEXT, ANY),
     ("Block.at", "label"): (TEXT, ANY),
     ("sweep", "job"): ({"a class", "a function"}, "what can be called"),
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
@@ -298,15 +312,16 @@ NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
 #: values of `hostile.SIGNS` -> options that take them
 SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
-     "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step Solver.solve.t_end Solver.solve.max_wall "
+     "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
+     "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "
      "ComparisonData.cheapest.accuracy"),
     ({"zero", "a half"}, "GeneralizedAlpha.rho Solution.__call__.t Solution.derivative.t Result.__call__.t RunStates.states.t "
                          "RunStates.stresses.t Result.state_for.t"),
     ({"zero", "a half", "much"}, "Index1.baumgarte"),
-    ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy _Alpha.at_accuracy.accuracy GeneralizedAlpha.accuracy "
-                 "HHT.accuracy Result.animate.fps"),
+    ({"a half"}, "Solver.solve.share Solver.at_accuracy.accuracy Stepped.at_accuracy.accuracy GeneralizedAlpha.accuracy "
+                 "HHT.accuracy OneStep.accuracy Result.animate.fps"),
     ({"zero"}, "HHT.alpha"),
     ({"much"}, "Scene.linearize.count Scene.floquet.count"),
     (NUMBERS, "Solver.solve.begin DAE.t0 Equilibrium.__call__.t Equilibrium.states.t Block.at.value"),
@@ -329,5 +344,6 @@ OTHERWISE: dict[tuple[str, str], tuple[set[str], str]] = {
     ("sweep", "grid"): ({"a dict", "a generator"}, "the entry"),
     ("Result.animate", "sensors"): ({"a tuple of text"}, "the entry"),
     ("Result.animate", "trail"): ({"a tuple of text"}, "the entry"),
+    ("measure_order", "exact"): ({"a function", "a lambda"}, "what the function does"),
     ("compare", "reference"): ({"a function"}, "the error of the function itself"),
 }  # fmt: skip

@@ -14,7 +14,7 @@ from mbdae.formulations import system_for
 from mbdae.integrators.matrices import condensed as module
 from mbdae.integrators.matrices.condensed import CondensedMatrix, plan_of
 from mbdae.integrators.matrices.factors import DenseMatrix, iteration_matrix
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.system.prepare import prepare
 
 TABLE = radau_table(3)

@@ -95,6 +95,14 @@ COUNTS = {
     ("contact", "HHT", "ODE"): (2000, 3022, 2, 2), ("contact", "IDA", "ODE"): (407, 654, 119, 119),
     ("contact", "GeneralizedAlpha", "ODE"): (2000, 2997, 2, 2), ("contact", "RadauIIA(2)", "ODE"): (553, 2536, 200, 312),
     ("contact", "RadauIIA(3)", "ODE"): (192, 1501, 104, 170),
+    ("pendulum", "RadauIIA(5)", "GGL"): (31, 935, 32, 33), ("pendulum", "RadauIIA(5)", "Index3"): (48, 1403, 53, 57),
+    ("pendulum", "RadauIIA(5)", "Index1"): (28, 885, 26, 29), ("four-bar", "RadauIIA(5)", "GGL"): (44, 1491, 46, 47),
+    ("four-bar", "RadauIIA(5)", "Index3"): (50, 1605, 54, 56), ("four-bar", "RadauIIA(5)", "Index1"): (43, 1525, 43, 46),
+    ("Andrews", "RadauIIA(5)", "GGL"): (60, 2071, 65, 67), ("Andrews", "RadauIIA(5)", "Index3"): (63, 2088, 69, 72),
+    ("Andrews", "RadauIIA(5)", "Index1"): (64, 2205, 68, 72), ("chain", "RadauIIA(5)", "ODE"): (58, 825, 12, 39),
+    ("closing loop", "RadauIIA(5)", "GGL"): (25, 690, 27, 29), ("closing loop", "RadauIIA(5)", "Index3"): (30, 837, 32, 35),
+    ("closing loop", "RadauIIA(5)", "Index1"): (26, 930, 42, 40), ("beam", "RadauIIA(5)", "ODE"): (9, 125, 3, 8),
+    ("contact", "RadauIIA(5)", "ODE"): (81, 1634, 73, 132),
 }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from inspect import isabstract
 
 import pytest
 
@@ -32,7 +33,7 @@ class Needy(mb.GGL):
 
 def test_every_exported_class_has_a_name() -> None:
     for base, known in ((Solver, SOLVERS), (Form, FORMS)):
-        assert {c for c in EXPORTED if isinstance(c, type) and issubclass(c, base)} == set(known)
+        assert {c for c in EXPORTED if isinstance(c, type) and issubclass(c, base) and not isabstract(c)} == set(known)
 
 
 @pytest.mark.parametrize("given", [mb.RadauIIA(3), mb.RadauIIA, "radau", "radau3", "RadauIIA", "RadauIIA(3)", "RADAU-IIA 3"])

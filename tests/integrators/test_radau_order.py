@@ -7,7 +7,7 @@ from dae_problems import pendulum, pendulum_exact
 from mbdae.errors import AccuracyWarning
 from mbdae.integrators.matrices.factors import iteration_matrix
 from mbdae.integrators.runge_kutta.radau import RadauIIA
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.runge_kutta.tables import radau_table
 
 
 @pytest.mark.parametrize("form", ["index3", "ggl", "ggl_rates"])

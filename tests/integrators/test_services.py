@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from dae_problems import blow_up, decay, explicit, pendulum
-from exported_solvers import READY, VARIANTS, solve
+from exported_solvers import ALL, READY, solve
 from scenes import physical_pendulum
 
 from mbdae.errors import OptionError, SolverError
@@ -36,7 +36,7 @@ def test_outputs_do_not_change_the_steps(solver):
     assert spaced.outputs.t == pytest.approx([0, 0.5, 1, 1.5, 2])
     assert spaced.outputs.yp == pytest.approx(-exact(spaced.outputs.t), abs=1e-3)
     assert plain.t[-1] == 2.0
-    assert plain(plain.t) == pytest.approx(plain.y, abs=1e-15)
+    assert plain(plain.t) == pytest.approx(plain.y, abs=3e-15)
 
 
 @every_solver
@@ -84,6 +84,8 @@ def test_equation_that_is_nan_at_the_start_is_named(solver):
 @every_solver
 @pytest.mark.parametrize("where", ["residual", "jacobian"])
 def test_exception_of_the_system_comes_through(solver, where):
+    if where == "jacobian" and not solve(solver, decay(), 1.0).stats.jacobians:
+        pytest.skip("an explicit method")
     system = decay()
 
     def broken(*arguments):
@@ -165,7 +167,8 @@ def test_arguments_of_solve(options, message):
         (lambda: IDA(rtol=float("nan")), "rtol = nan"),
         (lambda: IDA(max_order=6), "max_order = 6"),
         (lambda: IDA(atol=-1.0), "atol"),
-        (lambda: RadauIIA(4), "stages = 4"),
+        (lambda: RadauIIA(4), r"stages = 4 has not been measured: Radau IIA is offered with 2 \(order 3\), 3"),
+        (lambda: RadauIIA(6), "stages = 6 is not between 2 and 5: Radau IIA is offered with 2"),
         (lambda: CVODE(rtol=2.0), r"rtol = 2\.0 is not between 1e-15 and 0\.1"),
         (lambda: CVODE(method="adams"), "method = 'adams' is not one of 'Adams', 'BDF': give 'Adams'"),
         (lambda: CVODE(max_order=13), "max_order = 13 is not between 1 and 12: Adams has orders 1 to 12"),
@@ -180,21 +183,24 @@ def test_options_of_solvers(make, message):
         make()
 
 
-@pytest.mark.parametrize("solver", VARIANTS, ids=lambda s: s.label)
+@pytest.mark.parametrize("solver", ALL, ids=lambda s: s.label)
 def test_every_solver_delivers_what_is_asked_and_not_much_more(solver):
+    """The first steps of a method of high order are better than is asked."""
     s = physical_pendulum(60)
     fine = s.simulate(1.0, solver=RadauIIA(3, rtol=1e-11), outputs=41)
+    least = 1e-4 if not solver.by_steps or solver.order <= 4 else 0.0
     for asked in (1e-3, 1e-5):
         r = s.simulate(1.0, accuracy=asked, solver=solver, outputs=41)
         error = np.abs(r["A"].angle - fine["A"].angle).max()
-        assert 1e-4 * asked < error < asked
+        assert least * asked < error < asked
         assert r.accuracy.met
 
 
-@pytest.mark.parametrize("solver", VARIANTS, ids=lambda s: s.label)
+@pytest.mark.parametrize("solver", ALL, ids=lambda s: s.label)
 def test_every_solver_states_its_orders_or_measured_factors(solver):
+    """What takes multipliers states its orders by form, other methods of constant steps state one."""
     if "step" in {f.name for f in fields(solver)}:
-        assert {"GGL", "Index3"} <= set(solver.orders[solver.label])
+        assert {"GGL", "Index3"} <= set(solver.orders[solver.label]) if solver.highest_index else solver.order > 0
     if not solver.by_steps:
         assert solver.factors[solver.label]
         assert 0 < solver.tightest[""] < 1e-9
@@ -211,7 +217,7 @@ def test_looser_stages_of_constant_steps_cost_less_for_the_same_error():
 def test_accuracy_becomes_rtol():
     chosen = IDA(max_order=2).at_accuracy(1e-6, "GGL")
     assert chosen == IDA(rtol=chosen.rtol, max_order=2)
-    for solver in (IDA(), RadauIIA(2), RadauIIA(3), CVODE(), CVODE(method="BDF")):
+    for solver in (IDA(), RadauIIA(2), RadauIIA(3), RadauIIA(5), CVODE(), CVODE(method="BDF")):
         for form, factor in solver.factors[solver.label].items():
             assert solver.at_accuracy(1e-6, form).rtol == pytest.approx(1e-6 * factor)
     fixed = RadauIIA(2, step=0.1)

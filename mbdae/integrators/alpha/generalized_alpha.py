@@ -3,50 +3,38 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
 from mbdae.integrators.alpha.step import ORDER, Alphas, AlphaStep
-from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
-from mbdae.integrators.constant import constant_steps, first_width
+from mbdae.integrators.constant import StepFailedError, constant_steps, first_width
 from mbdae.integrators.dense import Collocation, cubic
-from mbdae.integrators.halving import halved, scaled_difference
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import Demand, RadauStep, StepFailedError
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
-from mbdae.integrators.solution import Interpolant, Solution, Stats
+from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
+from mbdae.integrators.runge_kutta.tables import radau_table
+from mbdae.integrators.solution import Interpolant, Stats
+from mbdae.integrators.stepped import Stepped
 from mbdae.integrators.watched.arguments import Inside, cubic_of_step
 from mbdae.system.base import Array, System
-from mbdae.values import number, option, set_option, text
+from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
 CUBIC = 3  #: nodes of Radau IIA that hold a cubic
 GAINS = 0.9  #: spectral radius from which coarse steps gain energy
 
 
-class _Alpha(Solver):
+class _Alpha(Stepped):
     """What all members of the family share; `rho_infinity` is the spectral radius for high frequencies."""
 
-    step: float | None
-    accuracy: float | None
+    order: ClassVar[int] = 2
     highest_index: ClassVar[int] = 3
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
         label: dict.fromkeys(("GGL", "Index3", "Index1"), SECOND) for label in ("GeneralizedAlpha", "HHT")
     }
     tightest: ClassVar[dict[str, float]] = {"": 1e-10}
-
-    @property
-    def fixed(self) -> bool:
-        """Whether a step is given."""
-        return self.step is not None
-
-    @property
-    def by_steps(self) -> bool:
-        """Steered by its step."""
-        return True
 
     @property
     def rho_infinity(self) -> float:
@@ -57,27 +45,6 @@ class _Alpha(Solver):
     def coefficients(self) -> Alphas:
         """Those for accelerations."""
         raise NotImplementedError
-
-    def _set_step(self) -> None:
-        set_option(self, "step", number, "give a positive number of seconds, or None", above=0)
-        set_option(self, "accuracy", number, f"{ACCURACY}, or None", above=0, most=1)
-        if self.step is not None and self.accuracy is not None:
-            raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
-
-    def at_accuracy(self, accuracy: float, form_label: str) -> Self:
-        """This method with steps halved until its error is below `accuracy`; itself where the step is given."""
-        if self.fixed:
-            return self
-        option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
-        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
-
-    def run(self, system: System, asked: Asked) -> Solution:
-        """Integrate with the given step, or with steps halved until the error of all unknowns but multipliers, over their scale,
-        is below `accuracy` (1e-6 where none is given)."""
-        if self.fixed:
-            return super().run(system, asked)
-        goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
-        return halved(self, system, asked, goal, scaled_difference(system)).solution
 
     def check(self, system: System) -> None:
         """Refuse what is no equation of motion with multipliers as algebraic unknowns."""
@@ -196,7 +163,7 @@ def _begin(step: AlphaStep, h: float, stats: Stats) -> None:
         return
     tolerance = 1e-10
     scale = np.asarray(step.system.scale, dtype=float)
-    short = RadauStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
+    short = CollocationStep(step.system, radau_table(3), stats, Demand(tolerance, tolerance * scale, 1e-3, 15), estimate=False)
     try:
         short.solve(-lead * h)
     except StepFailedError:

@@ -21,10 +21,9 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import splu
 
-from mbdae.integrators.matrices.iteration import SingularMatrixError, inverse_or_one
-from mbdae.integrators.runge_kutta.radau_step import StepFailedError
+from mbdae.integrators.constant import StepFailedError
+from mbdae.integrators.matrices.iteration import SingularMatrixError, as_csc, inverse_or_one
 from mbdae.integrators.solution import Stats
-from mbdae.integrators.sundials.shared import as_csc
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 

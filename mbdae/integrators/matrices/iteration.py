@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from mbdae.system.base import Array, System
 
@@ -98,3 +99,8 @@ def inverse_or_one(largest: Array) -> Array:
     """1 / largest, and 1 where a row is empty or not finite (the factorisation then reports it)."""
     usable = (largest > 0) & np.isfinite(largest)
     return np.divide(1.0, largest, out=np.ones_like(largest), where=usable)
+
+
+def as_csc(system: System, data: Array) -> csc_matrix:
+    """Jacobian data of a sparse system as a matrix (n, n)."""
+    return csc_matrix((data, system.sparsity.indices, system.sparsity.indptr), shape=(system.n, system.n))

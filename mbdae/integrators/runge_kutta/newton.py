@@ -1,4 +1,4 @@
-"""Simplified Newton iteration on the stages of one Radau IIA step."""
+"""Simplified Newton iteration on the stages of one collocation step."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from mbdae.integrators.matrices.factors import coupled_correction
 from mbdae.integrators.matrices.iteration import IterationMatrix, SingularMatrixError
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 
-#: a first correction has shown no contraction of its own: that of an earlier step is believed only where it leaves this part
-#: of the tolerance, because steps that end just below it add up (9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
+#: after one correction no contraction is known but that of an earlier step: it is trusted only where the correction is below this
+#: part of the tolerance, because what remains adds up over steps (9e-6 instead of 3e-7 after 100 steps asked for 1e-7)
 UNSEEN = 0.1
 #: corrections that stopped shrinking are round-off; below this part of the tolerance they do no harm
 STAGNATION = 0.03
@@ -38,7 +38,7 @@ class StageNewton:
     Z and Yp (s, n) are its results and belong to it; Z holds the starting values on entry to `solve`.
     """
 
-    def __init__(self, system: System, table: RadauTable, matrix: IterationMatrix, stats: Stats) -> None:
+    def __init__(self, system: System, table: CollocationTable, matrix: IterationMatrix, stats: Stats) -> None:
         s, n = len(table.c), system.n
         self.system, self.table, self.matrix, self.stats = system, table, matrix, stats
         self.Z, self.Y, self.Yp, self.R, self.D = (np.zeros((s, n)) for _ in range(5))

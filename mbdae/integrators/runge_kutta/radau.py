@@ -1,46 +1,25 @@
-"""Radau IIA for F(t, y, y') = 0 of index up to 3: adaptive with a filtered embedded estimate, or constant step.
-
-Hairer, Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.8 and VII.6-7, written for implicit F.
-"""
+"""Radau IIA for F(t, y, y') = 0 of index up to 3: adaptive with a filtered embedded estimate, or constant step."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from math import inf, isfinite
 from typing import Any, ClassVar
 
-import numpy as np
-
-from mbdae.errors import AccuracyWarning, OptionError
-from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.constant import constant_steps
-from mbdae.integrators.dense import Collocation
-from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.runge_kutta.radau_step import Demand, RadauStep, StepFailedError
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
-from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.watched.watch import watch_of
-from mbdae.system.base import Array, System
+from mbdae.errors import OptionError
+from mbdae.integrators.base import set_tolerances
+from mbdae.integrators.runge_kutta.method import CollocationMethod
+from mbdae.integrators.runge_kutta.tables import CollocationTable, radau_table
 from mbdae.values import number, set_option, whole
 
-#: a change of the step inside this band does not pay for a new factorisation
-KEEP = (0.9, 1.2)
-SHRINK, GROW = 0.2, 8.0
-#: factors of a step this much shorter than what a contact allows are used again
-KEEP_FACTORS = 0.6
-#: an error estimate above SUSPECT is compared with round-off; if it is round-off, the step grows as after an
-#: estimate of ESCAPE, because shorter steps only make it worse (eps |q| / h in velocities)
-SUSPECT, ESCAPE = 0.8, 0.05
-#: constant step: the stage equations are solved to TARGET * ROUND of each unknown
-ROUND, TARGET = 1e-10, 1e-5
+#: stages that have measured `orders` and `factors`
+STAGES = (2, 3, 5)
 
 
 @dataclass(frozen=True)
-class RadauIIA(Solver):
-    """Radau IIA with 2 or 3 stages: order 3 or 5, stiffly accurate, index up to 3.
+class RadauIIA(CollocationMethod):
+    """Radau IIA with 2, 3 or 5 stages: order 3, 5 or 9, stiffly accurate, index up to 3.
 
-    stages  2 or 3
+    stages  2, 3 or 5
     rtol    tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
     atol    None, one number, or (n,)
     step    constant step in s: no error control; the last step is cut to end at t_end
@@ -54,10 +33,12 @@ class RadauIIA(Solver):
     newton: float | None = None
 
     factors: ClassVar[dict[str, dict[str, float]]] = {
+        "RadauIIA(5)": {"GGL": 0.3, "Index3": 0.01, "Index1": 0.5, "ODE": 0.3, "DAE": 0.1},
         "RadauIIA(3)": {"GGL": 0.2, "Index3": 3e-3, "Index1": 0.2, "ODE": 0.2, "DAE": 0.03},
         "RadauIIA(2)": {"GGL": 0.01, "Index3": 3e-3, "Index1": 0.01, "ODE": 0.01, "DAE": 0.01},
     }
     orders: ClassVar[dict[str, dict[str, tuple[int, int, int]]]] = {
+        "RadauIIA(5)": {"GGL": (9, 9, 5), "Index3": (9, 5, 4), "Index1": (9, 9, 9)},
         "RadauIIA(3)": {"GGL": (5, 5, 3), "Index3": (5, 3, 2), "Index1": (5, 5, 5)},
         "RadauIIA(2)": {"GGL": (3, 3, 2), "Index3": (3, 2, 1), "Index1": (3, 3, 3)},
     }
@@ -68,7 +49,10 @@ class RadauIIA(Solver):
     alternative: ClassVar[str] = "; round-off keeps index 3 above 1e-9, the GGL form reaches 1e-11"
 
     def __post_init__(self) -> None:
-        set_option(self, "stages", whole, "Radau IIA is offered with 2 (order 3) or 3 (order 5) stages", least=2, most=3)
+        offered = "Radau IIA is offered with 2 (order 3), 3 (order 5) or 5 (order 9) stages"
+        set_option(self, "stages", whole, offered, least=STAGES[0], most=STAGES[-1])
+        if self.stages not in STAGES:
+            raise OptionError(f"stages = {self.stages} has not been measured: {offered}")
         set_tolerances(self)
         set_option(self, "step", number, "give a positive number of seconds, or None for error control", above=0)
         newton = "give a value from 1e-15 to 1e-2 with a constant step, or rtol for an adaptive one"
@@ -78,194 +62,15 @@ class RadauIIA(Solver):
 
     @classmethod
     def variants(cls) -> list[RadauIIA]:
-        """With two and with three stages."""
-        return [cls(stages) for stages in (2, 3)]
-
-    @property
-    def fixed(self) -> bool:
-        """Whether the step is constant."""
-        return self.step is not None
+        """With all numbers of stages."""
+        return [cls(stages) for stages in STAGES]
 
     @property
     def label(self) -> str:
         """Name with the number of stages."""
         return f"RadauIIA({self.stages})"
 
-    def check(self, system: System) -> None:
-        """Refuse an index above 3."""
-        highest = int(np.max(system.index))
-        if highest > 3:
-            raise OptionError(f"index = {highest}: Radau IIA solves index 1 to 3; reduce the index of the equations")
-
-    def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Step from system.t0 to loop.t_end."""
-        if self.step is None:
-            _Adaptive(self, system, loop).run(h0)
-        else:
-            _constant(self, system, loop, self.step)
-
-    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
-        """The collocation polynomials."""
-        return Collocation.of(self.stages, t, y, pieces)
-
-
-def _constant(solver: RadauIIA, system: System, loop: StepLoop, h: float) -> None:
-    """Constant steps."""
-    tolerance, target = (ROUND, TARGET) if solver.newton is None else (solver.newton, 1.0)
-    demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
-    step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=False)
-
-    def inside(width: float) -> list[tuple[float, Array]]:
-        return [(step.t + c * width, step.inside(c)) for c in step.table.c[:-1]]
-
-    constant_steps(system, loop, h, step, step.solve_surely, step.advance, lambda width: step.inside, inside)
-
-
-class _Adaptive:
-    """Error control around the step: Hairer and Wanner's estimate with Gustafsson's controller."""
-
-    def __init__(self, solver: RadauIIA, system: System, loop: StepLoop) -> None:
-        rtol = solver.tolerance
-        atol = absolute_tolerance(system, rtol, solver.atol)
-        target = max(10 * np.finfo(float).eps / rtol, min(1e-3, 0.3 * rtol**0.5))
-        self.limit = 7 + 2 * (solver.stages - 2)
-        demand = Demand(rtol, atol, target, self.limit)
-        self.step = RadauStep(system, radau_table(solver.stages), loop.stats, demand, estimate=True)
-        self.system, self.loop, self.rtol = system, loop, rtol
-        self.exponent = 1 / (solver.stages + 1)
-        self.accepted_h, self.accepted_error = 0.0, 1.0
-        self.smallest = 0.0
-        self.diverged = self.warned = False
-        self.watch = watch_of(system, loop.stats, lambda y: rtol * np.abs(y) + atol)
-        self.landing = inf
-
-    def run(self, h0: float | None) -> None:
-        """Step until the end or until the loop says stop."""
-        h = self.first_step() if h0 is None else h0
-        self.smallest = 1e-12 * h
-        rejected = True  # the first step is treated with the care of one after a rejection
-        while True:
-            bounded = h if self.system.longest_step is None else min(h, self.system.longest_step(self.step.t))
-            width = self._fit(bounded if self.watch is None else self._watched(bounded))
-            if not self.step.t + width > self.step.t:
-                raise self.loop.failure(
-                    f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
-                )
-            try:
-                error = self._try(width, rejected)
-            except StepFailedError as failure:
-                h, rejected, self.diverged = self._after_failure(width, failure), True, True
-                continue
-            if error > SUSPECT and self._is_round_off(width, error):
-                error = ESCAPE
-            if not error < 1.0:  # not a number counts as failed too
-                h, rejected = self._after_rejection(width, error), True
-                continue
-            t1 = self.loop.t_end if self._reaches_end(width) else self.step.t + width
-            if self.watch is not None and self._ends_wrong(width, t1):
-                continue
-            proposed = self._next(width, error, rejected)
-            if self.landing < inf:  # that step was short for its end, not for its error
-                proposed, self.landing = max(proposed, h), inf
-            if not self.loop.accept(*self.step.advance(width, t1)):
-                return
-            h, rejected, self.diverged = proposed, False, False
-
-    def first_step(self) -> float:
-        """A small first step from the rates at the start; the controller then grows it by up to GROW per step."""
-        system, span = self.system, self.loop.t_end - self.step.t
-        slow = np.asarray(system.index) < 3
-        size = np.asarray(system.scale, dtype=float) + np.abs(system.y0)
-        rate = float(np.max(np.abs(system.yp0)[slow] / size[slow], initial=0.0))
-        share = 0.1 * float(self.rtol**self.exponent)
-        return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
-
-    def _watched(self, h: float) -> float:
-        """h, no longer than contacts and laws allow; the factors at hand are used where that shortens it little."""
-        assert self.watch is not None
-        bound = self.watch.bound()
-        if bound < h:
-            factored = self.step.factored_h
-            h = factored if KEEP_FACTORS * bound <= factored <= bound else bound
-        return min(h, self.landing)
-
-    def _ends_wrong(self, h: float, t1: float) -> bool:
-        """Whether the step hides a contact or what a law does, or has a kink inside: the next attempt then ends there."""
-        assert self.watch is not None
-        self.watch.look(t1, self.step.reached(), self.step.inside)
-        shorter = self.watch.shorter(h, self.step.inside)
-        if shorter is None:
-            self.watch.keep()
-            if self.watch.stiffness_changed():
-                self.step.renew()
-                self.watch.jacobian_at(t1, self.step.reached())
-            return False
-        self.landing = shorter
-        self.loop.stats.rejected += 1
-        self.loop.guard()
-        return True
-
-    def _reaches_end(self, h: float) -> bool:
-        return self.step.t + h * (1 + 1e-9) >= self.loop.t_end
-
-    def _fit(self, h: float) -> float:
-        """h, cut or slightly stretched to end at t_end; two equal steps rather than a long and a tiny one."""
-        rest = self.loop.t_end - self.step.t
-        if h * 1.01 >= rest:
-            return rest
-        return rest / 2 if 2 * h > rest and h > 0.6 * rest else h
-
-    def _try(self, h: float, careful: bool) -> float:
-        """Solve the stages and return the error in units of the tolerance."""
-        self.step.solve(h, full=self.diverged)
-        return self.step.error(h, careful)
-
-    def _after_failure(self, h: float, failure: StepFailedError) -> float:
-        self.loop.stats.rejected += 1
-        self._watch(h, f"the step became too small (h = {h:.2e} s): {failure}", failure.culprit)
-        return 0.5 * h
-
-    def _after_rejection(self, h: float, error: float) -> float:
-        self.loop.stats.rejected += 1
-        text = f"the step became too small (h = {h:.2e} s): the error test fails ({error:.1e} times the tolerance)"
-        self._watch(h, text, self.step.largest_error())
-        factor = 0.9 * float(error**-self.exponent) if isfinite(error) else 0.0
-        return h * max(SHRINK, factor)
-
-    def _is_round_off(self, h: float, error: float) -> bool:
-        """Whether the estimate can be round-off alone; said once, because the tolerance is then not met."""
-        noise = self.step.noise(h)
-        if not error <= noise:
-            return False
-        if not self.warned:
-            warnings.warn(
-                f"round-off exceeds the tolerance at t = {self.step.t:.6g} (h = {h:.1e} s, rtol = {self.rtol:g}): "
-                f"loosen rtol to {10 * noise * self.rtol:.0e}, or move the origin nearer to the bodies",
-                AccuracyWarning,
-                stacklevel=5,
-            )
-        self.warned = True
-        return True
-
-    def _watch(self, h: float, message: str, culprit: str) -> None:
-        """Stop on a vanishing step; the wall clock is seen here too."""
-        t = self.step.t
-        if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
-            raise self.loop.failure(message + self._where(), culprit)
-        self.loop.guard()
-
-    def _where(self) -> str:
-        return "" if self.watch is None else self.watch.nearest()
-
-    def _next(self, h: float, error: float, rejected: bool) -> float:
-        """Step proposed after an accepted one, kept where the change would not pay."""
-        newton = self.step.iterations
-        safety = 0.9 * (2 * self.limit + 1) / (2 * self.limit + newton)
-        error = max(error, 1e-10)
-        factor = safety * error**-self.exponent
-        if self.accepted_h:
-            predictive = safety * (h / self.accepted_h) * (self.accepted_error / error**2) ** self.exponent
-            factor = min(factor, predictive)
-        self.accepted_h, self.accepted_error = h, max(error, 1e-2)
-        factor = min(max(factor, SHRINK), 1.0 if rejected and self.loop.stats.rejected else GROW)
-        return h if KEEP[0] <= factor <= KEEP[1] else h * factor
+    @property
+    def table(self) -> CollocationTable:
+        """Right Radau points."""
+        return radau_table(self.stages)

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
-from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.dense import Collocation, Hermite, cubic
-from mbdae.integrators.loop import BLOCK, StepLoop
-from mbdae.integrators.runge_kutta.radau_tables import radau_table
+from mbdae.integrators.dense import Collocation, Hermite, cubic, sampled
+from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.rates import check_rates, rate_jacobian
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials.shared import Callbacks, not_finite, reason, watched
 from mbdae.integrators.watched.watch import StepWatch, SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
@@ -75,18 +74,7 @@ class CVODE(Solver):
 
     def check(self, system: System) -> None:
         """Refuse a system without a right-hand side."""
-        if system.rhs is not None:
-            return
-        if any(kind in ("lambda", "mu") for kind in system.kinds):
-            raise OptionError(
-                f"{self.label} needs y' = f(t, y), but this system has constraints ({system.label} form), so no right-hand "
-                "side: use form=mb.Index1(), which solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or "
-                "make the joints recursive with s.recursive()"
-            )
-        raise OptionError(
-            f"{self.label} needs y' = f(t, y), but this system ({system.label}) gives only F(t, y, y') = 0, no right-hand side: "
-            "use mb.IDA() or mb.RadauIIA(3), or set system.rhs, a function (t, y, out) that fills out with y'"
-        )
+        check_rates(self.label, system)
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """One internal step at a time, so that no output time interrupts the method."""
@@ -117,13 +105,9 @@ class CVODE(Solver):
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Polynomials of degree 5: of CVODE's own interpolant, or through y and y' where they are as good."""
-        c = radau_table(NODES).c[:-1]
         inner = np.empty((len(pieces), NODES - 1, y.shape[1]))
         tame = np.array([i for i, piece in enumerate(pieces) if piece is None], dtype=np.intp)
-        widths, hermite = np.diff(t), Hermite(t, y, yp, 3)
-        for some in np.split(tame, range(BLOCK, len(tame), BLOCK)):  # not all at once: that takes several times their memory
-            times = t[some, None] + widths[some, None] * c
-            inner[some] = hermite.value(times.ravel()).reshape(len(some), NODES - 1, y.shape[1]) - y[some, None]
+        inner[tame] = sampled(Hermite(t, y, yp, 3), tame, NODES)
         for i, piece in enumerate(pieces):
             if piece is not None:
                 inner[i] = piece
@@ -218,22 +202,6 @@ class _Callbacks(Callbacks):
             self._choosing = False
             self._newest = t, y.copy()
             out[...] = rate_jacobian(self.system, t, y, yp)
-
-
-def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:
-    """df/dy (n, n) of y' = f(t, y) at yp = f(t, y): -(dF/dy')^-1 dF/dy of F(t, y, y') = 0, unless the system knows it."""
-    if system.rate_jacobian is not None:
-        return np.asarray(system.rate_jacobian(t, y))
-    fy, fyp = system.jacobian_parts(t, y, yp)
-    try:
-        if system.sparsity is None:
-            return np.asarray(-np.linalg.solve(fyp, fy))
-        return np.asarray(-splu(as_csc(system, fyp)).solve(as_csc(system, fy).toarray()))
-    except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise OptionError(
-            f"dF/dy' is singular at t = {t:.9g}: an equation lacks its derivative (a massless motion?), so there is no "
-            "y' = f(t, y); use mb.IDA() or mb.RadauIIA(3)"
-        ) from error
 
 
 def _failure(loop: StepLoop, last: _Callbacks, result: Any, solver: CVODE, atol: Array, where: str) -> BaseException:

@@ -12,8 +12,9 @@ from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Callbacks, as_csc, not_finite, reason, watched
+from mbdae.integrators.sundials.shared import Callbacks, not_finite, reason, watched
 from mbdae.integrators.watched.watch import SundialsWatch, stop_time
 from mbdae.system.base import Array, System
 from mbdae.ties import largest

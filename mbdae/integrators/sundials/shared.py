@@ -10,7 +10,6 @@ from contextlib import contextmanager, redirect_stdout
 from typing import Any, Self
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from mbdae.errors import SolverError
 from mbdae.integrators.loop import StepLoop
@@ -109,8 +108,3 @@ def not_finite(loop: StepLoop, last: Callbacks, why: str) -> SolverError | None:
             culprit = last.system.equations[int(np.argmax(~np.isfinite(values)))]
             return loop.failure(f"{why}; equation {culprit} is not finite near t = {last.t:.9g}", culprit)
     return None
-
-
-def as_csc(system: System, data: Array) -> csc_matrix:
-    """Jacobian data of a sparse system as a matrix (n, n)."""
-    return csc_matrix((data, system.sparsity.indices, system.sparsity.indptr), shape=(system.n, system.n))

@@ -1,7 +1,7 @@
 """The arguments at which equations switch or are local, over one step of a solver.
 
-An argument u of a steep function is stretched to PHI(u), whose change by one means about one width of the function: flat where
-the function is flat, the logarithm of a power. Arguments are looked at on the polynomial of the step.
+PHI(u) of the argument u of a steep function changes by one where u changes by about one width of the function: constant where
+the function is constant, the logarithm for a power. Arguments are evaluated on the polynomial of the step.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class Course(NamedTuple):
 
 
 class StepArguments:
-    """The arguments of a system over the step looked at last.
+    """The arguments of a system over the last step.
 
     at_nodes (8, na): values at `NODES`; kinks (na,): which are those of kinks.
     """
@@ -107,7 +107,7 @@ class StepArguments:
         self.kinks, self._signed = kinds == "kink", np.isin(kinds, ("kink", "power"))
 
     def look(self, t: float, h: float, inside: Inside) -> None:
-        """Take a step of h from t."""
+        """Evaluate the arguments over a step of h from t."""
         self.t, self.h, self.inside = t, h, inside
         self.at_nodes = self.at(NODES)
         self._rise = TO_RISES @ self.at_nodes
@@ -115,7 +115,7 @@ class StepArguments:
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
     def _poor(self) -> bool:
-        """Whether the polynomial through the values at `NODES` is no good picture of some argument."""
+        """Whether the polynomial through the values at `NODES` is far from some argument."""
         tail = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0)
         return bool(np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * np.abs(self.at_nodes).max(axis=0)))
 
@@ -204,8 +204,8 @@ class StepArguments:
             u = self.at(s)[:, i]
             best = int(np.argmax(sign * u))
             part, value = float(s[best]), float(u[best])
-            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # it lies beside the interval: the fine points are
-                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # of a polynomial, not of the argument itself
+            if (best == 0 and a > 0) or (best == SECTIONS - 1 and b < 1):  # it lies outside the interval, because the fine
+                a, b = max(part - (b - a), 0.0), min(part + (b - a), 1.0)  # points are those of a polynomial
                 continue
             low, high = max(best - 1, 0), min(best + 1, SECTIONS - 1)
             a, b = float(s[low]), float(s[high])
@@ -214,7 +214,7 @@ class StepArguments:
         return part, value
 
     def _settled(self, i: int, value: float, change: float) -> bool:
-        """Whether an extremum near a value, with a change towards its neighbours, is known well enough."""
+        """Whether an extremum near a value, with a change towards its neighbours, is located well enough."""
         farther = value + BEYOND * change
         if self._signed[i] and (farther < 0) != (value < 0):
             return False

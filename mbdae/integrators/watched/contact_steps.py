@@ -1,7 +1,7 @@
-"""Steps around contacts: none is stepped over, none is entered by a step that is long against the impact.
+"""Step sizes near contacts: no step passes over a contact, and none that enters one is long against the impact.
 
-Nothing of this exists where a system has no guards. A contact is apart where its gap is positive, made where it is negative.
-Contacts are few and steps many: plain numbers are four times faster here than arrays.
+Used where a system has `guards`. A contact is apart where its gap is positive, made where it is negative. Python's numbers are
+four times faster here than arrays, because contacts are few.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from mbdae.system.base import Array, System
 APPROACH = 0.5
 #: part of an impact one step may cover; with 0.1 Radau needs up to twice the steps for the same error
 IMPACT = 0.2
-#: part of the penetration that may come or go in a step longer than that: what lies at rest costs nothing
+#: part by which the penetration may change in a longer step: a body at rest on a contact needs no short steps
 REST = 0.1
-#: durations of an impact after which a contact is no impact any more, but lasts: its motion is smooth, and the error test alone
-#: decides. With a bound there the higher orders of BDF keep what rests on a contact trembling: 2 to 3 times the evaluations
+#: durations of an impact after which a contact counts as lasting: its motion is smooth, and the error test alone bounds the step.
+#: With a bound the higher orders of BDF keep a body at rest trembling: 2 to 3 times the evaluations
 LASTING = 3.0
-#: part by which a penetration may change before a Jacobian is of no use
+#: part by which a penetration may change before the Jacobian is evaluated anew
 CHANGE = 0.2
 #: a minimum between two points apart that is below this part of the smaller gap may be a contact
 MARGIN = 0.1
 #: largest weight of a slope in a cubic Hermite polynomial on [0, 1]
 SLOPE = 4 / 27
-#: steps taken back at one place before what is found is taken as it is
+#: times a step is repeated shorter at one place; then it is accepted as it is
 RETRIES = 4
-#: part of a step at either end within which a zero counts as met
+#: part of a step at either end within which a zero of the gap counts as being at that end
 MET = 1e-2
-#: a step shorter than ROUND times the time is none
+#: shortest step over the time: shorter ones are round-off of the time
 ROUND = 1e3 * float(np.finfo(float).eps)
 
 
@@ -48,7 +48,7 @@ class Contact(NamedTuple):
 
     @property
     def calm(self) -> float:
-        """Time (s) in which the gap would change by itself at this rate."""
+        """Time (s) in which the gap would change by its own size at this rate."""
         return abs(self.gap / self.rate) if self.rate else inf
 
 
@@ -93,10 +93,10 @@ class Cubic(NamedTuple):
 
 
 class ContactSteps:
-    """The contacts of one run: how far the next step may go, and whether the step just made may be kept.
+    """The contacts of one run: how long the next step may be, and whether the last one is to be repeated shorter.
 
-    A solver asks `bound` before a step and takes a `look` at its end; `hidden` (or `shorter`) then says whether to try a shorter
-    one, and what is accepted it announces by `keep`.
+    A solver calls `bound` before a step and `look` after it; `hidden` or `shorter` then return a shorter step to try, and `keep`
+    is called when the step is accepted.
     """
 
     def __init__(self, system: System, stats: Stats, impact: float = IMPACT) -> None:
@@ -118,7 +118,7 @@ class ContactSteps:
         """Largest step from the last accepted point, s: half the way to the surface, or a small part of an impact."""
         bound = inf
         for here, before, lasting in zip(self._here, self._before, self._lasting, strict=True):
-            short = self.impact * min(here.duration, before.duration)  # where an impact turns, it has no speed
+            short = self.impact * min(here.duration, before.duration)  # of both: at its turning point an impact has no speed
             if here.gap < 0:
                 if self._t < lasting:
                     bound = min(bound, max(short, REST * min(here.calm, before.calm)))
@@ -127,11 +127,11 @@ class ContactSteps:
         return max(bound, ROUND * abs(self._t))
 
     def look(self, t: float, y: Array) -> None:
-        """Take the end of a step that was just made."""
+        """Evaluate the contacts at the end (t, y) of the last step."""
         self._t_end, self._end = t, self._contacts(t, y)
 
     def hidden(self) -> float | None:
-        """Time (s) at which the step should have ended: it hides a contact, or went deep into one. None: keep it."""
+        """Time (s) at which the step should have ended, because it hides a contact or goes deep into one. None: accept it."""
         found = [place for i in range(len(self._end)) if (place := self._hidden(i)) is not None]
         if not found:
             return None
@@ -145,7 +145,7 @@ class ContactSteps:
         return self._t + part * h
 
     def _hidden(self, i: int) -> tuple[float, bool] | None:
-        """Part of the step after which contact i may be made, unseen at its end or too early, and whether it surely is."""
+        """Part of the step after which contact i may be made, unless the end shows it well, and whether that is certain."""
         here, end, cubic = self._here[i], self._end[i], self._cubic(i)
         short = self.impact * min(here.duration, end.duration)
         if not (here.gap > 0 and cubic.h > short):
@@ -159,7 +159,7 @@ class ContactSteps:
         if not (0 < part < 1 and least < MARGIN * min(here.gap, end.gap)):
             return None
         part = cubic.zero(part) if least < 0 else part
-        return max(part, short / cubic.h), least < 0  # a step as short as this is never taken back: none has to be shorter
+        return max(part, short / cubic.h), least < 0  # steps of this length are never repeated, so none has to be shorter
 
     def count_hidden(self, inner: list[tuple[float, Array]]) -> None:
         """Count the contacts that came and went inside a constant step; inner: times (s) and states between its ends."""
@@ -171,9 +171,9 @@ class ContactSteps:
                 self.stats.missed_dips += dips or any(contacts[i].gap < 0 for contacts in between)
 
     def shorter(self, h: float, inside: Callable[[float], Array]) -> float | None:
-        """Width (s) the step of width h should have had, to end at what it hides or where a contact is made or lost.
+        """Width (s) that the step of width h should have: it then ends at the contact it hides, or where one is made or lost.
 
-        inside: y (n,) on the polynomial of the step after a part of it. None: keep the step.
+        inside: y (n,) on the polynomial of the step after a part of it. None: accept the step.
         """
         when = self.hidden()
         if when is not None:
@@ -199,7 +199,7 @@ class ContactSteps:
         return 0.0 if gap(0.0) == 0.0 else float(brentq(gap, 0.0, 1.0, xtol=0.01 * MET, rtol=1e-12))
 
     def keep(self) -> None:
-        """The step is accepted: count."""
+        """Count the contacts of the step that is accepted."""
         self._before, self._here, self._t, self._retries = self._here, self._end, self._t_end, 0
         for i, (before, here) in enumerate(zip(self._before, self._here, strict=True)):
             if here.gap < 0:
@@ -218,7 +218,7 @@ class ContactSteps:
         self._stiff = [min(c.gap, 0.0) for c in self._contacts(t, y)]
 
     def stiffness_changed(self) -> bool:
-        """Whether a penetration at the last accepted point is another than where the Jacobian was evaluated.
+        """Whether a penetration at the last accepted point differs from that where the Jacobian was evaluated.
 
         The stiffness of a contact, kept after its end, makes every correction and every error estimate look small.
         """

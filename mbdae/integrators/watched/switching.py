@@ -1,7 +1,7 @@
-"""Steps around what switches or is local in the equations: nothing that a law does within a width is stepped over.
+"""Step sizes where equations switch (kinks) or are local (narrow peaks): no step passes over a kink or a peak.
 
-A step over which PHI of an argument (`arguments.py`) varies by more than `LIMIT` is taken back; one that crosses a kink ends
-there. Nothing of this exists where a system has no switches.
+A step over which PHI of an argument (`arguments.py`) varies by more than `LIMIT` is repeated shorter; one that crosses a kink
+is repeated so that it ends there. Used where a system has `switches`.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import MARGIN, Course, Inside, StepArguments
 from mbdae.system.base import Array, System
 
-#: largest variation of PHI over a step that is kept, over the next step as its rate tells it, and over a step taken anew
+#: largest variation of PHI over an accepted step, over the next step as expected from its rate, and over a step that is repeated
 LIMIT, REACH, AGAIN = 2.5, 1.0, 1.25
-#: steps taken back at one place before what is found is taken as it is
+#: times a step is repeated shorter at one place; then it is accepted as it is
 RETRIES = 10
-#: part of a step at its end within which the only kink counts as met, and at its start the kink the step before was to end at
+#: part of a step at its end within which its only kink counts as being at the end; at its start that of the step before
 MET = 1e-2
-#: arguments below so many times what the tolerance means for them are 0
+#: arguments below this many times the change that the tolerance of the unknowns makes in them are 0
 NOISE = 3.0
-#: shortest part of a step that is worth a step of its own; a step shorter than ROUND times the time is none
+#: shortest part of a step to be made a step of its own; shortest step over the time, shorter ones are round-off of the time
 TINY, ROUND = 1e-9, 1e3 * float(np.finfo(float).eps)
 
-Found = tuple[float, int, bool]  #: part of a step, number of an argument, whether something surely is hidden there
+Found = tuple[float, int, bool]  #: part of a step, number of an argument, whether a kink or peak is certainly hidden there
 
 
 class SwitchingSteps:
-    """The switches of one run: how far the next step may go, and where the step just made should have ended."""
+    """The switches of one run: how long the next step may be, and where the last one should have ended."""
 
     def __init__(self, system: System, stats: Stats, tolerance: Callable[[Array], Array]) -> None:
-        """tolerance: y (n,) -> what the solver leaves undecided of every unknown (n,)."""
+        """tolerance: y (n,) -> tolerance of every unknown (n,)."""
         assert system.switches is not None
         self.arguments, self.stats, self.tolerance = StepArguments(system.switches), stats, tolerance
         self._retries, self._bound, self._crossed = 0, inf, False
@@ -44,11 +44,11 @@ class SwitchingSteps:
         return self._bound
 
     def look(self, t: float, h: float, inside: Inside) -> None:
-        """Take a step of h from t that was just made."""
+        """Evaluate the arguments over the last step, of h from t."""
         self.arguments.look(t, h, inside)
 
     def shorter(self) -> float | None:
-        """Width (s) the step should have had; None: keep it."""
+        """Width (s) the step should have had; None: accept it."""
         found = self._found()
         if found is None:
             return None
@@ -64,20 +64,20 @@ class SwitchingSteps:
         return part * h
 
     def keep(self) -> None:
-        """The step is accepted: how far may the next one go?"""
+        """The step is accepted: bound the next one."""
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf
         self._crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
     def count_hidden(self) -> None:
-        """Count what came and went inside a constant step; a kink that is crossed once is not hidden."""
+        """Count a kink or peak hidden inside a constant step; a kink that is crossed once is not hidden."""
         found = self._found(constant=True)
         if found is not None and found[2]:
             self._count(found[1], found[0])
 
     def crossed(self) -> bool:
-        """Whether the last accepted step ended beyond a kink before which it began: the Jacobian in use is of the other side."""
+        """Whether the last accepted step crossed a kink, so that the Jacobian belongs to equations that no longer hold."""
         return self._crossed
 
     def _count(self, i: int, part: float) -> None:
@@ -88,7 +88,7 @@ class SwitchingSteps:
     # -- what a step hides
 
     def _found(self, constant: bool = False) -> Found | None:
-        """First part of the step after which it should have ended."""
+        """Smallest part of the step after which it should have ended."""
         asked = self.arguments.suspects(LIMIT)
         if not asked.any():
             return None
@@ -116,7 +116,7 @@ class SwitchingSteps:
         return part, i, arguments.noise(i, self.tolerance)[1] < 1
 
     def _with_zeros(self, i: int, course: Course) -> Course:
-        """With the places where argument i vanishes, whose logarithm falls towards them."""
+        """The course with the zeros of argument i, of which the logarithm is infinite, as points."""
         s, u = course
         for k in reversed(course.changes()):
             s, u = np.insert(s, k + 1, self.arguments.zero(i, course, k)), np.insert(u, k + 1, 0.0)
@@ -140,5 +140,5 @@ class SwitchingSteps:
         return [] if near and self._is_noise(i, course) else near
 
     def _is_noise(self, i: int, course: Course) -> bool:
-        """Whether argument i stays nearer to 0 than the tolerance can tell."""
+        """Whether argument i stays so near to 0 that its sign is within the tolerance."""
         return float(np.max(np.abs(course.u))) < NOISE * self.arguments.noise(i, self.tolerance)[0]

@@ -1,4 +1,4 @@
-"""What a run watches beside its error: contacts, and laws that switch or are local."""
+"""What bounds the step beside the error: contacts, kinks of the equations, and functions with narrow peaks."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mbdae.integrators.watched.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.watched.switching import SwitchingSteps
 from mbdae.system.base import Array, System
 
-Tolerance = Callable[[Array], Array]  #: y (n,) -> what a solver leaves undecided of every unknown (n,)
+Tolerance = Callable[[Array], Array]  #: y (n,) -> tolerance of every unknown (n,)
 
 
 class StepWatch:
-    """The parts of one watch, each only where the system has something to watch.
+    """Contacts and switches of one run, each only where the system has some.
 
-    A solver asks `bound` before a step and takes a `look` at it afterwards; `shorter` then says whether to try a shorter one, and
-    what is accepted it announces by `keep`.
+    A solver calls `bound` before a step and `look` after it; `shorter` then returns a shorter step to try, or None; `keep` is
+    called when the step is accepted.
     """
 
     #: part of an impact one step may cover
@@ -44,7 +44,7 @@ class StepWatch:
         return max(min(bounds), ROUND * abs(self._t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
-        """Take the end (t, y) of a step just made and its polynomial: y (k, n) after parts (k,) of the step."""
+        """Evaluate the last step: its end (t, y) and its polynomial, y (k, n) after parts (k,) of the step."""
         self._t_end = t
         if self.contacts is not None:
             self.contacts.look(t, y)
@@ -52,7 +52,7 @@ class StepWatch:
             self.switching.look(self._t, t - self._t, inside)
 
     def shorter(self, h: float, inside: Inside) -> float | None:
-        """Width (s) the step of width h should have had; None: keep it."""
+        """Width (s) the step of width h should have had; None: accept it."""
         widths = [None if self.contacts is None else self.contacts.shorter(h, lambda part: inside(np.array(part))),
                   None if self.switching is None else self.switching.shorter()]  # fmt: skip
         return min((width for width in widths if width is not None), default=None)
@@ -65,7 +65,7 @@ class StepWatch:
                 part.keep()
 
     def count_hidden(self, inner: Callable[[], list[tuple[float, Array]]]) -> None:
-        """Count what came and went inside a constant step; inner: times (s) and states between its ends."""
+        """Count what is hidden inside a constant step; inner: times (s) and states between its ends."""
         if self.contacts is not None:
             self.contacts.count_hidden(inner())
         if self.switching is not None:
@@ -77,7 +77,7 @@ class StepWatch:
             self.contacts.jacobian_at(t, y)
 
     def stiffness_changed(self) -> bool:
-        """Whether the equations at the last accepted point are others than where the Jacobian was evaluated."""
+        """Whether the equations at the last accepted point differ from those where the Jacobian was evaluated."""
         of_contacts = self.contacts is not None and self.contacts.stiffness_changed()
         return of_contacts or (self.switching is not None and self.switching.crossed())
 
@@ -92,13 +92,13 @@ def watch_of(system: System, stats: Stats, tolerance: Tolerance) -> StepWatch | 
 
 
 class SundialsWatch(StepWatch):
-    """The watch of a run with SUNDIALS, which goes no further than a stop time, and begins anew where it has to go back.
+    """The watch of a run with SUNDIALS, which takes a stop time before a step, and is restarted to repeat a step.
 
-    jacobians  evaluations before the last new beginning; SUNDIALS then counts from 0
+    jacobians  evaluations before the last restart, at which SUNDIALS counts from 0 again
     """
 
-    #: At 0.2 a tolerance too coarse for an impact loses 45 % of its speed, at 0.1 28 %, and what should come to rest at rtol 1e-3
-    #: made 250 contacts instead of 37, at 0.1 28; with finer tolerances the cost is the same
+    #: with a tolerance too coarse for an impact 0.2 loses 45 % of its speed, 0.1 28 %; a body coming to rest made 250 contacts at
+    #: 0.2, 28 at 0.1 (37 are right, rtol 1e-3). With finer tolerances both cost the same
     impact = 0.1
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
@@ -118,7 +118,7 @@ class SundialsWatch(StepWatch):
         return float(min(loop.t_end, loop.t + self.bound(), until))
 
     def refuses(self, result: Any, yp: Array) -> bool:
-        """Whether a step just made (yp: y' at its end) has to be taken back; the next ones then end at what it hid."""
+        """Whether the last step (yp: y' at its end) has to be repeated; the next ones then end at what it hid."""
         t, h = float(result.t), float(result.t) - self.loop.t
         self.look(t, result.y, cubic_of_step(h, self.loop.state, (result.y, yp)))
         hidden = None if self.contacts is None else self.contacts.hidden()

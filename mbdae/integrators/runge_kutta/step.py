@@ -1,4 +1,4 @@
-"""One step of Radau IIA: starting values, stage equations with their rescues, error estimate."""
+"""One step of a collocation method: starting values, stage equations, what is tried where they resist, error estimate."""
 
 from __future__ import annotations
 
@@ -7,31 +7,24 @@ from math import sqrt
 
 import numpy as np
 
+from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.matrices.factors import iteration_matrix
 from mbdae.integrators.matrices.iteration import SingularMatrixError
 from mbdae.integrators.runge_kutta.newton import Outcome, StageNewton
-from mbdae.integrators.runge_kutta.radau_tables import RadauTable
+from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
 #: a contraction better than this lets the Jacobian serve the next step too
 REUSE = 1e-2
-#: number of the stage where a new Jacobian is taken
+#: number of the stage, the first is 0, at which a new Jacobian is evaluated
 AMID = 1
 #: steps longer than the last one by more than FAR do not continue its polynomial; a step grows by 8 at most, but a landing
 #: on a contact may be short
 FAR = 50.0
 #: halvings that may be used to find starting values for a constant step
 DEPTH = 6
-
-
-class StepFailedError(Exception):
-    """The stage equations could not be solved; culprit: name of the unknown or equation that resists."""
-
-    def __init__(self, message: str, culprit: str) -> None:
-        super().__init__(message)
-        self.culprit = culprit
 
 
 @dataclass(frozen=True)
@@ -48,13 +41,13 @@ class Demand:
     limit: int
 
 
-class RadauStep:
-    """The state (t, y, yp) of a Radau IIA integration and what it takes to go one step further.
+class CollocationStep:
+    """The state (t, y, yp) of an integration by collocation and what it takes to go one step further.
 
-    estimate: whether `error` will be asked for; factored_h: step (s) the factors at hand belong to, 0 without.
+    estimate: whether `error` will be asked for; factored_h: step (s) of the present factors, 0 without.
     """
 
-    def __init__(self, system: System, table: RadauTable, stats: Stats, demand: Demand, estimate: bool) -> None:
+    def __init__(self, system: System, table: CollocationTable, stats: Stats, demand: Demand, estimate: bool) -> None:
         self.system, self.table, self.stats, self.demand = system, table, stats, demand
         self.t, self.y, self.yp = float(system.t0), np.array(system.y0, float), np.array(system.yp0, float)
         self.iterations = 0
@@ -80,7 +73,7 @@ class RadauStep:
         return self.demand.rtol * np.abs(y) + self.demand.atol
 
     def solve(self, h: float, full: bool = True) -> None:
-        """Solve the stage equations: with the factors at hand, then a fresh Jacobian, then full Newton if allowed."""
+        """Solve the stage equations: with the present factors, then a fresh Jacobian, then full Newton if allowed."""
         weights = self.weights(h, self.y)
         outcome = self._simplified(h, weights)
         if not outcome.converged and not self._fresh:
@@ -131,12 +124,13 @@ class RadauStep:
             self.matrix.refresh(self.t, self.y, self.yp)
         else:
             self._predict(h)
-            self.matrix.refresh(self.t + self.table.c[AMID] * h, *self.newton.predicted(AMID, self.y, h))
+            i = min(AMID, len(self.table.c) - 1)
+            self.matrix.refresh(self.t + self.table.c[i] * h, *self.newton.predicted(i, self.y, h))
         self._at_start = False
 
     def _predict(self, h: float) -> None:
         """Starting increments: the last collocation polynomial continued; a straight line at the start, and after a step that
-        was much shorter, whose polynomial says nothing so far away."""
+        was much shorter, whose polynomial is useless so far away."""
         if self._previous is None or h > FAR * self._previous[0]:
             np.multiply.outer(self.table.c * h, self.yp, out=self.newton.Z)
             return
@@ -145,15 +139,20 @@ class RadauStep:
         if ratio != self._ratio:
             self._ratio = ratio
             self._extrapolation = self.table.values(1 + ratio * self.table.c)
-            self._extrapolation[:, -1] -= 1.0
+            self._extrapolation -= self.table.end
         np.matmul(self._extrapolation, last_Z, out=self.newton.Z)
 
-    def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array]:
-        """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n))."""
+    def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array | None]:
+        """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n)); none where the last stage is not the end."""
         Z = self.newton.Z.copy()
-        self.t, self.y, self.yp = t1, self.y + Z[-1], self.newton.Yp[-1].copy()
         self._previous, self._fresh = (h, Z), False
-        return t1, self.y, self.yp, Z[:-1]
+        if self.table.stiffly_accurate:
+            self.t, self.y, self.yp = t1, self.y + Z[-1], self.newton.Yp[-1].copy()
+            return t1, self.y, self.yp, Z[:-1]
+        self.t, self.y, self.yp = t1, self.reached(), np.empty_like(self.y)
+        self.system.rhs(t1, self.y, self.yp)
+        self.stats.residuals += 1
+        return t1, self.y, self.yp, None
 
     def renew(self) -> None:
         """Evaluate the Jacobian anew for the next step."""
@@ -161,7 +160,8 @@ class RadauStep:
 
     def reached(self) -> Array:
         """y (n,) at the end of the step just solved."""
-        return np.asarray(self.y + self.newton.Z[-1])
+        Z = self.newton.Z
+        return np.asarray(self.y + (Z[-1] if self.table.stiffly_accurate else self.table.end @ Z))
 
     def inside(self, part: float | Array) -> Array:
         """y (n,) or (k, n) on the polynomial of the step just solved, after a part of it or parts (k,)."""
@@ -170,8 +170,7 @@ class RadauStep:
     def error(self, h: float, careful: bool) -> float:
         """Filtered embedded error in units of the tolerance; filtered once more where it matters."""
         table, matrix = self.table, self.matrix
-        y1 = self.y + self.newton.Z[-1]
-        weights = self.weights(h, np.maximum(np.abs(self.y), np.abs(y1)))
+        weights = self.weights(h, np.maximum(np.abs(self.y), np.abs(self.reached())))
         difference = table.gamma0 * h * self.yp + table.e @ self.newton.Z
         rhs = matrix.mass(difference) / (h * table.gamma0)
         norm = self._filter(rhs, weights)

@@ -1,29 +1,35 @@
-"""Coefficients of the Radau IIA methods, computed from their definition and checked where they are made.
+"""Coefficients of collocation methods, computed from their nodes and checked where they are made.
 
-Radau IIA with s stages is collocation at the right Radau points of [0, 1]
+A collocation method with s stages is known by its nodes c_1 < ... < c_s in (0, 1]
 (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.5 and IV.8).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
+from mbdae.errors import OptionError
 from mbdae.system.base import Array
+from mbdae.values import array, option, whole
+
+EXACT = 1e-11  #: a condition of a table that is missed by more does not hold
 
 
 @dataclass(frozen=True)
-class RadauTable:
-    """One Radau IIA method in the letters of Hairer and Wanner.
+class CollocationTable:
+    """One collocation method in the letters of Hairer and Wanner.
 
-    c        (s,) nodes, the last one is 1
-    A        (s, s) Runge-Kutta matrix, its last row holds the weights
-    A_inv    (s, s) its inverse: h y'_i = sum_j A_inv[i, j] Z_j with the stage increments Z
+    order    p: the end point of an ordinary differential equation is off by h^(p + 1) in one step
+    c        (s,) nodes
+    A        (s, s) Runge-Kutta matrix
+    b        (s,) weights of the stage slopes k_i at the end of the step: y1 = y0 + h sum b_i k_i
+    A_inv    (s, s) inverse of A: h y'_i = sum_j A_inv[i, j] Z_j with the stage increments Z
     real     (r,) real eigenvalues of A_inv, r = s mod 2
     pairs    (m,) complex eigenvalues of A_inv, the one with positive imaginary part of each pair
     T, T_inv (s, s) real form of the eigenvectors: rows of T_inv give the real part(s), then Re and Im per pair
@@ -32,8 +38,10 @@ class RadauTable:
     V_inv    (s, s) increments at the nodes -> coefficients of theta, theta^2, ... of the collocation polynomial
     """
 
+    order: int
     c: Array
     A: Array
+    b: Array
     A_inv: Array
     real: Array
     pairs: NDArray[np.complex128]
@@ -44,20 +52,31 @@ class RadauTable:
     V_inv: Array
 
     def __post_init__(self) -> None:
-        """Collocation (stage order s), quadrature of order 2 s - 1, the transformation and the embedded formula."""
+        """Collocation (stage order s), quadrature of the order stated, the transformation and the embedded formula."""
         s = len(self.c)
-        k = np.arange(1, 2 * s)
+        k = np.arange(1, max(self.order, s) + 1)
         powers = self.c[:, None] ** (k - 1)
         conditions = {
-            "quadrature": self.A[-1] @ powers - 1 / k,
+            "quadrature": (self.b @ powers - 1 / k)[: self.order],
             "collocation": self.A @ powers[:, :s] - self.c[:, None] ** k[:s] / k[:s],
             "inverse": self.A @ self.A_inv - np.eye(s),
             "transformation": self.T @ self._blocks() @ self.T_inv - self.A_inv,
             "embedded": (self.e @ self.A) @ powers[:, :s] + self.gamma0 * (k[:s] == 1),
         }
         for name, defect in conditions.items():
-            if not np.abs(defect).max() < 1e-11:
-                raise ArithmeticError(f"Radau IIA, {s} stages: {name} condition off by {np.abs(defect).max():.1e}")
+            if not np.abs(defect).max() < EXACT:
+                raise OptionError(f"nodes {self.c.tolist()}, order {self.order}: the {name} condition is off by "
+                                  f"{np.abs(defect).max():.1e}")  # fmt: skip
+
+    @property
+    def stiffly_accurate(self) -> bool:
+        """Whether the last stage is the end of the step, so that all equations hold there."""
+        return bool(self.c[-1] == 1.0)
+
+    @cached_property
+    def end(self) -> Array:
+        """(s,) weights of the increments Z in that of the whole step: b A_inv."""
+        return np.eye(len(self.c))[-1] if self.stiffly_accurate else np.asarray(self.b @ self.A_inv)
 
     def _blocks(self) -> Array:
         """(s, s) real block-diagonal form of A_inv."""
@@ -78,10 +97,14 @@ class RadauTable:
         return np.asarray((k * theta[..., None] ** (k - 1)) @ self.V_inv)
 
 
-@cache
-def radau_table(s: int) -> RadauTable:
-    """Radau IIA with s stages, order 2 s - 1."""
-    c = _nodes(s)
+def collocation_table(nodes: Any, order: int) -> CollocationTable:
+    """The method on nodes (s,), increasing in (0, 1], of the order (s to 2 s) that its quadrature has; OptionError where a
+    condition does not hold."""
+    c: Array = option("nodes", nodes, array, "give increasing numbers above 0 up to 1")
+    if c.ndim != 1 or len(c) == 0 or not (np.diff(c, prepend=0.0) > 0).all() or c[-1] > 1:
+        raise OptionError(f"nodes = {c.tolist()}: give increasing numbers above 0 up to 1")
+    s = len(c)
+    p: int = option("order", order, whole, "a collocation method with s stages has an order from s to 2 s", least=s, most=2 * s)
     k = np.arange(1, s + 1)
     V_inv = np.linalg.inv(c[:, None] ** k)
     A = (c[:, None] ** k / k) @ np.linalg.inv(c[:, None] ** (k - 1))
@@ -95,16 +118,23 @@ def radau_table(s: int) -> RadauTable:
     gamma0 = 1 / float(real[0]) if len(real) else 1 / float(np.abs(pairs[0]))
     start = gamma0 * (k == 1)
     e = np.asarray(-np.linalg.solve((c[:, None] ** (k - 1)).T, start) @ A_inv, dtype=float)
-    return RadauTable(c, A, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
+    b = np.asarray(A[-1] if c[-1] == 1.0 else np.linalg.solve((c[:, None] ** (k - 1)).T, 1 / k), dtype=float)
+    return CollocationTable(p, c, A, b, A_inv, real, pairs, T, T_inv, gamma0, e, np.asarray(V_inv, dtype=float))
 
 
-def _nodes(s: int) -> Array:
-    """(s,) right Radau points: roots of the (s-1)-th derivative of x^(s-1) (x-1)^s."""
-    p = (Polynomial([0, 1]) ** (s - 1) * Polynomial([-1, 1]) ** s).deriv(s - 1)
+@cache
+def radau_table(s: int) -> CollocationTable:
+    """Radau IIA with s stages: right Radau points, roots of the (s-1)-th derivative of x^(s-1) (x-1)^s; order 2 s - 1."""
+    x = _roots((Polynomial([0, 1]) ** (s - 1) * Polynomial([-1, 1]) ** s).deriv(s - 1))
+    x[-1] = 1.0
+    return collocation_table(x, 2 * s - 1)
+
+
+def _roots(p: Polynomial) -> Array:
+    """Real roots of a polynomial, in rising order."""
     x = np.sort(np.asarray(p.roots()).real)
     for _ in range(3):  # polish the roots of the companion matrix
         x = x - p(x) / p.deriv()(x)
-    x[-1] = 1.0
     return x
 
 

@@ -1,0 +1,173 @@
+"""The order of a method, measured: how its error falls with its constant step."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from math import lcm
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, OptionError, SolverError, Told
+from mbdae.formulations import default_form, system_for
+from mbdae.formulations.named import form_of
+from mbdae.integrators.base import Solver, end_after
+from mbdae.integrators.named import solver_of
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.scene.scene import SceneData
+from mbdae.system.base import Array, System
+from mbdae.system.prepare import prepare
+from mbdae.values import function, option, optional, sequence, shown, whole
+
+STEPS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+PARTS = {"q": "positions", "v": "velocities", "s": "internal states", "y": "unknowns", "lambda": "multipliers"}
+BEGIN = 0.25  #: part of the run that is left out, because multipliers may have a lower order at first
+#: relative errors that show an order: at least this many times the error of the reference, and small
+ABOVE, SMALL = 30.0, 0.1
+ROUND_OFF = 1e-14  #: of values that were evaluated exactly
+ROUGH = 1e-7  #: errors below that rise with a shorter step are round-off, and so are those of all shorter ones
+WINDOWS = 3  #: finest windows of three runs whose slopes have to agree to AGREE, or a part of their size
+AGREE, PART = 0.3, 0.1
+
+
+@dataclass(frozen=True)
+class Orders(Told):
+    """Observed orders of a method; print it for a table.
+
+    orders  of every part of the unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none is to be
+            seen, with the reason in `why`
+    steps   (k,) numbers of equal steps; errors (k,) of every part: the largest at the steps in the last three quarters of the
+            run, over the largest value there; nan where a run failed
+    """
+
+    label: str
+    form: str
+    steps: tuple[int, ...]
+    errors: dict[str, Array]
+    orders: dict[str, float | None]
+    why: dict[str, str]
+
+    def __str__(self) -> str:
+        lines = ["".join([f"{'steps':>6}", *(f"{part:>18}{'order':>7}" for part in self.errors)])]
+        slopes = {part: _slopes(self.steps, errors) for part, errors in self.errors.items()}
+        for i, count in enumerate(self.steps):
+            lines.append(f"{count:6d}" + "".join(f"{e[i]:18.2e}{slopes[part][i]:7.2f}" for part, e in self.errors.items()))
+        told = [f"{part}: " + (self.why[part] if order is None else f"order {order:.2f}") for part, order in self.orders.items()]
+        return "\n".join([f"{self.label}, {self.form}", *lines, *told])
+
+
+def _slopes(steps: tuple[int, ...], errors: Array) -> Array:
+    """Observed order (k,) from the run before to every run; nan for the first."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.concatenate([[np.nan], -np.diff(np.log(errors)) / np.diff(np.log(steps))])
+
+
+def measure_order(solver: Any, what: Any, t_end: float, form: Any = None, steps: Any = STEPS,
+                  exact: Callable[[Array], Array] | None = None) -> Orders:  # fmt: skip
+    """Orders of a method with constant steps, from runs of a scene or of other equations (`mb.DAE`) to t_end (s).
+
+    solver: one with an option `step`, which is set here; form: of a scene, by default that of the solver. steps: rising numbers
+    of equal steps. exact: times (k,) -> the first m unknowns (k, m); without it Radau IIA with 5 stages and many steps is the
+    reference (3 stages for itself), trusted as far as both agree. OptionError where the solver has no constant step, or refuses
+    the equations; SolverError where the reference fails.
+    """
+    method = solver_of(solver)
+    if not any(f.name == "step" for f in fields(method)):  # type: ignore[arg-type]
+        raise OptionError(f"solver = {shown(method)} has no constant step, so its error has no order in it: give one that has, "
+                          f"such as mb.RadauIIA(3) or mb.HHT()")  # fmt: skip
+    if not isinstance(what, SceneData | System):
+        raise OptionError(f"what = {shown(what)} is neither a scene nor other equations: give a scene, or mb.DAE(...)")
+    counts = tuple(option("steps", steps, sequence, "give three or more rising numbers of steps", each=whole, least=1))
+    if len(counts) < 3 or not (np.diff(counts) > 0).all():
+        raise OptionError(f"steps = {shown(steps)}: give three or more rising numbers of steps")
+    optional("exact", exact, function, "give a function of times (k,), or None", takes="t")
+    if form is not None and isinstance(what, System):
+        raise OptionError(f"form = {shown(form)}: equations that are given have theirs already, only scenes take a form")
+    system: System
+    full: System
+    if isinstance(what, SceneData):
+        prepared = prepare(what)
+        own = form_of(form) if form is not None else default_form(prepared, method.highest_index)
+        system, full = system_for(prepared, own, method.highest_index), system_for(prepared, own, RadauIIA.highest_index)
+    else:
+        system, full = what, what
+    span = end_after(system.t0, t_end) - system.t0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AccuracyWarning)
+        reference, floors = _reference(method, full, span, counts) if exact is None else _closed_form(exact, system)
+        errors = [_errors(_with_steps(method, span, count), system, span, reference) for count in counts]
+    parts = {part: np.array([e.get(part, np.nan) for e in errors]) for part in floors}
+    found = {part: _order(_slopes(counts, e), e, floors[part]) for part, e in parts.items()}
+    return Orders(method.label, system.label, counts, parts, {part: order for part, (order, _) in found.items()},
+                  {part: text for part, (_, text) in found.items() if text})  # fmt: skip
+
+
+Reference = Callable[[Array], dict[str, Array]]  #: times (k,) -> values (k, m) of every part
+
+
+def _with_steps(solver: Solver, span: float, count: int) -> Solver:
+    return replace(solver, step=span / count)  # type: ignore[type-var]
+
+
+def _parts(system: System, y: Array) -> dict[str, Array]:
+    """Values (k, m) of every part of the unknowns that y (k, any number of the first ones) holds."""
+    kinds = np.array(system.kinds[: y.shape[1]])
+    return {part: y[:, kinds == kind] for kind, part in PARTS.items() if (kinds == kind).any()}
+
+
+def _closed_form(exact: Callable[[Array], Array], system: System) -> tuple[Reference, dict[str, float]]:
+    def values(t: Array) -> dict[str, Array]:
+        y = np.asarray(exact(t), dtype=float)
+        if y.ndim != 2 or len(y) != len(t) or not 0 < y.shape[1] <= system.n:
+            raise OptionError(f"exact = {shown(exact)} returns an array of shape {y.shape} for {len(t)} times: return the first "
+                              f"unknowns (k, m) at times (k,), m up to {system.n}")  # fmt: skip
+        return _parts(system, y)
+
+    return values, dict.fromkeys(values(np.array([system.t0])), ROUND_OFF)
+
+
+def _reference(solver: Solver, system: System, span: float, counts: tuple[int, ...]) -> tuple[Reference, dict[str, float]]:
+    """Values of one variant of Radau IIA, and how far another is from them."""
+    many = min(lcm(*counts), 4 * counts[-1])  # all steps are among its own, or its polynomials serve
+    stages = (3, 5) if solver.label == "RadauIIA(5)" else (5, 3)
+    runs = [_with_steps(RadauIIA(s), span, many).solve(system, system.t0 + span) for s in stages]
+    t = runs[0].t[runs[0].t >= system.t0 + BEGIN * span]
+    apart = _distances(_parts(system, runs[1](t)), _parts(system, runs[0](t)))
+    return lambda at: _parts(system, runs[0](at)), {part: max(apart[part], ROUND_OFF) for part in apart}
+
+
+def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
+    """Largest difference of every part that both have, over its largest value."""
+    return {part: float(np.abs(a[part] - b[part]).max() / (np.abs(b[part]).max() or 1.0)) for part in a if part in b}
+
+
+def _errors(solver: Solver, system: System, span: float, reference: Reference) -> dict[str, float]:
+    """Error of every part with one step; nothing where the run fails."""
+    try:
+        run = solver.solve(system, system.t0 + span)
+    except SolverError:
+        return {}
+    late = run.t >= system.t0 + BEGIN * span * (1 - 1e-9)
+    return _distances(_parts(system, run.y[late]), reference(run.t[late]))
+
+
+def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, str]:
+    """The order that the finest runs show, or None and why there is none."""
+    if np.isnan(errors).all():
+        return None, "not among the unknowns of these equations"
+    rises = np.flatnonzero((errors[1:] >= errors[:-1]) & (errors[1:] < ROUGH))
+    last = int(rises[0]) if len(rises) else len(errors)
+    floor = max(floor, float(errors[last + 1])) if len(rises) else floor
+    shows = (errors > ABOVE * floor) & (errors < SMALL) & (np.arange(len(errors)) <= last)
+    windows = np.flatnonzero(shows[:-2] & shows[1:-1] & shows[2:])[-WINDOWS:]
+    if not len(windows):
+        return None, (f"no order to be seen: fewer than three neighbouring runs have errors between {ABOVE * floor:.0e}, where "
+                      f"those of the reference and of round-off begin, and {SMALL:g}")  # fmt: skip
+    found = slopes[windows[0] + 1 : windows[-1] + 3]
+    order = float(found[-2:].mean())
+    if not np.ptp(found) <= max(AGREE, PART * abs(order)):
+        return None, (f"no order to be seen: it goes from {found.min():.2f} to {found.max():.2f} between neighbouring runs, as "
+                      f"where the equations have kinks or the steps are too long")  # fmt: skip
+    return order, ""

@@ -1,0 +1,53 @@
+"""Methods whose step is constant: given, or found from an accuracy by runs with steps of two sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar, Self
+
+from mbdae.errors import OptionError
+from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
+from mbdae.integrators.halving import halved, scaled_difference
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import System
+from mbdae.values import number, option, set_option, text
+
+
+class Stepped(Solver):
+    """Base of methods with the options `step` and `accuracy`, of which one may be given; `order` is that of positions and
+    velocities, with which a smaller step makes the error smaller."""
+
+    step: float | None
+    accuracy: float | None
+    order: ClassVar[int]
+
+    @property
+    def fixed(self) -> bool:
+        """Whether a step is given."""
+        return self.step is not None
+
+    @property
+    def by_steps(self) -> bool:
+        """Steered by its step."""
+        return True
+
+    def _set_step(self) -> None:
+        set_option(self, "step", number, "give a positive number of seconds, or None", above=0)
+        set_option(self, "accuracy", number, f"{ACCURACY}, or None", above=0, most=1)
+        if self.step is not None and self.accuracy is not None:
+            raise OptionError(f"step = {self.step:g} and accuracy = {self.accuracy:g}: give one of the two")
+
+    def at_accuracy(self, accuracy: float, form_label: str) -> Self:
+        """This method with steps shortened until its error is below `accuracy`; itself where the step is given."""
+        if self.fixed:
+            return self
+        option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
+        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
+
+    def run(self, system: System, asked: Asked) -> Solution:
+        """Integrate with the given step, or with steps shortened until the error of all unknowns but multipliers, over their
+        scale, is below `accuracy` (1e-6 where none is given)."""
+        if self.fixed:
+            return super().run(system, asked)
+        goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
+        return halved(self, system, asked, goal, scaled_difference(system)).solution
