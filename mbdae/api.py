@@ -17,9 +17,9 @@ from mbdae.run.control import plausible
 from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 from mbdae.values import flag, number, of_class, option, optional
 

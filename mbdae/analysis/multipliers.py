@@ -27,9 +27,9 @@ from mbdae.errors import AccuracyWarning, SolverError, Told
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import single_threaded
 from mbdae.values import number, option, optional, whole
 

@@ -7,9 +7,9 @@ from mbdae.formulations.base import Form
 from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.equations import make_system
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 
 
 def default_form(prepared: Prepared, highest_index: int = 1) -> Form:

@@ -34,9 +34,9 @@ from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import constraint_rows
 from mbdae.system.motion.all_bodies import Expansion
-from mbdae.system.motion.contacts import expected_contacts
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.rank.redundancy import RankReport
+from mbdae.system.start.contacts import expected_contacts
 from mbdae.system.start.start import Start
 from mbdae.values import BadValueError, shown
 

@@ -18,7 +18,7 @@ from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
-from mbdae.system.assembled.scene_system import SPARSE_FROM
+from mbdae.system.assembled.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared
 
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, take less than Radau IIA of order 5

@@ -24,12 +24,12 @@ from mbdae.results.reactions import OtherRun, states_of
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.model.nodes import Node
-from mbdae.system.motion.contacts import gaps_of
+from mbdae.system.motion.gaps import gaps_of
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
 LOOSEST = 1e-2
@@ -255,9 +255,9 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
-            with keeping(solution, UNTESTED), beginning_at(probe.system, solution, begin):
+            with keeping(solution, UNTESTED):
                 most = 10 * solution.stats.residuals + 10000
-                close = probe.solver.solve(probe.system, end, max_residuals=most, share=SHARE)
+                close = probe.solver.solve(beginning_at(probe.system, solution, begin), end, max_residuals=most, share=SHARE)
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))

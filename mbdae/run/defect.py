@@ -23,9 +23,9 @@ from mbdae.integrators.solution import Solution, systems_at
 from mbdae.integrators.sundials.shared import as_csc
 from mbdae.run.control import Motion, motion_distance
 from mbdae.run.hiding import can_hide
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.ties import largest
 
 SEED = 20240229

@@ -33,9 +33,9 @@ from mbdae.run.recheck import unseen
 from mbdae.run.resolution import refuse_unresolved
 from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.run.waves import with_lost_waves
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Eliminated
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
+from mbdae.system.without_multipliers import Eliminated
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
@@ -63,7 +63,7 @@ class Job:
         refuse_unresolved(self.prepared, solver)
         system = self._system(solver)
         if isinstance(system, Eliminated):
-            system.strict = strict
+            system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # a tolerance of the user's own: run as it is

@@ -17,9 +17,9 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
 from mbdae.run.control import Controlled
 from mbdae.run.defect import Defect, Suspect, apart
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
 FINER = 10.0  #: accuracy over that of the closer run
@@ -56,7 +56,7 @@ class Closer:
                 return suspect.effect
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
             worst = max(worst, self._distance(times, part))
-            system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]
+            system = system.starting(stop, part.y[-1], part.yp[-1])
         return worst
 
     def _system(self, t: float, y: Array) -> SceneSystem:

@@ -17,13 +17,13 @@ from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED, replaced
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Eliminated
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.carried_bodies import Carried
 from mbdae.system.model.model import Model, build
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared
+from mbdae.system.without_multipliers import Eliminated
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Reduction:
     size: Size
 
 
-def size_of(system: SceneSystem) -> Size:
+def size_of(system: Assembly) -> Size:
     """Counted in the system itself; kernels of beams not among them."""
     kernels, operations = 0, 0
     live = {(row.group, row.instance) for row in system.numbering.rows}
@@ -69,12 +69,12 @@ def size_of(system: SceneSystem) -> Size:
 def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Reduction]:
     """From the naive formulation to what is integrated by default, one after the other; those without effect are left out."""
     found: list[Reduction] = []
-    for reason, system in _ladder(scene, prepared):
-        size = size_of(system)
+    for reason, assembly in _ladder(scene, prepared):
+        size = size_of(assembly)
         if not found or size != found[-1].size:
             found.append(Reduction(reason, size))
     system = system_for(choice.prepared, choice.form, choice.solver.highest_index)
-    size = size_of(system.full if isinstance(system, Eliminated) else system)
+    size = size_of(system.full if isinstance(system, Eliminated) else system.assembly)
     if isinstance(system, Eliminated):
         size = replace(size, unknowns=system.n, equations=system.n, multipliers=0)
     made = " with recursive joints" if choice.recursive else ""
@@ -92,13 +92,13 @@ def absent(scene: SceneData) -> list[str]:
     return [term for term, needed in has.items() if not needed]
 
 
-def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSystem]]:
-    """Systems of the scene with more and more of its reductions."""
+def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembly]]:
+    """Equations of the scene with more and more of its reductions."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 
-    def whole(of: Model, rows: list[Row]) -> SceneSystem:
-        return SceneSystem(of, rows, spec, carried=Carried(of, [], share=False))
+    def whole(of: Model, rows: list[Row]) -> Assembly:
+        return Assembly(of, rows, spec, carried=Carried(of, [], share=False))
 
     spatial = copy.copy(scene)
     spatial.space = "spatial"
@@ -119,9 +119,9 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSy
     rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.kept)
     rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
     trees = find_trees(rigid)
-    yield "welded bodies, and points held by a joint, move with the other body", SceneSystem(
+    yield "welded bodies, and points held by a joint, move with the other body", Assembly(
         rigid, rows, spec, carried=Carried(rigid, trees, share=False))  # fmt: skip
-    yield "nodes that meet share unknowns, or are fixed to the ground", SceneSystem(
+    yield "nodes that meet share unknowns, or are fixed to the ground", Assembly(
         rigid, rows, spec, carried=Carried(rigid, trees))  # fmt: skip
-    yield "recursive joints: their coordinates are the only unknowns", SceneSystem(
+    yield "recursive joints: their coordinates are the only unknowns", Assembly(
         model, prepared.mechanics.rows, spec, carried=prepared.expansion.carried)  # fmt: skip

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mbdae.run.control import Controlled, Probe, distance, with_left_out
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 
 WINDOW = 5.0  #: mean steps: slower vibrations are resolved by the run itself
 POINTS = 400

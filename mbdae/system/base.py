@@ -7,8 +7,9 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class System:
               "s" internal state, "lambda" multiplier, "mu" stabilising multiplier, "y" anything else
     index     (n,) index of each unknown as in RADAU5: 1 differential (or index-1 algebraic), 2, 3
     scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
-    t0, y0, yp0  consistent start
+    t0, y0, yp0  consistent start; see `starting`
     sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
     label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")
     """
@@ -101,15 +102,25 @@ class System:
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
-    #: (t, y) -> a system of the same unknowns to go on with from there, because some of its equations are about to depend on each
-    #: other; None: go on with this one. Asked after every accepted step
-    renewed: Callable[[float, Array], System | None] | None = None
-
-    #: end of a run (s) -> where its inputs of time break, and how long steps may be (`system.inputs.Timeline`); None: they are
-    #: smooth and slow
-    timeline: Callable[[float], Any] | None = None
-    #: time -> longest step (s) that may be taken from there; None: no bound. Set while a run goes on
+    #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
+    #: None: they are smooth and slow); None: inputs of time are not looked at
+    timeline: Callable[[float, float], Any] | None = None
+    #: time -> longest step (s) that may be taken from there; None: no bound
     longest_step: Callable[[float], float] | None = None
+
+    def starting(self, t: float, y: Array, yp: Array, longest_step: Callable[[float], float] | None = None) -> Self:
+        """These equations with another start, for a part of a run: a new System that shares all else with this one.
+
+        Nothing assigns the attributes of a System after it is made; a solver reads the start of its part from the System it is
+        given."""
+        other = copy(self)
+        other.t0, other.y0, other.yp0, other.longest_step = t, y, yp, longest_step
+        return other
+
+    def renewed(self, t: float, y: Array) -> System | None:
+        """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
+        other; None: go on with this one. Asked after every accepted step."""
+        return None
 
     def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
         """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs are read at the time `side` from now on."""

@@ -19,15 +19,15 @@ from mbdae.system.model.model import Model, build
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import Expansion, TreeMechanics
-from mbdae.system.motion.contacts import Expected, expected_contacts
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.reaction_forces import undecided
-from mbdae.system.motion.without_inertia import massless_coordinates, massless_motions
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
-from mbdae.system.rank.scaling import characteristic_time
+from mbdae.system.rank.undecided_friction import undecided
+from mbdae.system.rank.without_inertia import massless_coordinates, massless_motions
+from mbdae.system.start.contacts import Expected, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.start import Start, Starter
+from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
 SOUND = 1e-3  #: smallest singular value of rows from which they determine a position

@@ -15,8 +15,8 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Rates
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.rates import Rates
 from mbdae.system.base import Array
 from mbdae.system.motion.all_bodies import Expansion
 from mbdae.system.motion.mechanics import Mechanics
@@ -93,16 +93,16 @@ def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) ->
     return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 
-def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
+def rhs_of(system: Assembly, start: tuple[float, Array, Array]) -> Callable[[float, Array, Array], None]:
     """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
 
     That of beams is sparse and factorised once, that of large trees sparse and factorised in every call.
-    Raises SolverError where the mass matrix is not positive definite."""
+    start: t, y and y' at which the mass matrix of beams is read. Raises SolverError where it is not positive definite."""
     nb, still = system.numbering, np.zeros(system.n)
     u = slice(nb.nq, nb.nq + nb.nu)
     if system.carried.trees and (nb.nu > DENSE_TREES or system.model.lines):
         return Rates(system, system.n, linear=True).solve
-    solve = _constant(system, u) if system.model.lines else None
+    solve = _constant(system, u, start) if system.model.lines else None
 
     def rhs(t: float, y: Array, out: Array) -> None:
         system.residual(t, y, still, out)
@@ -117,23 +117,23 @@ def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
     return rhs
 
 
-def _constant(system: SceneSystem, u: slice) -> Callable[[Array], Array]:
+def _constant(system: Assembly, u: slice, start: tuple[float, Array, Array]) -> Callable[[Array], Array]:
     """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
-    factors: list[Any] = []  # made in the first call, when the start of the system is known
+    factors: list[Any] = []  # made in the first call
 
     def solve(x: Array) -> Array:
         if not factors:
-            _, data = system.jacobian_values(system.t0, system.y0, system.yp0)
+            _, data = system.jacobian_values(*start)
             M = csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
             try:
                 factors.append(splu(M.tocsc()))
             except RuntimeError as error:
-                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), system.t0) from error
+                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), start[0]) from error
         return np.asarray(factors[0].solve(x))
 
     return solve
 
 
-def _massless(system: SceneSystem, unknown: int, t: float) -> SolverError:
+def _massless(system: Assembly, unknown: int, t: float) -> SolverError:
     return SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[unknown]} has no inertia; "
                        f"give the bodies that it moves mass or inertia", t)  # fmt: skip

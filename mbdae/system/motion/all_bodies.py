@@ -15,7 +15,7 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.constrained import least_norm, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.reaction_forces import Solve
+from mbdae.system.motion.reaction_friction import Solve
 
 
 class Expansion:

@@ -15,7 +15,6 @@ from scipy.linalg import qr
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.rank.scaling import position_scale
 
 DEPENDENT = 2e-6  #: part of a row of unit length that is new, beside the rows before it: it depends on them below
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
@@ -106,7 +105,7 @@ class RowsInForce:
         self.everything, self.rank, self.always, self.known = everything, rank, list(always), known
         self._number = {row: i for i, row in enumerate(everything.rows)}
         self.numbers = self._numbers(rows)
-        self._units = position_scale(everything)
+        self._units = everything.position_units
         self._seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
 
     def smallest(self, t: float, q: Array) -> float:

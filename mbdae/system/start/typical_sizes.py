@@ -27,15 +27,6 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
     return 1 / fastest if fastest > 1e-9 else 1.0
 
 
-def position_scale(mechanics: Mechanics) -> Array:
-    """(nq,) the scene's length for positions and displacements, 1 for quaternions and angles."""
-    scale = np.ones(mechanics.nq)
-    for node in mechanics.model.nodes:
-        if node.unit == "m":
-            scale[node.q : node.q + node.kind.translations] = mechanics.model.length
-    return scale
-
-
 def state_scale(mechanics: Mechanics) -> Array:
     """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
     groups = mechanics.model.groups

@@ -7,9 +7,7 @@ evaluated in one kernel call.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -19,13 +17,13 @@ from numpy.typing import NDArray
 
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
-from mbdae.kernels.plan import Outputs
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.system.assembled.evaluation import Batch, Evaluation, Scatter
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array
 from mbdae.system.model import beams as lines
 from mbdae.system.model.beams import batches
 from mbdae.system.model.carried_bodies import Carried, slot_of
@@ -41,36 +39,8 @@ RESOLVED = {"z": 3}
 SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
 
 
-@dataclass(frozen=True)
-class FormSpec:
-    """What a form asks of the assembly.
-
-    outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
-    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
-    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
-    loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
-    multipliers are solved for at every state, y = (q, u, s).
-    """
-
-    label: str
-    outputs: Outputs
-    rows: Mapping[str, str]
-    blocks: tuple[str, ...]
-    derivatives: bool
-    index: Mapping[str, int]
-    mixed: bool = False
-    waves: bool = False
-    loads_only: bool = False
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    eliminated: bool = False
-
-
-class SceneSystem(System):
-    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with.
-    determined: (t, y) -> smallest singular value that counts of all rows of unit length, where some are redundant; else None."""
-
-    restarted: Callable[[float, Array], tuple[Array, Array]]
-    determined: Callable[[float, Array], float] | None = None
+class Assembly:
+    """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`."""
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
                  carried: Carried | None = None) -> None:  # fmt: skip
@@ -87,6 +57,7 @@ class SceneSystem(System):
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._batches: dict[int, Batch] = {}
         self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -105,7 +76,6 @@ class SceneSystem(System):
         for plan, equal in carried.plans():
             self._add_tree(plan, equal, entries)
         self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
-        self.scale, self.y0, self.yp0, self.t0 = np.ones(self.n), np.zeros(self.n), np.zeros(self.n), 0.0
 
     # -- construction
 
@@ -126,7 +96,7 @@ class SceneSystem(System):
             names += [f"{row.name} ({meaning[by_block[block]]} constraint)" for row in nb.rows]
         return tuple(names)
 
-    def _row_of(self, target: Target, g: int, i: int) -> int:
+    def row_of(self, target: Target, g: int, i: int) -> int:
         """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
@@ -148,7 +118,7 @@ class SceneSystem(System):
 
     def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
         nb, count = self.numbering, len(active)
-        rows = np.array([[self._row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
+        rows = np.array([[self.row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
         constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
         split = len(plan.constant_places)
         np.add.at(self._offset, rows[:, plan.offset_places], constants[:, split:])
@@ -254,34 +224,7 @@ class SceneSystem(System):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
         self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
 
-    # -- breaks of inputs of time
-
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        self.model.conditions.time = side
-        return self.restarted(t, y)
-
-    def go_on_from(self, other: SceneSystem, t: float, y: Array) -> None:
-        """Begin at a state y (n,) of another system of the same scene and form."""
-        self.t0, (self.y0, self.yp0) = t, self.restarted(t, y)
-        self.longest_step = other.longest_step
-
-    def leave(self) -> None:
-        self.model.conditions.time = None
-
-    @contextmanager
-    def within(self, time: float) -> Iterator[None]:
-        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
-        self.model.conditions.time = time
-        try:
-            yield
-        finally:
-            self.leave()
-
     # -- evaluation
-
-    @cached_property
-    def _batches(self) -> dict[int, Batch]:
-        return {}
 
     def batch(self, count: int) -> Batch:
         """The evaluation of the residual at so many points."""
@@ -314,14 +257,14 @@ class SceneSystem(System):
 
     def mass_here(self) -> Array:
         """M (nu, nu) at the point of the last residual, a new array."""
-        nu, M = self.numbering.nu, self._constant_mass
+        nu, M = self.numbering.nu, self.constant_mass
         if not self._mass.kernels:
             return M.copy()
         values = self._mass_values.values()
         return M + np.bincount(self._mass_place, values, nu * nu).reshape(nu, nu)
 
     @cached_property
-    def _constant_mass(self) -> Array:
+    def constant_mass(self) -> Array:
         nq, nu = self.numbering.nq, self.numbering.nu
         M = np.zeros((nu, nu))
         p, n = self._pattern, self.n

@@ -1,4 +1,4 @@
-"""One-sided laws of a scene: their gaps during a run, what is known of them before it."""
+"""What is known of the contacts of a scene before its run: penetration at the start, and the one to expect."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.kernels import plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target, scatter_pair
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.evaluation import Evaluation
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.base import Array
+from mbdae.system.motion.gaps import gaps_of
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.start.start import Start
 
@@ -23,24 +20,6 @@ from mbdae.system.start.start import Start
 PLAY, PIN = 1e-2, 1e-6
 ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own, below which they move together
 DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused
-
-
-def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gap (m) and rate (m/s) of every place where a one-sided law may act."""
-    if not isinstance(d.law, Force):
-        return []
-    pairs = d.law.gaps(*d.sides)
-    resolve, name = d.variation.resolve, d.variation.name
-    return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
-
-
-def gaps_of(mechanics: Mechanics, t: Array, q: Array, u: Array) -> dict[str, tuple[Array, Array]]:
-    """By item: gaps (m) and rates (m/s) of its places of contact at states (nt,), (nt, places) each."""
-    found = {}
-    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u):
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            found[instance.item] = values[:, i, ::2], values[:, i, 1::2]
-    return found
 
 
 def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -54,15 +33,6 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
             pair = tuple(type(part)(*map(d.variation.resolve, part)) for part in (move, turn))
             out += [(("A", i, *t[1:]), entry) for t, entry in scatter_pair(f, pair)]  # type: ignore[arg-type]
     return out
-
-
-@dataclass(frozen=True)
-class Place:
-    """One place of contact: the item it belongs to, its law with numbers, its effective mass (kg)."""
-
-    item: str
-    law: Any
-    mass: float
 
 
 @dataclass(frozen=True)
@@ -146,35 +116,3 @@ def _depth(a: Approach, force: float) -> float:
         return float(normal.impact(a.mass, a.speed)[0])
     fall = float(normal.impact(a.mass, math.sqrt(2 * force * play / a.mass))[0]) if force * play > 0 else 0.0
     return max(float(normal.penetration(force)), fall, float(PLAY * play), float(PIN * a.law.inner))
-
-
-class Contacts:
-    """The guards of a system: gap, gap rate and duration of an impact at every place of contact."""
-
-    def __init__(self, system: SceneSystem, masses: dict[str, float]) -> None:
-        gathers, kernels = [], []
-        self.places: list[Place] = []
-        for g, group in enumerate(system.model.groups):
-            p = plan(group.derived, gap_outputs)
-            if not p.targets:
-                continue
-            gathers.append(system.numbering.gather(g, p.all_inputs))
-            kernels.append(p.kernel)
-            self.places += [Place(instance.item, instance.law, masses[instance.item])
-                            for instance in group.instances for _ in p.targets[::2]]  # fmt: skip
-        self._batch = system.batch(1)
-        self._evaluation = Evaluation(self._batch.W, gathers, kernels)
-        self._zero = np.zeros(system.n)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The joint of every place."""
-        return tuple(place.item for place in self.places)
-
-    def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        """Gap (m), its rate (m/s) and the duration (s) of an impact at that rate, (places,) each."""
-        self._batch.fill(np.array([t]), y, self._zero)
-        pairs = self._evaluation.values().reshape(-1, 2)
-        gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
-        duration = [float(p.law.contact_duration(p.mass, v)) for p, v in zip(self.places, rate, strict=True)]
-        return gap, rate, np.array(duration)
