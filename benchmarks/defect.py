@@ -233,7 +233,7 @@ def main():
     parser.add_argument("--verbose", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    scene_system.RESOLVING = False  # what the look between the points finds alone
+    scene_system.WATCH_INPUTS_AND_SWITCHES = False  # what the look between the points finds alone
     rows, refused, right, others = [], 0, 0, 0
     for seed in range(given.first, given.first + given.cases):
         try:

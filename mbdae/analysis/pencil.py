@@ -21,7 +21,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.base import Array, System
-from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.shared_nodes import Sharing
@@ -57,9 +57,9 @@ class _Blocks:
 def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> Assembly:
     """A scene in a form with the absolute coordinates of all nodes and all rows: recursive joints and shared
     displacements keep theirs, so that every motion and every reaction is seen."""
-    everything = Carried(mechanics.model, [])
-    everything.sharing = Sharing()
-    return Assembly(mechanics.model, mechanics.rows, spec, sparse, everything)
+    absolute = MovedBodies(mechanics.model, [])
+    absolute.sharing = Sharing()
+    return Assembly(mechanics.model, mechanics.rows, spec, sparse, absolute)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def unknowns(prepared: Prepared) -> int:
     """Displacements, rotations and multipliers; a displacement that a revolute makes equal once, without its multiplier."""
     names = {c.name for c in prepared.model.scene.joints if c.kind == "revolute"}
     equal = [row for row in prepared.rows if row.name.rpartition(".")[0] in names and row.name[-2:] in (".x", ".y", ".z")]
-    return prepared.expansion.nu + len(prepared.rows) - 2 * len(equal)
+    return prepared.all_bodies.nu + len(prepared.rows) - 2 * len(equal)
 
 
 def _saved() -> tuple[int, str]:

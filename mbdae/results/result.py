@@ -146,7 +146,7 @@ class Result(Told):
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.everything.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
+        return self.prepared.with_all_rows.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
 
     @property
     def acceleration(self) -> Array:
@@ -162,7 +162,7 @@ class Result(Told):
     @property
     def multiplier_names(self) -> tuple[str, ...]:
         """"joint.row" of every multiplier."""
-        return tuple(row.name for row in self.prepared.everything.rows)
+        return tuple(row.name for row in self.prepared.with_all_rows.rows)
 
     def __call__(self, t: float | Sequence[float] | Array) -> Result:
         """The same run read at other times (dense output)."""
@@ -206,7 +206,7 @@ class Result(Told):
         """(nt, width) outputs summed over the laws of one item; multipliers included."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
-        for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
+        for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self.multipliers):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
                 if instance.item == item.name:
                     total += values[:, i]
@@ -252,7 +252,7 @@ class Result(Told):
     @cached_property
     def drift(self) -> Drift:
         """Constraint violation over the result's times, of all rows: also of those left out as redundant."""
-        m, (q, u, _) = self.prepared.everything, self._states
+        m, (q, u, _) = self.prepared.with_all_rows, self._states
         g, gd = m.position_residual(self.t, q), m.velocity_residual(self.t, q, u)
         return Drift(np.max(np.abs(g), axis=1, initial=0.0), np.max(np.abs(gd), axis=1, initial=0.0))
 
@@ -260,7 +260,7 @@ class Result(Told):
     def smallest_singular_value(self) -> Array:
         """(nt,) of all constraint rows, each of unit length, those that redundant rows make zero left out: near zero, positions
         are singular and reactions uncertain."""
-        m, rank = self.prepared.everything, len(self.prepared.rank.kept)
+        m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
         return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
 
     # -- output

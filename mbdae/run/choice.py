@@ -65,7 +65,7 @@ def prepared_by_default(scene: SceneData, prepare: Callable[..., Prepared]) -> P
     if variant is not None:
         try:
             found = prepare(variant)
-            if not found.model.kept:
+            if not found.model.stay_kinematic:
                 return found
         except MbdaeError:
             pass  # what is wrong is told of the scene as stated
@@ -82,7 +82,7 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
     """Number of unknowns of a form for a solver that takes unknowns up to `highest_index`."""
     multipliers = {"GGL": 2, "Index3": 1, "Index1": 1 if highest_index else 0}.get(form.label, 0)
     stresses = sum(len(line.stresses) for line in p.model.lines) if highest_index > 1 else 0
-    return p.expansion.nq + p.expansion.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
+    return p.all_bodies.nq + p.all_bodies.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:

@@ -35,7 +35,7 @@ from mbdae.run.verification import accuracy_of, nothing_known, verified
 from mbdae.run.waves import with_lost_waves
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
-from mbdae.system.without_multipliers import Eliminated
+from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
@@ -62,7 +62,7 @@ class Job:
         positions, where another branch may begin."""
         refuse_unresolved(self.prepared, solver)
         system = self._system(solver)
-        if isinstance(system, Eliminated):
+        if isinstance(system, WithoutMultipliers):
             system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:

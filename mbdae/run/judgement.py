@@ -63,7 +63,7 @@ def _missed(known: Accuracy, solver: Solver) -> list[str]:
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
     """How far constraint rows, the redundant ones included, are from kept (over the scene's length, or rad), where that is more
     than the accuracy allows; and what is to be said of it."""
-    m, t = prepared.everything, run.solution.t
+    m, t = prepared.with_all_rows, run.solution.t
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // LOOKED_AT + 1]

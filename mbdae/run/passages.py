@@ -65,6 +65,6 @@ def _followed(result: Result, a: float, b: float) -> tuple[float, float]:
 
 
 def _singular_values(result: Result, t: Array) -> Array:
-    m, rank = result.prepared.everything, len(result.prepared.rank.kept)
+    m, rank = result.prepared.with_all_rows, len(result.prepared.rank.kept)
     G = m.constraint_jacobian(t, result.states(t)[0])
     return np.array([smallest(unit_rows(m, g), rank) for g in G])

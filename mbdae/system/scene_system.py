@@ -25,7 +25,7 @@ from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, str
 from mbdae.threads import single_threaded
 
 #: False: runs look neither at inputs of time nor at laws that switch; to measure what is found between their points alone
-RESOLVING = True
+WATCH_INPUTS_AND_SWITCHES = True
 
 
 class SceneSystem(System):
@@ -38,8 +38,8 @@ class SceneSystem(System):
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
-        mechanics, start, expansion = prepared.mechanics, prepared.start, prepared.expansion
-        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, expansion.carried)
+        mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
+        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
         self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
@@ -50,15 +50,16 @@ class SceneSystem(System):
             self.time = prepared.time
         else:
             self.vibration = partial(_vibration, prepared)
-        self.partition = None if mechanics.reactive else partition_of(mechanics, expansion)
+        self.partition = None if mechanics.reactive else partition_of(mechanics, all_bodies)
         self.displaced = Displacements(self.numbering)
         if self.rhs is None and not self.numbering.m:
             self.rhs = rhs_of(made, (self.t0, self.y0, self.yp0))
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, {contact.item: contact.mass for contact in prepared.contacts})
             self.guard_names = guards.names
-        if RESOLVING:
-            self.switches, self.timeline = switches_of_model(prepared.model, expansion.carried), partial(timeline, prepared.model)
+        if WATCH_INPUTS_AND_SWITCHES:
+            self.switches = switches_of_model(prepared.model, all_bodies.moved)
+            self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
@@ -170,8 +171,8 @@ def _scales(prepared: Prepared, system: Assembly) -> Array:
 
 def _rows_in_force(prepared: Prepared, others: dict[Rows, SceneSystem]) -> RowsInForce:
     """The choice of rows of an over-constrained mechanism; others: choices for which equations are at hand."""
-    always = [i for i, row in enumerate(prepared.everything.rows) if not prepared.expansion.carried.keeps(row)]
-    return RowsInForce(prepared.everything, len(prepared.rank.kept), always, tuple(prepared.rank.kept), others)
+    always = [i for i, row in enumerate(prepared.with_all_rows.rows) if not prepared.all_bodies.moved.keeps(row)]
+    return RowsInForce(prepared.with_all_rows, len(prepared.rank.kept), always, tuple(prepared.rank.kept), others)
 
 
 def _vibration(prepared: Prepared) -> tuple[str, float]:

@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from mbdae.errors import AccuracyWarning
-from mbdae.system.assembled.acceleration_kernel import Elimination, elimination
+from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.rates import Rates, singular
@@ -42,21 +42,21 @@ class Accelerations(Rates):
         self._start = start
 
     @cached_property
-    def kernel(self) -> Elimination | None:
+    def kernel(self) -> AccelerationKernel | None:
         """The kernel; None where the full equations are solved."""
-        return elimination(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
+        return acceleration_kernel(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
 
 
-class Eliminated(SceneSystem):
+class WithoutMultipliers(SceneSystem):
     """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
 
     strict = False  #: whether a run stops at singular positions
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
-        model, carried, bare = prepared.model, prepared.expansion.carried, replace(spec, eliminated=False)
-        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, carried)
-        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, carried))
+        model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
+        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
+        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
         self.pattern = None  # dy'/dy is full
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
@@ -70,7 +70,7 @@ class Eliminated(SceneSystem):
         return other
 
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
-        assert isinstance(other, Eliminated)
+        assert isinstance(other, WithoutMultipliers)
         begun = self.strictly(other.strict).starting(t, *self.restarted(t, y), other.longest_step)
         begun._told, begun._seen = other._told, UNSEEN
         return begun

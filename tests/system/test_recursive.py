@@ -20,7 +20,7 @@ from mbdae.system.prepare import prepare
 def test_residual_vanishes_on_the_constrained_motion(scene: Callable[[], mb.Scene], form: object) -> None:
     """Accelerations and multipliers of the full constrained equations satisfy the recursive ones, at any state."""
     prepared = prepare(scene())
-    m, e = prepared.mechanics, prepared.expansion
+    m, e = prepared.mechanics, prepared.all_bodies
     system = system_for(prepared, form)  # type: ignore[arg-type]
     nb, rng = system.numbering, np.random.default_rng(3)
     for _ in range(5):

@@ -83,7 +83,7 @@ class Solve(Protocol):
         """(m,) part of every row that the others do not hold, at the last solution."""
 
 
-class Elimination:
+class AccelerationKernel:
     """q', u', s' and multipliers of a system of constrained bodies; multipliers (m,) are those of the last call."""
 
     def __init__(self, full: Any, mass: Array, row_of: RowOf, solve: type[Solve]) -> None:
@@ -95,7 +95,7 @@ class Elimination:
         entries: dict[tuple[int, int], int] = {}
         for g, group in enumerate(full.model.groups):
             p = plan(group.derived, explicit_outputs)
-            active = [i for i in range(len(group.instances)) if (g, i) not in full.carried.dropped]
+            active = [i for i in range(len(group.instances)) if (g, i) not in full.moved.replaced]
             if p.targets and active:
                 gathers.append(nb.gather(g, p.all_inputs, active))
                 kernels.append(p.kernel)
@@ -134,19 +134,19 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
     return int(full.n + 1 + (row * nb.nu + column if full_rows else entry))
 
 
-def elimination(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> Elimination | None:
+def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
     """The fast way for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
 
     start: a state (t, y), at which masses that differ too much are seen."""
     nb = full.numbering
-    if full.carried.nodes or full.model.lines or not nb.m:
+    if full.moved.nodes or full.model.lines or not nb.m:
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
         diagonal = not np.any(M - np.diag(M.diagonal()))
-        found = Elimination(full, M, row_of, Banded if nb.m >= BANDED_FROM and diagonal else Dense)
+        found = AccelerationKernel(full, M, row_of, Banded if nb.m >= BANDED_FROM and diagonal else Dense)
         if found.rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
             return found
-    return Elimination(full, M, row_of, Whole) if nb.nu + nb.m < WHOLE_BELOW else None
+    return AccelerationKernel(full, M, row_of, Whole) if nb.nu + nb.m < WHOLE_BELOW else None
 
 
 class Dense:

@@ -20,14 +20,13 @@ from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
-from mbdae.system.assembled.evaluation import Batch, Evaluation, Scatter
+from mbdae.system.assembled.evaluation import Evaluation, ResidualBatch, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
 from mbdae.system.base import Array
-from mbdae.system.model import beams as lines
-from mbdae.system.model.beams import batches
-from mbdae.system.model.carried_bodies import Carried, slot_of
+from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
@@ -43,21 +42,21 @@ class Assembly:
     """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`."""
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
-                 carried: Carried | None = None) -> None:  # fmt: skip
+                 moved: MovedBodies | None = None) -> None:  # fmt: skip
         self.model, self.spec, self.label = model, spec, spec.label
-        self.carried = carried = carried if carried is not None else Carried(model, [])
-        rows = [row for row in rows if carried.keeps(row)]
+        self.moved = moved = moved if moved is not None else MovedBodies(model, [])
+        rows = [row for row in rows if moved.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
-        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
+        self.numbering = moved.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
         index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
+        self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._batches: dict[int, Batch] = {}
+        self._batches: dict[int, ResidualBatch] = {}
         self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -65,7 +64,7 @@ class Assembly:
             d = group.derived
             idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
             active = [i for i in range(len(group.instances))
-                      if (g, i) not in carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
+                      if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
                 self._add(g, active, linearised_plan(d, spec.outputs), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
@@ -73,7 +72,7 @@ class Assembly:
                 self._add_elements(batch, entries)
         for line in model.lines:
             self._add_inertia(line, entries)
-        for plan, equal in carried.plans():
+        for plan, equal in moved.plans():
             self._add_tree(plan, equal, entries)
         self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
 
@@ -111,10 +110,10 @@ class Assembly:
 
     def _row_at(self, block: str, node: Node, component: int) -> int:
         """Row of F of an entry of a node; of a loaded node its own row, n where it has none."""
-        place = self.numbering.node_place(block if node not in self.carried.nodes else "w" + block, node, component)
+        place = self.numbering.node_place(block if node not in self.moved.nodes else "w" + block, node, component)
         if place < self.n:
             return place
-        return place - self.n + 1 if place < self.numbering.carried else self.n
+        return place - self.n + 1 if place < self.numbering.first_input else self.n
 
     def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
         nb, count = self.numbering, len(active)
@@ -146,7 +145,7 @@ class Assembly:
         """(elements,) row of F of a momentum row; of a loaded node its own row."""
         return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
 
-    def _add_elements(self, batch: lines.Batch, entries: Entries) -> None:
+    def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
         """A kernel over the elements of beams."""
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
         timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
@@ -160,7 +159,7 @@ class Assembly:
             self._jacobian.kernel(gather, at, ElementJacobian(kernel))
             entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
 
-    def _add_inertia(self, line: lines.Line, entries: Entries) -> None:
+    def _add_inertia(self, line: Line, entries: Entries) -> None:
         """Consistent mass and dead loads of a beam."""
         nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
         entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
@@ -183,16 +182,16 @@ class Assembly:
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
         """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
-        nb, carried = self.numbering, self.carried
+        nb, moved = self.numbering, self.moved
 
         def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
             return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
 
         for piece in plan.mass:
             cells = (slots([t for t, _ in piece.targets]) - nb.nq) * nb.nu + slots([p for _, p in piece.targets]) - self.n - nb.nq
-            self._mass.kernel(carried.gather(nb, piece, trees), cells, piece.kernel)
+            self._mass.kernel(moved.gather(nb, piece, trees), cells, piece.kernel)
         pieces = [plan.forward, plan.residual, *plan.jacobian]
-        gathers = [carried.gather(nb, piece, trees) for piece in pieces]
+        gathers = [moved.gather(nb, piece, trees) for piece in pieces]
         if plan.structure.loaded:
             for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
                 store.append((piece, gather, slots(piece.targets)))
@@ -226,10 +225,10 @@ class Assembly:
 
     # -- evaluation
 
-    def batch(self, count: int) -> Batch:
+    def batch(self, count: int) -> ResidualBatch:
         """The evaluation of the residual at so many points."""
         if count not in self._batches:
-            self._batches[count] = Batch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
+            self._batches[count] = ResidualBatch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
         return self._batches[count]
 
     @cached_property

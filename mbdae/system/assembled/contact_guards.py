@@ -15,7 +15,7 @@ from mbdae.system.motion.gaps import gap_outputs
 
 
 @dataclass(frozen=True)
-class Place:
+class ContactPlace:
     """One place of contact: the item it belongs to, its law with numbers, its effective mass (kg)."""
 
     item: str
@@ -28,14 +28,14 @@ class ContactGuards:
 
     def __init__(self, system: Assembly, masses: dict[str, float]) -> None:
         gathers, kernels = [], []
-        self.places: list[Place] = []
+        self.places: list[ContactPlace] = []
         for g, group in enumerate(system.model.groups):
             p = plan(group.derived, gap_outputs)
             if not p.targets:
                 continue
             gathers.append(system.numbering.gather(g, p.all_inputs))
             kernels.append(p.kernel)
-            self.places += [Place(instance.item, instance.law, masses[instance.item])
+            self.places += [ContactPlace(instance.item, instance.law, masses[instance.item])
                             for instance in group.instances for _ in p.targets[::2]]  # fmt: skip
         self._batch = system.batch(1)
         self._evaluation = Evaluation(self._batch.W, gathers, kernels)

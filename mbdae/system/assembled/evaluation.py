@@ -92,7 +92,7 @@ class TreeStage:
         out.reshape(-1)[self.at] += self.evaluation.values()
 
 
-class Batch:
+class ResidualBatch:
     """Residuals at `count` points. stages: forward and residual kernels of loaded trees with slots and places."""
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,

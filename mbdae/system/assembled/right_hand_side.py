@@ -18,7 +18,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.rates import Rates
 from mbdae.system.base import Array
-from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
 DENSE_TREES = 100  #: velocities of trees above which their mass matrix is factorised as a sparse one
@@ -33,10 +33,10 @@ class Partition(NamedTuple):
     G: Callable[[float, Array], Array]
 
 
-def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
+def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
     """The parts of a scene's equations of motion, for methods of second order."""
-    if expansion.carried.trees and not mechanics.model.lines:
-        return _reduced_partition(mechanics, expansion)
+    if all_bodies.moved.trees and not mechanics.model.lines:
+        return _reduced_partition(mechanics, all_bodies)
 
     def at(t: float) -> Array:
         return np.array([t])
@@ -51,16 +51,16 @@ def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
     )  # fmt: skip
 
 
-def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
+def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
     """The same in joint coordinates: T^T M T, T^T (f - M T' u), and the rows that are left."""
-    left = [row for row in mechanics.rows if (row.group, row.instance) not in expansion.carried.dropped]
+    left = [row for row in mechanics.rows if (row.group, row.instance) not in all_bodies.moved.replaced]
     full = Mechanics(mechanics.model, left)
 
     def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
         """t, and q, u of all nodes with the velocity map."""
-        times, u = np.array([t]), np.zeros(expansion.nu) if u is None else u
-        all_q, all_u = expansion.states(times, np.r_[q, u][None])
-        return times, all_q, all_u, expansion.velocity_map(expansion.workspace(times, q[None], u[None]))[0]
+        times, u = np.array([t]), np.zeros(all_bodies.nu) if u is None else u
+        all_q, all_u = all_bodies.states(times, np.r_[q, u][None])
+        return times, all_q, all_u, all_bodies.velocity_map(all_bodies.workspace(times, q[None], u[None]))[0]
 
     def mass(t: float, q: Array) -> Array:
         T = at(t, q)[3]
@@ -69,7 +69,7 @@ def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
     def load(t: float, q: Array, u: Array, s: Array | None = None) -> Array:
         times, all_q, all_u, T = at(t, q, u)
         f = full.load(times, all_q, all_u, None if s is None else s[None])
-        bias = expansion.accelerations(times, q[None], u[None], np.zeros((1, expansion.nu)))
+        bias = all_bodies.accelerations(times, q[None], u[None], np.zeros((1, all_bodies.nu)))
         return np.asarray(T.T @ (f - bias @ full.mass)[0])
 
     def rows(t: float, q: Array) -> Array:
@@ -100,9 +100,9 @@ def rhs_of(system: Assembly, start: tuple[float, Array, Array]) -> Callable[[flo
     start: t, y and y' at which the mass matrix of beams is read. Raises SolverError where it is not positive definite."""
     nb, still = system.numbering, np.zeros(system.n)
     u = slice(nb.nq, nb.nq + nb.nu)
-    if system.carried.trees and (nb.nu > DENSE_TREES or system.model.lines):
+    if system.moved.trees and (nb.nu > DENSE_TREES or system.model.lines):
         return Rates(system, system.n, linear=True).solve
-    solve = _constant(system, u, start) if system.model.lines else None
+    solve = _constant_mass_solve(system, u, start) if system.model.lines else None
 
     def rhs(t: float, y: Array, out: Array) -> None:
         system.residual(t, y, still, out)
@@ -117,7 +117,7 @@ def rhs_of(system: Assembly, start: tuple[float, Array, Array]) -> Callable[[flo
     return rhs
 
 
-def _constant(system: Assembly, u: slice, start: tuple[float, Array, Array]) -> Callable[[Array], Array]:
+def _constant_mass_solve(system: Assembly, u: slice, start: tuple[float, Array, Array]) -> Callable[[Array], Array]:
     """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
     factors: list[Any] = []  # made in the first call
 

@@ -219,7 +219,7 @@ def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, t
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class ElementBatch:
     """A kernel for elements of one or several beams, with the nodes of every element.
 
     stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input.
@@ -237,7 +237,7 @@ class Batch:
         return [[line.nodes[a] for a in element] for line in self.lines for element in line.mesh.elements]
 
 
-def batches(lines: list[Line], mixed: bool) -> list[Batch]:
+def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
     """The kernels of all beams: equal laws in one, gyroscopic moments, loads."""
     groups: dict[Any, list[tuple[Line, LineKernel, NDArray[np.intp]]]] = {}
     first = 0
@@ -248,16 +248,16 @@ def batches(lines: list[Line], mixed: bool) -> list[Batch]:
         first += z.size
         key = (kernel.derived, line.mesh.order, kernel.turns is None)
         groups.setdefault(key, []).append((line, kernel, z))
-    out: list[Batch] = []
+    out: list[ElementBatch] = []
     for members in groups.values():
         of_group = [line for line, _, _ in members]
-        out.append(Batch(merged([kernel for _, kernel, _ in members]), of_group, np.concatenate([z for *_, z in members])))
+        out.append(ElementBatch(merged([kernel for _, kernel, _ in members]), of_group, np.concatenate([z for *_, z in members])))
         if of_group[0].kind is NodeKind.SPATIAL:
             gyroscopic = GyroscopicKernel(np.concatenate([line.blocks for line in of_group]), of_group[0].mesh.order + 1)
-            out.append(Batch(gyroscopic, of_group, _none(gyroscopic)))
+            out.append(ElementBatch(gyroscopic, of_group, _none(gyroscopic)))
     for k, line in enumerate(lines):
         for n, (load, timed) in enumerate(line.loads):
-            out.append(Batch(load, [line], _none(load), tuple((k, f"{n}.{name}") for name in timed), True))
+            out.append(ElementBatch(load, [line], _none(load), tuple((k, f"{n}.{name}") for name in timed), True))
     return out
 
 

@@ -41,7 +41,7 @@ class Timeline:
         """Whether an input varies by itself, not only from break to break."""
         return len(self.stretches.edges) > len(self.edges)
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """One line for `check`."""
         found = []
         if len(self.breaks):

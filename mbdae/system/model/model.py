@@ -70,7 +70,7 @@ class Model:
     groups: list[Group]
     length: float  #: size of the scene, m
     vanished: list[str]  #: "joint.row" of rows that vanish identically, or are undefined
-    kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
+    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
     attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
     undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
@@ -107,7 +107,7 @@ class Model:
     @property
     def recursive(self) -> list[Connection]:
         """Joints that are recursive in this model."""
-        return [c for c in self.scene.joints if c.recursive and c.name not in self.kept]
+        return [c for c in self.scene.joints if c.recursive and c.name not in self.stay_kinematic]
 
     def instances(self) -> Iterator[tuple[int, int, Instance]]:
         """Every law of the model with the numbers of its group and instance."""

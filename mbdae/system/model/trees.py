@@ -35,7 +35,7 @@ class Tree:
     numbers: tuple[dict[str, float], ...]  #: of the joints, with the quaternions of their axes
 
     @property
-    def carried(self) -> tuple[Node, ...]:
+    def moved_nodes(self) -> tuple[Node, ...]:
         """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
         driven = [c for c, link in zip(self.coordinates, self.structure.links, strict=True) if link.prescribed]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
@@ -111,7 +111,7 @@ def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
         leads[leader(k, leads)] = leader(l, leads)
         points |= {b for b in (k, l) if b.is_point}
     found = []
-    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.kept):
+    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.stay_kinematic):
         a, b = leader(c.k, leads), leader(c.l, leads)
         if a is not b and not points & {c.k, c.l}:
             leads[a] = b

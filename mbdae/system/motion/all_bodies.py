@@ -1,4 +1,4 @@
-"""From the unknowns of a form to the motion of all bodies, carried ones included; dynamics in joint coordinates."""
+"""From the unknowns of a form to the motion of all bodies, moved ones included; dynamics in joint coordinates."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mbdae.system.base import Array
-from mbdae.system.model.carried_bodies import Carried, slot_of
 from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
@@ -18,12 +18,12 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.reaction_friction import Solve
 
 
-class Expansion:
+class AllBodies:
     """The motion of a model's nodes from the unknowns (q, u, s) that recursive joints leave."""
 
-    def __init__(self, model: Model, carried: Carried) -> None:
-        self.model, self.carried = model, carried
-        self.numbering = carried.numbering(model, [], (), loaded=False)
+    def __init__(self, model: Model, moved: MovedBodies) -> None:
+        self.model, self.moved = model, moved
+        self.numbering = moved.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
     def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
@@ -38,7 +38,7 @@ class Expansion:
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes from unknowns y (nt, n)."""
-        if not self.carried.trees and not self.carried.sharing.nodes:
+        if not self.moved.trees and not self.moved.sharing.nodes:
             return y[:, : self.nq], y[:, self.nq : self.nq + self.nu]
         W = self.workspace(t, y[:, : self.nq], y[:, self.nq : self.nq + self.nu])
         q, u, _ = self._motion(W, None)
@@ -60,9 +60,9 @@ class Expansion:
             a[:, nb.of_velocities] = up
         out = {"q": q, "u": u, "up": a}
         self._share(out)
-        for plan, trees in self.carried.plans():
+        for plan, trees in self.moved.plans():
             piece = plan.motion_of_all
-            values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+            values = piece.kernel.values(W[:, self.moved.gather(nb, piece, trees)])
             for i, tree in enumerate(trees):
                 for o, (head, j, component) in enumerate(piece.targets):
                     out[head][:, _first(tree.node(j), head) + component] = values[:, i, o]
@@ -71,19 +71,19 @@ class Expansion:
 
     def _share(self, out: dict[str, Array]) -> None:
         """Displacements and rotations that nodes share, and those that are fixed."""
-        sharing, by_name = self.carried.sharing, {n.name: n for n in self.model.nodes}
-        for name, position in sharing.fixed.items():
+        sharing, by_name = self.moved.sharing, {n.name: n for n in self.model.nodes}
+        for name, position in sharing.fixed_position.items():
             node = by_name[name]
             out["q"][:, node.q : node.q + node.kind.translations] = position[: node.kind.translations]
-        for name, owner in sharing.owner.items():
+        for name, owner in sharing.displacement_of.items():
             node = by_name[name]
             for head, values in out.items():
                 a, b, n = _first(node, head), _first(owner, head), node.kind.translations
                 values[:, a : a + n] = values[:, b : b + n]
-        for name, rotation in sharing.upright.items():
+        for name, rotation in sharing.fixed_rotation.items():
             node = by_name[name]
             out["q"][:, node.q + node.kind.translations : node.q + node.kind.sizes[0]] = rotation
-        for name, turner in sharing.turner.items():
+        for name, turner in sharing.rotation_of.items():
             node, n = by_name[name], by_name[name].kind.translations
             for head, values in out.items():
                 a, b, size = _first(node, head), _first(turner, head), node.kind.sizes[0 if head == "q" else 1]
@@ -93,7 +93,7 @@ class Expansion:
         for j, link in enumerate(tree.structure.links, start=1):
             if link.prescribed:
                 for order, head in enumerate(("q", "u", "up")):
-                    slot = self.carried.slot(self.numbering, tree, ("clock", j, order))
+                    slot = self.moved.slot(self.numbering, tree, ("clock", j, order))
                     out[head][:, _first(tree.node(-j), head)] = W[:, slot]
 
     def velocity_map(self, W: Array) -> Array:
@@ -101,9 +101,9 @@ class Expansion:
         nb = self.numbering
         T = np.zeros((len(W), self.model.nu, self.nu))
         T[:, nb.of_velocities, np.arange(self.nu)] = 1.0
-        for plan, trees in self.carried.plans():
+        for plan, trees in self.moved.plans():
             for piece in plan.velocities:
-                values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+                values = piece.kernel.values(W[:, self.moved.gather(nb, piece, trees)])
                 for i, tree in enumerate(trees):
                     for o, ((head, j, component), place) in enumerate(piece.targets):
                         column = slot_of(nb, tree, place) - nb.nq
@@ -118,13 +118,13 @@ def _first(node: Node, head: str) -> int:
 class TreeMechanics(Mechanics):
     """Mechanics of a model with recursive joints: accelerations from the joint coordinates, reactions from leaf to root."""
 
-    def __init__(self, model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> None:
+    def __init__(self, model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> None:
         super().__init__(model, rows, redundant)
-        self.expansion = expansion
+        self.all_bodies = all_bodies
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
-        e = self.expansion
+        e = self.all_bodies
         qr, ur = e.reduced(q, u)
         T = e.velocity_map(e.workspace(t, qr, ur))
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
@@ -154,13 +154,13 @@ class TreeMechanics(Mechanics):
     @cached_property
     def closing(self) -> Any:
         """(m,) numbers of the rows that recursive joints leave."""
-        inside = self.expansion.carried.dropped
+        inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
         """G^T lambda = left joint by joint from the leaves: each balances what is left on the body it carries."""
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
-        for tree in self.expansion.carried.trees:
+        for tree in self.all_bodies.moved.trees:
             for j in range(len(tree.joints), 0, -1):
                 g, i = tree.joints[j - 1]
                 names = self.model.groups[g].derived.rows

@@ -14,7 +14,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
-from mbdae.system.model.beams import Batch, batches, nodal_inputs, sparse_mass
+from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs, sparse_mass
 from mbdae.system.motion.constrained import solve_constrained, unique_multipliers
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
@@ -70,7 +70,7 @@ class Mechanics(States):
         return f + self._of_beams(t, q, u, z) if self.model.lines else f
 
     @cached_property
-    def _batches(self) -> dict[bool, list[Batch]]:
+    def _batches(self) -> dict[bool, list[ElementBatch]]:
         return {mixed: batches(self.model.lines, mixed) for mixed in (False, True)}
 
     def prescribed(self, t: Array, slots: tuple[tuple[int, str], ...]) -> Array:
@@ -88,7 +88,7 @@ class Mechanics(States):
             self._add_batch(f, batch, t, q, u, z)
         return f
 
-    def _add_batch(self, f: Array, batch: Batch, t: Array, q: Array, u: Array, z: Array | None = None) -> None:
+    def _add_batch(self, f: Array, batch: ElementBatch, t: Array, q: Array, u: Array, z: Array | None = None) -> None:
         x = nodal_inputs(batch.kernel, batch.lines, q, u, self.prescribed(t, batch.timed))
         if z is not None and batch.stresses.size:
             x = np.hstack([x, z[:, batch.stresses].reshape(len(x), -1)])

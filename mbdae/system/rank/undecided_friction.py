@@ -13,7 +13,7 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport
 
 
-def pressing_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """How much each multiplier of a joint with friction counts for the force that presses it: |d pressing / d lambda|."""
     if not d.reactive:
         return []
@@ -30,7 +30,8 @@ def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> lis
         return []
     shared = {(r.group, r.instance, r.row): r.name for r in rank.not_unique}
     found = []
-    for g, p, values in mechanics.evaluate(pressing_outputs, t, q[None], np.zeros((1, mechanics.nu)), groups=mechanics.reactive):
+    state = t, q[None], np.zeros((1, mechanics.nu))
+    for g, p, values in mechanics.evaluate(normal_force_outputs, *state, groups=mechanics.reactive):
         for i, instance in enumerate(mechanics.model.groups[g].instances):
             rows = [shared[g, i, target[1]] for o, target in enumerate(p.targets)
                     if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip

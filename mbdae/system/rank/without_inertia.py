@@ -7,27 +7,27 @@ from scipy.linalg import eigh
 
 from mbdae.errors import SceneError
 from mbdae.system.base import Array
-from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
 NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
 
 
-def massless_coordinates(expansion: Expansion, mass: Array, t: Array, q: Array) -> list[str]:
+def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:
     """Unknowns of trees of recursive joints whose motion has no inertia, by the condition of the reduced mass matrix with
     a unit diagonal, one sentence each."""
-    u = np.zeros((1, expansion.model.nu))
-    T = expansion.velocity_map(expansion.workspace(t, *expansion.reduced(q[None], u)))[0]
+    u = np.zeros((1, all_bodies.model.nu))
+    T = all_bodies.velocity_map(all_bodies.workspace(t, *all_bodies.reduced(q[None], u)))[0]
     reduced = T.T @ mass @ T
     size = np.sqrt(np.diag(reduced))
     largest = float(np.max(size, initial=0.0))
-    names = expansion.numbering.names()[expansion.nq :]
+    names = all_bodies.numbering.names()[all_bodies.nq :]
     lost = [int(i) for i in np.flatnonzero(size <= 1e-12 * largest)]
     if not lost and len(size):
         values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
         lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
-    joints = {n.name for n in expansion.model.joint_coordinates}
+    joints = {n.name for n in all_bodies.model.joint_coordinates}
     return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
 
 

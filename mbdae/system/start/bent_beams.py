@@ -67,7 +67,7 @@ def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
     return sp.csc_matrix((values, (rows, columns)), shape=(mechanics.nu,) * 2)
 
 
-def closed(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
+def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
            within: float) -> Array | None:  # fmt: skip
     """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), whose derivative by displacements is jacobian(q)
     (m, nu), to `within` (over the scene's length, or rad); None where none is found."""

@@ -75,7 +75,7 @@ class Expected:
     depth: float
     penetration: float
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """The contact in a line."""
         law = self.law
         friction = "without friction" if law.friction is None else f"{type(law.friction).__name__} friction"

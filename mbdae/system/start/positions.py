@@ -19,7 +19,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.start import bent_beams as bent
+from mbdae.system.start.bent_beams import can_bend, closed_by_bending
 from mbdae.system.start.least_change import least_change
 from mbdae.system.start.rigid_beams import RigidMotions
 
@@ -42,7 +42,7 @@ def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.sides).items()]
 
 
-class Closing:
+class ConsistentPositions:
     """Finds consistent positions of a model by mass-weighted Gauss-Newton."""
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
@@ -124,7 +124,7 @@ class Closing:
         self._report_positions(before, q)
         return q
 
-    def off(self, q: Array) -> float:
+    def closing_error(self, q: Array) -> float:
         """How far the loops are from closed, over the scene's length, or rad."""
         return _largest(self._closure(q), self._row_units(self._closure_jacobian(q)))
 
@@ -133,8 +133,8 @@ class Closing:
         try:
             return self.close(q)
         except StartError:
-            can = bent.can_bend(self.mechanics)
-            found = bent.closed(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
+            can = can_bend(self.mechanics)
+            found = closed_by_bending(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
             if found is None:
                 raise
         energy = sum(float(line.energy(found[None], np.zeros((1, self.model.nu)))[0][0]) for line in self.model.lines)
