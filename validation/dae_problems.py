@@ -144,28 +144,23 @@ def car_axis(form: str) -> DAE:
     return mechanism(q, k * sp.eye(4), lambda v: force, g, [0, 0.5, 1, 0.5], [-0.5, 0, -0.5, 0], form)
 
 
-def explicit(system: DAE) -> DAE:
+class Explicit(DAE):
     """F = y' - f(t, y) with its right-hand side f."""
-    still = np.zeros(system.n)
 
-    def rhs(t: float, y: Any, out: Any) -> None:
-        system.residual(t, y, still, out)
+    def rhs(self, t: float, y: Any, out: Any) -> None:
+        self.residual(t, y, np.zeros(self.n), out)
         np.negative(out, out)
 
-    system.rhs = rhs
-    return system
 
-
-def decay(**options: Any) -> DAE:
+def decay(kind: type[DAE] = Explicit, **options: Any) -> DAE:
     """y' = -y for two unknowns."""
-    system = DAE(
+    return kind(
         lambda t, y, yp, out: yp + y,
         [1.0, 2.0],
         [-1.0, -2.0],
         lambda t, y, yp, cj, out: (1 + cj) * np.eye(2),
         **options,
     )
-    return explicit(system)
 
 
 class Carried(System):
@@ -197,5 +192,4 @@ class Carried(System):
 
 def blow_up() -> DAE:
     """y' = y^2, infinite at t = 1."""
-    system = DAE(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))
-    return explicit(system)
+    return Explicit(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))

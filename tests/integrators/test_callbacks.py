@@ -28,14 +28,12 @@ def fail(value: Any) -> Any:
 
 def decay(late: Any) -> mb.DAE:
     """y' = -y, whose residual and right-hand side give `late` after FAIL_AT."""
-    system = mb.DAE(lambda t, y, yp, out: fail(late) if t > FAIL_AT else yp + y, [1.0], [-1.0],
-                    lambda t, y, yp, cj, out: [[1 + cj]])  # fmt: skip
 
     def rhs(t: float, y: Any, out: Any) -> None:
         out[:] = fail(late) if t > FAIL_AT else -y
 
-    system.rhs = rhs
-    return system
+    return mb.DAE(lambda t, y, yp, out: fail(late) if t > FAIL_AT else yp + y, [1.0], [-1.0],
+                  lambda t, y, yp, cj, out: [[1 + cj]], rhs=rhs)  # fmt: skip
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label)

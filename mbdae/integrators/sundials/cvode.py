@@ -85,7 +85,7 @@ class CVODE(Solver):
             )
         raise OptionError(
             f"{self.label} needs y' = f(t, y), but this system ({system.label}) gives only F(t, y, y') = 0, no right-hand side: "
-            "use mb.IDA() or mb.RadauIIA(3), or set system.rhs, a function (t, y, out) that fills out with y'"
+            "use mb.IDA() or mb.RadauIIA(3), or give the DAE its rhs=, a function (t, y, out) that fills out with y'"
         )
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
