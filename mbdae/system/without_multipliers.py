@@ -22,7 +22,7 @@ from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, accel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.rates import Rates, singular
-from mbdae.system.base import Array
+from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
@@ -128,14 +128,10 @@ class WithoutMultipliers(SceneSystem):
         np.subtract(yp, out, out=out)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
-        for i in range(len(t)):
-            self.residual(t[i], y[i], yp[i], out[i])
+        System.residual_stages(self, t, y, yp, out)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         out[...] = cj * np.eye(self.n) - self.rate_jacobian(t, y)
-
-    def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
-        raise NotImplementedError("dy'/dy of eliminated equations is full")

@@ -43,7 +43,7 @@ ELSEWHERE = {
     "Solver.check": "interface", "Solver.factor": "interface",
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
-    "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
+    "System.starting": "interface", "System.renewed": "interface", "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "_Alpha.doubts": "interface", "Result.coordinate": "between modules", "Result.coordinate_at": "between modules",
     "Result.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",

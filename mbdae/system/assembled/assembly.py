@@ -240,9 +240,11 @@ class Assembly:
         return Evaluation(self.batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """As `System.residual`."""
         out[:] = self.batch(1).residual(np.array([t]), y, yp)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        """As `System.residual_stages`."""
         out[:] = self.batch(len(t)).residual(t, y, yp)
 
     def _values(self, t: float, y: Array, yp: Array) -> Array:
@@ -282,6 +284,7 @@ class Assembly:
         return np.concatenate([p.ravel() for p in self._mass.places])
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        """As `System.jacobian`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         self._write(fy + cj * fyp, out)
 
@@ -294,6 +297,7 @@ class Assembly:
         out.reshape(-1)[self._dense] = data
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """As `System.jacobian_values`."""
         values, size = self._values(t, y, yp), len(self._dense) + 1
         fy, fyp = (
             np.bincount(self._place.take(part), values.take(part), size)[:-1] + c[:-1] if len(part) else c[:-1].copy()
@@ -302,6 +306,7 @@ class Assembly:
         return fy, fyp
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """As `System.jacobian_parts`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         if self.sparsity is not None:
             return fy, fyp

@@ -52,7 +52,7 @@ class Scatter:
         self.gathers: list[Index] = []
         self.places: list[Index] = []
         self.kernels: list[Any] = []
-        self._linear: tuple[list[Index], list[Index], list[Array]] = ([], [], [])
+        self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
     def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
         """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...)."""
@@ -62,16 +62,13 @@ class Scatter:
 
     def linear(self, rows: Index, columns: Index, weights: Array) -> None:
         """Terms weight * unknown."""
-        self._linear[0].append(rows)
-        self._linear[1].append(columns)
-        self._linear[2].append(weights)
+        self._linear.append((rows, columns, weights))
 
     @property
     def linear_terms(self) -> tuple[Index, Index, Array]:
         """Rows, columns and weights."""
-        rows, columns, weights = self._linear
-        empty = np.zeros(0, dtype=np.intp)
-        return np.concatenate([empty, *rows]), np.concatenate([empty, *columns]), np.concatenate([np.zeros(0), *weights])
+        rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
+        return rows, columns, weights
 
 
 class TreeStage:

@@ -176,6 +176,13 @@ class Line:
         at = x[:, : count * nodes.nq].reshape(len(x), count, nodes.nq)
         return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
 
+    def fastest_vibration(self, q: Array) -> float:
+        """Bound of the angular frequency of every mode at q (nq,), rad/s: no mode of a mesh is faster than the fastest one of its
+        elements alone; infinite where a strain is rigid."""
+        if self.beam.section.rigid:
+            return float("inf")
+        return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(self.blocks, self.stiffness(q)))))))
+
     def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
         """Elastic energy (nt,), J, and dissipated power (nt,), W."""
         kernel = self.displacement

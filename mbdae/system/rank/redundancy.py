@@ -10,6 +10,7 @@ import numpy as np
 from mbdae.errors import StartError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
+from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.rows import DEPENDENT, chosen_rows, independent_parts, rows_in_order, smallest, unit_rows
 from mbdae.system.start.start import Starter
@@ -106,8 +107,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
     W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
     a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
-    lengths = np.linalg.norm(G * units, axis=1, keepdims=True)
-    lengths[lengths == 0] = 1.0
+    lengths = row_lengths(G * units)
     B = G * units / lengths
     left, _, right = np.linalg.svd(B)
     W, N = left[:, rank:], right[rank:].T

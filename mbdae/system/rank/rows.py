@@ -14,6 +14,7 @@ from scipy.linalg import qr
 
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
+from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 
 DEPENDENT = 2e-6  #: part of a row of unit length that is new, beside the rows before it: it depends on them below
@@ -27,8 +28,7 @@ SHARE = 0.5  #: of the slack until then by which the motion may go on before the
 def unit_rows(mechanics: Mechanics, G: Array) -> Array:
     """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
     B = G * mechanics.velocity_units
-    norms = np.linalg.norm(B, axis=1, keepdims=True)
-    return np.asarray(B / np.where(norms > 0, norms, 1.0))
+    return np.asarray(B / row_lengths(B))
 
 
 def smallest(B: Array, rank: int) -> float:
