@@ -9,21 +9,20 @@ import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.system.base import System
-from mbdae.values import function, option, sequence, shown
+from mbdae.values import BadValueError, option, sequence, shown
 
 TOLERANCE = 1e-6  #: of the parts against the start, over the largest term
 
-TAKES = ("t, q", "t, q, u", "t, q", "t, q")
 Parts = tuple[Callable[..., Any], ...]
 
 
 def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tuple[Parts, tuple[str, ...]]:
     """The parts (M, f, g, G) and the kinds of the unknowns; refused where they do not fit the unknowns or the start."""
     remedy = "give four functions (M, f, g, G): M(t, q), f(t, q, u), g(t, q), G(t, q)"
-    given = option("partition", parts, sequence, remedy)
+    given = option("partition", parts, sequence, remedy, each=_function)
     if len(given) != 4:
         raise OptionError(f"partition = {shown(parts)}: {remedy}")
-    M, f, g, G = (option("partition", part, function, remedy, takes=takes) for part, takes in zip(given, TAKES, strict=True))
+    M, f, g, G = given
     failure: Exception | None = None
     for nu in range(system.n // 2, 0, -1):
         left = system.n - 2 * nu
@@ -40,6 +39,13 @@ def checked_partition(system: System, parts: Sequence[Callable[..., Any]]) -> tu
             return (M, f, g, G), kinds
     raise OptionError(f"partition does not fit {system.n} unknowns: y = (q, u, lambda) or (q, u, lambda, mu) with M (nu, nu), "
                       f"f (nu,), g (m,), G (m, nu)") from failure  # fmt: skip
+
+
+def _function(value: Any) -> Callable[..., Any]:
+    """A function of any number of arguments."""
+    if not callable(value):
+        raise BadValueError(f"{shown(value)} is not a function")
+    return value  # type: ignore[no-any-return]
 
 
 def _check_start(system: System, parts: Sequence[Callable[..., Any]], nu: int, m: int) -> None:

@@ -266,6 +266,7 @@ class Assembly:
 
     @cached_property
     def constant_mass(self) -> Array:
+        """(nu, nu) entries of the mass matrix that do not vary."""
         nq, nu = self.numbering.nq, self.numbering.nu
         M = np.zeros((nu, nu))
         p, n = self._pattern, self.n
