@@ -25,7 +25,7 @@ SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", 
 
 @dataclass(frozen=True)
 class Switches:
-    """Arguments u(t, y) at which equations switch, or within a width of which they change and nowhere else.
+    """Arguments u(t, y) of functions in the equations that switch, or that vary within a narrow range of u alone.
 
     arguments  (t (k,), y (k, n)) -> (k, na) their values at k points, pure numbers where not "kink" or "power"
     kinds      of every argument: "kink" (the equations change where u changes its sign), "decaying" (exp(u)), "saturating"
@@ -33,8 +33,7 @@ class Switches:
     weights    (na,) factor of every argument's change: |a| of a power, 1 of all others
     names      of every argument, for messages: the item it belongs to
 
-    Adaptive solvers end a step where a kink is crossed, and take none over which a function of an argument comes and goes unseen.
-    """
+    Adaptive solvers end a step where a kink is crossed, and no step over which a function of an argument changes and returns."""
 
     arguments: Callable[[Array, Array], Array]
     kinds: tuple[str, ...]
@@ -67,8 +66,7 @@ class System:
     scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
     t0, y0, yp0  consistent start; see `starting`
     sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
-    label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")
-    """
+    label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")"""
 
     n: int
     names: tuple[str, ...]
@@ -97,7 +95,7 @@ class System:
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
     #: name of each contact (used in messages); "contact[i]" where there are fewer
     guard_names: tuple[str, ...] = ()
-    #: what switches or is local in the equations; None: nothing
+    #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
@@ -123,11 +121,12 @@ class System:
         return None
 
     def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs are read at the time `side` from now on."""
+        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs (t < 1 and the like) are evaluated
+        at the time `side`, inside the next part of the run, from now on."""
         raise NotImplementedError
 
     def leave(self) -> None:
-        """Conditions of inputs are read where they are evaluated again."""
+        """Conditions of inputs are evaluated at the time of every evaluation again."""
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""
@@ -155,4 +154,4 @@ class System:
         raise NotImplementedError
 
     def accept(self, t: float, y: Array) -> None:
-        """Called by the step loop after every accepted step (memory lives here, never in a residual)."""
+        """Called by the step loop after every accepted step: the only place where a System may remember something of a run."""

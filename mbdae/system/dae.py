@@ -36,11 +36,11 @@ class DAE(System):
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
     guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
     guard_names  name of each contact, default contact[0], contact[1], ...
-    switches  what switches or is local in the equations (`mb.Switches`): adaptive solvers step over none of it; None: nothing
+    switches  functions in the equations that switch or vary within a narrow range (`mb.Switches`), so that no adaptive solver
+              steps over them; None: none
     partition  (M, f, g, G) of equations of motion with y = (q, u, lambda) or, stabilised, (q, u, lambda, mu) and q' = u + ...:
               functions M(t, q) (nu, nu), f(t, q, u) (nu,), g(t, q) (m,) and G(t, q) (m, nu); what GeneralizedAlpha and HHT need
-    rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs
-    """
+    rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs"""
 
     label = "DAE"
 

@@ -30,7 +30,7 @@ from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-SOUND = 1e-3  #: smallest singular value of rows from which they determine a position
+SOUND = 1e-3  #: smallest singular value of rows above which they determine a position
 FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
@@ -45,11 +45,11 @@ class Prepared:
     start: Start
     time: float  #: characteristic time, s
     all_bodies: AllBodies
-    contacts: list[Expected] = field(default_factory=list)  #: what is expected of the contacts of the scene
+    contacts: list[Expected] = field(default_factory=list)  #: the contacts of the scene before the run
 
     @cached_property
     def with_all_rows(self) -> Mechanics:
-        """With the redundant rows too: what a run is checked against, and what its reactions are read from."""
+        """The mechanics with redundant rows too, by which a run is checked and its reactions are read."""
         if not self.rank.dropped:
             return self.mechanics
         return mechanics_of(self.model, constraint_rows(self.model), self.all_bodies, len(self.rank.dropped))
@@ -160,7 +160,7 @@ def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant
 
 def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, MovedBodies]:
     """The model of a scene with the trees of its recursive joints; trees too large for one program stay kinematic. by_rows:
-    joints that carry nothing, and why."""
+    joints that stay with their rows, and why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
     kept = too_large(moved)
@@ -188,7 +188,7 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 
 
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """The same at later times, as far as some short steps lead: where not all rows can be satisfied, but those in force."""
+    """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
     together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in rank.kept or row.name in dropped])

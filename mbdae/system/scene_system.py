@@ -24,7 +24,7 @@ from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, str
 from mbdae.threads import single_threaded
 from mbdae.ties import largest
 
-#: False: runs look neither at inputs of time nor at laws that switch; to measure what is found between their points alone
+#: False: solvers watch neither inputs of time nor laws that switch; for tests of the checks after a run
 WATCH_INPUTS_AND_SWITCHES = True
 
 

@@ -28,8 +28,7 @@ from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
 NEAR = 1e-7  #: part of a constraint row that the others do not hold, below which reactions and accelerations are uncertain
-#: how near what is found beyond a singular position is to the straight line that goes through it
-PASSED = 0.3
+PASSED = 0.3  #: relative deviation from the straight line through a singular position, below which one was passed
 SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
 UNSEEN = ((-inf, 1.0), (-inf, 1.0))
 
@@ -64,7 +63,7 @@ class WithoutMultipliers(SceneSystem):
         self._seen, self._told = UNSEEN, False
 
     def strictly(self, strict: bool) -> Self:
-        """These equations, of which a run stops at singular positions, or warns there alone."""
+        """These equations, whose runs stop at singular positions, or only warn there."""
         other = copy(self)
         other.strict = strict
         return other

@@ -17,21 +17,10 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dpbsv, dposv
 
 from mbdae.kernels import plan
+from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
-from mbdae.symbolic.outputs import (
-    Target,
-    acceleration,
-    covector,
-    jacobian_G,
-    kinematics,
-    loads,
-    position,
-    scatter_pair,
-    second_rate,
-    state_rows,
-    velocity,
-)
+from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
@@ -47,26 +36,26 @@ RowOf = Callable[[Target, int, int], int]
 
 def _with_drift(d: Derived, rates: list[Expr]) -> list[tuple[Target, Expr]]:
     weights = se.Symbol(VELOCITY), se.Symbol(POSITION)
-    off = zip(rates, velocity(d), position(d), strict=True)
+    off = zip(rates, outputs.velocity(d), outputs.position(d), strict=True)
     return [(("gdd", i), d.scaled(a + weights[0] * v + weights[1] * g)) for i, (a, (_, v), (_, g)) in enumerate(off)]
 
 
 def stabilised(d: Derived) -> list[tuple[Target, Expr]]:
     """G u' + gamma + 2 alpha (G u + g_t) + beta^2 g, as a form integrates them."""
-    return _with_drift(d, second_rate(d))
+    return _with_drift(d, outputs.second_rate(d))
 
 
-def explicit_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """All that u' and lambda follow from: rows of F where they and all rates are 0, and the entries of G."""
+def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
+    """Outputs of a law from which u' and lambda follow: its rows of F where they and all rates are 0, and its entries of G."""
     still = {se.Symbol(f"{d.frames[0].side}_qp{i + 1}"): 0 for i in range(d.frames[0].kind.sizes[0])}
     if isinstance(d.law, Element):
-        return [*((t, e.subs(still)) for t, e in kinematics(d)), *loads(d)]
+        return [*((t, e.subs(still)) for t, e in outputs.kinematics(d)), *outputs.loads(d)]
     penalty = getattr(d.law, "penalty", None)
     forces = [se.Integer(0) if penalty is None else 2 * penalty * c for c in d.g]
-    stated = [entry for f in d.frames for entry in scatter_pair(f, covector(d, f, forces))]
-    rates = [(t, e.subs({se.Symbol(f"statep_{d.states[t[1]]}"): 0})) for t, e in state_rows(d)]
-    gamma = [e for _, e in acceleration(d)]
-    return [*stated, *_with_drift(d, gamma), *rates, *((t, d.scaled(e)) for t, e in jacobian_G(d))]
+    stated = [entry for f in d.frames for entry in outputs.scatter_pair(f, outputs.covector(d, f, forces))]
+    rates = [(t, e.subs({se.Symbol(f"statep_{d.states[t[1]]}"): 0})) for t, e in outputs.state_rows(d)]
+    gamma = [e for _, e in outputs.acceleration(d)]
+    return [*stated, *_with_drift(d, gamma), *rates, *((t, d.scaled(e)) for t, e in outputs.jacobian_G(d))]
 
 
 class Solve(Protocol):
@@ -94,7 +83,7 @@ class AccelerationKernel:
         gathers, places, kernels = [], [], []
         entries: dict[tuple[int, int], int] = {}
         for g, group in enumerate(full.model.groups):
-            p = plan(group.derived, explicit_outputs)
+            p = plan(group.derived, equations_of_motion)
             active = [i for i in range(len(group.instances)) if (g, i) not in full.moved.replaced]
             if p.targets and active:
                 gathers.append(nb.gather(g, p.all_inputs, active))
@@ -135,9 +124,9 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
 
 
 def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
-    """The fast way for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
+    """The kernel for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
 
-    start: a state (t, y), at which masses that differ too much are seen."""
+    start: a state (t, y), at which it is found out whether masses differ too much."""
     nb = full.numbering
     if full.moved.nodes or full.model.lines or not nb.m:
         return None

@@ -1,4 +1,4 @@
-"""Pointwise kernels between constant operators: residual and Jacobian of a whole scene in a given form.
+"""Residual and Jacobian of a whole model in a given form, by compiled kernels.
 
 Residual = constants + linear terms + kernel values, summed by one bincount. Jacobian data = c0 + cj c1 + kernel
 values, those taken with respect to y' weighted by cj. All instances of a law, and all stages of a Radau step, are
@@ -96,7 +96,7 @@ class Assembly:
         return tuple(names)
 
     def row_of(self, target: Target, g: int, i: int) -> int:
-        """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
+        """Row of F a target belongs to; n (a spare row) for rows left out, above it the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
             own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner

@@ -1,4 +1,4 @@
-"""Evaluation of kernels: gather from the workspace, one call per law, scatter by one bincount."""
+"""Evaluation of kernels: inputs gathered from the workspace, one call per law, values added to rows by one bincount."""
 
 from __future__ import annotations
 
@@ -90,7 +90,8 @@ class TreeStage:
 
 
 class ResidualBatch:
-    """Residuals at `count` points. stages: forward and residual kernels of loaded trees with slots and places."""
+    """Residuals at `count` points. stages: kernels of trees with loaded nodes, for the motion of these
+    and for the forces on them, with the slots they read and the places they write."""
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,
                  stages: tuple[list[Any], list[Any]]) -> None:  # fmt: skip
@@ -132,7 +133,7 @@ class ResidualBatch:
         return np.asarray(total[:, : self.n])
 
     def _pull(self, total: Array) -> None:
-        """Rows of loaded nodes into the rows of the coordinates that move them."""
+        """Project the forces on loaded nodes on the coordinates that move them."""
         rows = self.numbering.loaded_rows
         self.W[:, rows] = total[:, rows - self.n + 1]
         self.backward.add(total)

@@ -16,8 +16,7 @@ class FormSpec:
     multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
     keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
     loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
-    multipliers are solved for at every state, y = (q, u, s).
-    """
+    multipliers are solved for at every state, y = (q, u, s)."""
 
     label: str
     outputs: Outputs

@@ -1,4 +1,4 @@
-"""Entries of the Jacobian: where the values of kernels and constants belong, carried nodes by the chain rule."""
+"""Entries of the Jacobian: where the values of kernels and constants belong; loaded nodes by the chain rule."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ class Entries:
 
     Rows: below n of F, n dropped, above it rows of loaded nodes. Columns: below n of F_y, below 2 n of F_y', above it
     q, u and u' of loaded nodes, -1 dropped. An entry on a loaded node is multiplied by the derivatives of the tree: its
-    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns.
-    """
+    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns."""
 
     def __init__(self, n: int) -> None:
         self.n = n
@@ -54,7 +53,7 @@ class Entries:
                     self._tree_cells[-1] = row, column
 
     def finish(self) -> Pattern:
-        """Everything in its place."""
+        """The finished entries."""
         n = self.n
         rows, columns = (np.concatenate(parts) for parts in zip(*self._varying, strict=True))
         fixed_rows, fixed_columns, values = (np.concatenate(parts) for parts in zip(*self._fixed, strict=True))

@@ -12,14 +12,13 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of a rate or multiplier over its largest value: the next one would be its square
+SETTLED = 1e-10  #: change of rates and multipliers, over the largest of them, at which Newton's method stops
 
 
 class Rates:
     """y' and multipliers of F(t, (y, lambda), (y', 0)) = 0, where y' and lambda occur linearly or nearly so.
 
-    full: equations whose first unknowns are y, the others algebraic multipliers. linear: whether y' and lambda occur linearly.
-    """
+    full: equations whose first unknowns are y, the others algebraic multipliers. linear: whether y' and lambda occur linearly."""
 
     def __init__(self, full: Assembly, differential: int, linear: bool) -> None:
         self.full, self.n, self.linear = full, differential, linear
@@ -29,11 +28,11 @@ class Rates:
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 
     def point(self, y: Array, yp: Array) -> None:
-        """Set the unknowns of the full equations to y, y' and the multipliers at hand."""
+        """Set the unknowns of the full equations to y, y' and the present multipliers."""
         self._Y[: self.n], self._Y[self.n :], self._Yp[: self.n] = y, self.multipliers, yp
 
     def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
-        """Derivatives of F by (y', lambda) and by y, at the multipliers at hand."""
+        """Derivatives of F by (y', lambda) and by y, at the present multipliers."""
         self.point(y, yp)
         fy, fyp = self.full.jacobian_values(t, self._Y, self._Yp)
         self._last = by_rates = self._matrix(np.where(self._rate, fyp, fy))

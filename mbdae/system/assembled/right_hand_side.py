@@ -1,4 +1,4 @@
-"""The equations solved for what a method wants: the right-hand side of an ODE, or M, f, g and G apart."""
+"""The equations as some methods need them: solved for y', or by their parts M, f, g and G."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arguments that switch or are local in the laws of a scene, as functions of the unknowns of any form."""
+"""Arguments of functions in laws that switch or vary within a narrow range, from the unknowns of any form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mbdae.system.model.numbering import Numbering
 
 
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
-    """What solvers have to look at in the laws of a model; None where nothing switches or is local."""
+    """The arguments of a model that solvers have to watch; None where there are none."""
     members = {place for tree in moved.trees for place in tree.members}
     watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
                for g, group in enumerate(model.groups) if known_switches(group.derived)]  # fmt: skip

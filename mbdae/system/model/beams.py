@@ -1,4 +1,4 @@
-"""Flexible beams in a model: their nodes as stations, and the kernels of their elements."""
+"""Flexible beams in a model: their nodes (as bodies called stations), and the kernels of their elements."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def drawn_quaternion(body: Body | None) -> Array:
 
 
 class Line:
-    """A beam in a model."""
+    """A beam in a model, as a line of nodes with elements between them."""
 
     def __init__(self, beam: Beam, mesh: LineMesh, nodes: list[Node], kind: NodeKind, scene: SceneData) -> None:
         self.beam, self.mesh, self.nodes, self.kind = beam, mesh, nodes, kind
@@ -229,8 +229,7 @@ def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, t
 class ElementBatch:
     """A kernel for elements of one or several beams, with the nodes of every element.
 
-    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input.
-    """
+    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input."""
 
     kernel: ElementKernel
     lines: list[Line]

@@ -1,8 +1,8 @@
-"""Trees of recursive joints in the equations: slots of their kernels, and the stage for nodes that other laws act on.
+"""Bodies moved by joint coordinates: the trees of recursive joints in the equations, with the slots of their kernels.
 
-Where nothing outside a tree acts on the bodies it carries, its kernels are evaluated like those of any law. Otherwise
-the motion of those bodies is evaluated first, laws outside read it, and what they add to the bodies' rows is pulled
-back into the rows of the joint coordinates by the tree's kernel.
+Where no law outside a tree acts on its bodies, its kernels are evaluated like those of any law. Otherwise the motion of those
+bodies is evaluated first, the laws outside read it, and their forces on the bodies are projected on the joint coordinates by
+the tree's kernel. Nodes on which laws outside act are called loaded.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def acting_on(instance: Instance) -> list[Node]:
 
 
 class MovedBodies:
-    """The trees of a model: which instances they replace, which of their nodes other laws act on, their kernels."""
+    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
@@ -62,7 +62,7 @@ class MovedBodies:
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
                   loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
-        """The numbering of what is left; without `loaded` carried nodes have no slots. numbers: parameters of the form."""
+        """The numbering of all other unknowns; without `loaded` no moved node has slots. numbers: parameters of the form."""
         return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.replaced,
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 

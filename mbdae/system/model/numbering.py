@@ -63,8 +63,7 @@ class Numbering:
     moved: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them on which laws
     act; their slots are q, u and u', and the forces "wq", "wu" that laws add to their rows. replaced: groups and instances of
     laws that are evaluated with a tree. constants: further numbers, behind those of the laws. sharing: nodes whose displacement
-    is that of another node, or constant. numbers: parameters every law sees (those of a form).
-    """
+    is that of another node, or constant. numbers: parameters every law sees (those of a form)."""
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
                  moved: Sequence[Node] = (), loaded: Sequence[Node] = (),

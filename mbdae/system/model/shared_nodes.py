@@ -1,8 +1,7 @@
-"""Nodes of beams that share unknowns: a joint through both of them needs no translation rows, a weld no rows at all.
+"""Nodes of beams that share unknowns, so that the joint between them needs no translation rows, or a weld no rows at all.
 
-The paper's models count no multipliers for translations: end nodes of links that meet in a joint are one point. Where a
-joint lies exactly on two nodes, the second takes the displacement unknowns of the first; where it lies on the ground,
-the node's displacement is a constant. A weld between nodes with equal axes shares their rotation too.
+Where a joint lies exactly on two nodes, they are one point: the second takes the displacement unknowns of the first. Where it
+lies on the ground, the node's displacement is constant. A weld between nodes with equal axes shares their rotation too.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
-            continue  # held at two points of the ground: the rows say more than sharing could
+            continue  # held at two points of the ground: these rows are needed
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if isinstance(instance.law, Weld):
             welded.append((g, i, ends))

@@ -19,7 +19,7 @@ from mbdae.system.motion.reaction_friction import Solve
 
 
 class AllBodies:
-    """The motion of a model's nodes from the unknowns (q, u, s) that recursive joints leave."""
+    """The motion of all nodes of a model from its unknowns (q, u, s), among them the coordinates of recursive joints."""
 
     def __init__(self, model: Model, moved: MovedBodies) -> None:
         self.model, self.moved = model, moved
@@ -139,7 +139,7 @@ class TreeMechanics(Mechanics):
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
-            left = f - acceleration @ M  # what all rows together have to give
+            left = f - acceleration @ M  # force that all reactions together exert
             if inner is not None:
                 left += np.einsum("tij,tj->ti", inner, lam)
             if self.redundant:
@@ -153,12 +153,12 @@ class TreeMechanics(Mechanics):
 
     @cached_property
     def closing(self) -> Any:
-        """(m,) numbers of the rows that recursive joints leave."""
+        """(m,) numbers of the rows of joints that are not recursive: those that close loops."""
         inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
-        """G^T lambda = left joint by joint from the leaves: each balances what is left on the body it carries."""
+        """G^T lambda = left joint by joint from the leaves: each joint balances the force that is left on the body it moves."""
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
         for tree in self.all_bodies.moved.trees:
             for j in range(len(tree.joints), 0, -1):
@@ -170,5 +170,5 @@ class TreeMechanics(Mechanics):
                 on_body = G[:, own, body].transpose(0, 2, 1)
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
-                if len(own) < len(rows):  # a drive takes what is left on its coordinate
+                if len(own) < len(rows):  # a drive balances the force that is left on its coordinate
                     multipliers[:, rows[-1]] = left[:, tree.node(-j).u] / G[:, rows[-1], tree.node(-j).u]

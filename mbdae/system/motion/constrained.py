@@ -7,7 +7,7 @@ import numpy as np
 from mbdae.system.base import Array
 
 AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
-ROUND_OFF = 1e-12  #: part of a row below which what joint coordinates leave of it is rounding
+ROUND_OFF = 1e-12  #: length of a row in joint coordinates over that in all coordinates, below which it is rounding
 
 
 def row_lengths(B: Array) -> Array:

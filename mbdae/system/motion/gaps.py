@@ -1,4 +1,4 @@
-"""Gaps of one-sided laws at any states."""
+"""Gaps of contact laws at any states."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mbdae.system.motion.states import States
 
 
 def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gap (m) and rate (m/s) of every place where a one-sided law may act."""
+    """Gap (m) and rate (m/s) of every place of contact."""
     if not isinstance(d.law, Force):
         return []
     pairs = d.law.gaps(*d.sides)

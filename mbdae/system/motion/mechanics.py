@@ -25,10 +25,6 @@ def _inertia(d: Derived) -> Any:
     return dynamics(d) if isinstance(d.law, Element) else []
 
 
-def _loads(d: Derived) -> Any:
-    return loads(d)
-
-
 class Mechanics(States):
     """Masses, forces, accelerations and multipliers of a model at states."""
 
@@ -63,7 +59,7 @@ class Mechanics(States):
         """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
         the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
         f = np.zeros((len(t), self.nu))
-        for g, p, values in self.evaluate(_loads, t, q, u, s):
+        for g, p, values in self.evaluate(loads, t, q, u, s):
             for i in range(values.shape[1]):
                 for o, target in enumerate(p.targets):
                     f[:, self.numbering.velocity(target, g, i)] -= values[:, i, o]

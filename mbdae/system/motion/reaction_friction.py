@@ -1,7 +1,7 @@
 """Forces that depend on multipliers: friction of joints, which grows with their own reaction forces.
 
-M u' + G^T lambda = f + R(lambda), G u' = -gamma is solved by Newton's method with the exact dR/dlambda, from the
-multipliers without friction; where that fails, with friction brought in by steps.
+M u' + G^T lambda = f + R(lambda), G u' = -gamma, with friction R, is solved by Newton's method with the exact dR/dlambda, from
+the multipliers without friction; where that fails, with friction increased in steps.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mbdae.system.base import Array
 from mbdae.system.motion.states import States
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of the multipliers over the largest of them and of the loads: the next one would be its square
+SETTLED = 1e-10  #: change of the multipliers, over the largest of them and of the loads, at which Newton's method stops
 SMALLEST = 1e-6  #: N or N m, of what counts as a load
-STEPS = 8  #: in which friction is brought in where Newton's method fails at once
+STEPS = 8  #: equal steps in which friction is increased from 0 where Newton's method fails at once
 
 State = tuple[Array, Array, Array, Array | None]  #: t, q, u, s of many states
 #: (f, dR/dlambda (nt, nu, m) or None) -> u', lambda of M u' + (G^T - dR/dlambda) lambda = f, G u' = -gamma
@@ -71,7 +71,7 @@ def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers
 
 
 def _refusal(mechanics: States, left: NDArray[np.bool_]) -> str:
-    """Which joints find no reaction."""
+    """The message that names the joints whose reactions have not settled."""
     places = {(g, i): mechanics.model.groups[g].instances[i].item
               for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip
     unsettled = [(r.group, r.instance) for r, found in zip(mechanics.rows, np.any(left, axis=0), strict=True) if found]

@@ -1,4 +1,4 @@
-"""Which constraint rows say nothing new, by the rank of all in several consistent positions and beside the start."""
+"""Which constraint rows follow from the others, by the rank of all in several consistent positions and beside the start."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported w
 SAMPLES = 3
 STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
 ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
-NEARBY = 1e-3  #: of the scene's length: rows that were released and are off by more belong to another motion
+NEARBY = 1e-3  #: of the scene's length: violation of released rows above which a position belongs to another motion
 CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
 
 
 @dataclass
 class RankReport:
-    """Rank of all constraint rows, and what follows from it.
+    """Rank of all constraint rows, and which of them are redundant.
 
     kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms. Which of
     the rows are kept holds for the start: a run chooses others where these go bad (`RowsInForce`)."""

@@ -2,7 +2,7 @@
 
 An over-constrained mechanism has more rows than its motion needs. Which of them can be left out depends on the position: rows
 that determine the motion here may depend on each other there, although all rows together never lose their rank. So the rows
-in force are chosen from the geometry of the present position, and chosen again before they go bad (`RowsInForce`).
+in force are chosen from the geometry of the present position, and chosen again before they become dependent (`RowsInForce`).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
 
-DEPENDENT = 2e-6  #: part of a row of unit length that is new, beside the rows before it: it depends on them below
+DEPENDENT = 2e-6  #: independent part of a row of unit length below which it counts as dependent on the rows before it
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
 Rows = tuple[Row, ...]
-GOOD = 0.5  #: smallest singular value of a choice over that of the best one, from which it is taken again
+GOOD = 0.5  #: smallest singular value of an earlier choice over that of the best one, above which it is taken again
 WORN = 0.2  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
-SHARE = 0.5  #: of the slack until then by which the motion may go on before the rows are looked at again
+SHARE = 0.5  #: distance moved, over the margin to `WORN` at the last look, at which the rows are looked at again
 
 
 def unit_rows(mechanics: Mechanics, G: Array) -> Array:

@@ -14,7 +14,7 @@ from mbdae.system.rank.redundancy import RankReport
 
 
 def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """How much each multiplier of a joint with friction counts for the force that presses it: |d pressing / d lambda|."""
+    """Derivative of the normal force of a joint with friction by each of its multipliers, as a magnitude."""
     if not d.reactive:
         return []
     v = d.variation

@@ -63,8 +63,8 @@ def _own_inertia(diagonal: Array) -> Array:
 
 
 def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
-    """Inertia of motions over what their parts have by themselves, and the motions (columns): bodies may differ in size as much
-    as they like, a motion has no inertia where none of its parts has."""
+    """Inertia of motions over the inertia of their parts, each by itself, and the motions (columns): however much bodies differ
+    in size, a motion has no inertia where none of its parts has."""
     scale = 1 / np.sqrt(np.diag(own))
     found: tuple[Array, Array] = eigh(scale[:, None] * reduced * scale, scale[:, None] * own * scale)
     return found[0], scale[:, None] * found[1]

@@ -17,10 +17,10 @@ from scipy.sparse.linalg import splu
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
-SLOW = 0.01  #: a motion slow beside the lowest bending frequency: the inertia that counts, by its square
+SLOW = 0.01  #: frequency of the slow motion assumed, over the lowest bending frequency: its square weighs the inertia
 CORRECTIONS, STEPS = 5, 50
 CONVERGED = 1e-9  #: last displacement of Newton's method, over the scene's length, or rad
-GIVEN = 1e-10  #: share of the smallest pivot by which rows that depend on each other give way before they are corrected
+GIVEN = 1e-10  #: compliance of the constraints over that of the stiffest unknown, against singular matrices; then corrected
 
 
 def can_bend(mechanics: Mechanics) -> bool:
@@ -30,7 +30,7 @@ def can_bend(mechanics: Mechanics) -> bool:
 
 
 class Bending:
-    """The beams of a scene at positions q (nq,): what displacements and velocities they oppose."""
+    """Stiffness, elastic forces and weighted inertia of the beams of a scene at positions q (nq,)."""
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units

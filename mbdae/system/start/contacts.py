@@ -23,7 +23,7 @@ DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP 
 
 
 def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gradients of the relative displacements along which a one-sided law may act."""
+    """Gradients of the relative displacements along which a contact law may act."""
     if not isinstance(d.law, Force):
         return []
     out: list[tuple[Target, Expr]] = []
@@ -37,8 +37,8 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 @dataclass(frozen=True)
 class Approach:
-    """Of a one-sided law: its numbers, the smallest mass (kg) that meets an impact along any direction with the joints left
-    out, and the speed (m/s) of its two points relative to each other."""
+    """Of a contact: its law, the smallest effective mass (kg) of an impact in any direction, without the joints, and the speed
+    (m/s) of its two points relative to each other."""
 
     law: Any
     mass: float
@@ -64,10 +64,9 @@ def approaches(mechanics: Mechanics, start: Start) -> dict[str, Approach]:
 
 @dataclass(frozen=True)
 class Expected:
-    """What is known of a contact before the run. SI units.
+    """A contact before the run. SI units.
 
-    depth: penetration expected, m; penetration: at the start, with the force (N) and elastic energy (J) it means.
-    """
+    depth: penetration expected, m; penetration: at the start."""
 
     item: str
     law: Any
@@ -89,19 +88,19 @@ class Expected:
         return f"penetration of {p:.3g} m ({force:.3g} N, {energy:.3g} J)"
 
     def problems(self) -> list[str]:
-        """Starts that cannot be meant."""
+        """Why the start is refused, one sentence each."""
         if self.penetration <= self.law.inner / DEEP:
             return []
         return [f"'{self.item}' starts with a {self._held()}, more than {1 / DEEP:g} of the pin's radius {self.law.inner:g} m: "
                 f"draw the pin inside the race, or give the clearance that is meant"]  # fmt: skip
 
     def changes(self) -> list[str]:
-        """What the user should know of the start."""
+        """A sentence on penetration at the start."""
         return [f"'{self.item}' starts with a {self._held()}"] if self.penetration > 0 else []
 
 
 def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float]) -> list[Expected]:
-    """What to expect of every contact of a scene."""
+    """Every contact of a scene before its run; reactions: size (N) of the force of its ideal joint, by item."""
     found = approaches(mechanics, start)
     gaps = gaps_of(mechanics, np.array([start.t]), start.q[None], start.u[None]) if found else {}
     deep = {item: max(0.0, -float(gap.min())) for item, (gap, _) in gaps.items()}

@@ -1,4 +1,4 @@
-"""Joints with clearance as ideal joints: where their scene starts, and the forces they would carry."""
+"""Joints with clearance taken as ideal joints: the start of their scene, and the forces they would transmit."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _has_velocity(c: Connection) -> bool:
 
 
 def _reactions(starter: Starter, q: Array, u: Array, joints: dict[str, str]) -> dict[str, float]:
-    """Size (N) of the force every ideal joint would carry at the start."""
+    """Size (N) of the force every ideal joint would transmit at the start."""
     mechanics = starter.mechanics
     if not mechanics.m or not joints:
         return {}

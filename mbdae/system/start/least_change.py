@@ -1,4 +1,4 @@
-"""The smallest mass-weighted change of a motion that satisfies linear conditions: what the start closes loops with."""
+"""The smallest mass-weighted change of a motion that satisfies linear conditions, by which the start closes loops."""
 
 from __future__ import annotations
 

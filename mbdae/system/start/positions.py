@@ -43,7 +43,9 @@ def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 class ConsistentPositions:
-    """Finds consistent positions of a model by mass-weighted Gauss-Newton."""
+    """Finds consistent positions of a model by mass-weighted Gauss-Newton.
+
+    holding: whether start values that the user holds are conditions too; changes: sentences on what was changed."""
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
                  changes: list[str] | None = None) -> None:  # fmt: skip
@@ -125,7 +127,7 @@ class ConsistentPositions:
         return q
 
     def closing_error(self, q: Array) -> float:
-        """How far the loops are from closed, over the scene's length, or rad."""
+        """Largest distance by which loops are open, over the scene's length, or rad."""
         return _largest(self._closure(q), self._row_units(self._closure_jacobian(q)))
 
     def close_or_bend(self, q: Array) -> Array:
@@ -155,7 +157,7 @@ class ConsistentPositions:
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
     def _held_joints(self, value: Any) -> list[Connection]:
-        """Held joints whose value is not a constraint row already; none where the starter does not hold."""
+        """Held joints whose value is not a constraint row already; none without `holding`."""
         return [] if not self.holding else [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
 
     def _coordinates(self, q: Array, u: Array, joints: list[Connection]) -> tuple[Array, Array, Array]:
@@ -185,7 +187,7 @@ class ConsistentPositions:
         return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
 
     def _row_units(self, A: Array) -> Array:
-        """(rows,) what a row changes by over unit displacements: about the scene's length, or 1 rad."""
+        """(rows,) largest change of every row over unit displacements: about the scene's length, or 1 rad."""
         size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
         return np.asarray(np.where(size > 0, size, 1.0))
 

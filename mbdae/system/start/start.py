@@ -109,8 +109,8 @@ class Starter(ConsistentPositions):
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
-        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. What the user states of a body
-        stays where they allow it, whatever else has to move; where they do not, it counts like any other velocity."""
+        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
+        body stay where joints and held rates allow it; where they do not, they are changed like all others."""
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
@@ -157,7 +157,7 @@ class Starter(ConsistentPositions):
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _far(self, left: Array, u: Array) -> bool:
-        """Whether velocities u leave more of the constraints than rounding."""
+        """Whether velocities u violate the constraints by more than rounding."""
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 

@@ -1,4 +1,4 @@
-"""Typical magnitudes of the unknowns: what a tolerance is relative to."""
+"""Typical magnitudes of the unknowns, to which tolerances are relative."""
 
 from __future__ import annotations
 
@@ -39,8 +39,7 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
 
     The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's
     speed) holds for all rows: a direction unloaded at the start carries the load after a quarter turn, and a tolerance
-    relative to its start value would stop IDA there.
-    """
+    relative to its start value would stop IDA there."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
     G = mechanics.constraint_jacobian(np.array([start.t]), start.q[None])[0]
