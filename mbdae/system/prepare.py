@@ -24,7 +24,7 @@ from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
 from mbdae.system.rank.undecided_friction import undecided
 from mbdae.system.rank.without_inertia import massless_coordinates, massless_motions
-from mbdae.system.start.contacts import Expected, expected_contacts
+from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.start import Start, Starter
 from mbdae.system.start.typical_sizes import characteristic_time
@@ -45,7 +45,7 @@ class Prepared:
     start: Start
     time: float  #: characteristic time, s
     all_bodies: AllBodies
-    contacts: list[Expected] = field(default_factory=list)  #: the contacts of the scene before the run
+    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene before the run
 
     @cached_property
     def with_all_rows(self) -> Mechanics:

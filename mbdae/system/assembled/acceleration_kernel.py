@@ -26,7 +26,7 @@ from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
-SPREAD = 1e-5  #: part of a row of M^-1/2 G^T the others do not hold, below which S has lost too many digits
+SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits
 BANDED_FROM = 64  #: rows from which a band is worth its index lists
 WHOLE_BELOW = 150  #: velocities and multipliers; above, sparse factors of the full equations cost less than full ones of these
 
@@ -69,7 +69,7 @@ class Solve(Protocol):
         """a (nu,), x (m,), and the number of a row that depends on the others, or -1."""
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold, at the last solution."""
+        """(m,) squared independent part of every row, over its length, at the last solution."""
 
 
 class AccelerationKernel:
@@ -157,7 +157,7 @@ class Dense:
         return (h * root if self._diagonal else h.dot(root)), x, info - 1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         return np.asarray(self._factor.diagonal() ** 2 / self._S.diagonal())
 
 
@@ -198,7 +198,7 @@ class Banded:
         return (f - force) * self._inverse, multipliers, int(self._order[info - 1]) if info else -1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         share = np.empty(self._m)
         share[self._order] = self._factor[0] ** 2 / self._band[0]
         return share
@@ -222,12 +222,12 @@ class Whole:
         return x[:nu], x[nu:], max(info - 1 - nu, 0) if info else -1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         return row_shares(self._K[self._nu :, : self._nu])
 
 
 def row_shares(G: Array) -> Array:
-    """(m,) part of every row of G (m, nu) that the others do not hold."""
+    """(m,) squared part of every row of G (m, nu), over its length, that is independent of the others."""
     unit = G / np.linalg.norm(G, axis=1, keepdims=True)
     _, sigma, V = np.linalg.svd(unit.T, full_matrices=False)
     return np.asarray(1 / np.sum((V / np.maximum(sigma[:, None], 1e-150)) ** 2, axis=0))

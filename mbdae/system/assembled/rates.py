@@ -39,7 +39,7 @@ class Rates:
         return by_rates, self._matrix(fy)[:, : self.n]
 
     def shares(self) -> Array:
-        """(m,) part of every constraint row that the others do not hold, at the last matrices."""
+        """(m,) squared independent part of every constraint row, at the last matrices."""
         nb = self.full.numbering
         return row_shares(self._last[self.n :, nb.nq : nb.nq + nb.nu].toarray())
 

@@ -35,7 +35,7 @@ def _weight(instance: Instance, switch: Switch) -> float:
 
 
 class _Arguments:
-    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of moved bodies."""
+    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of bodies moved by joints."""
 
     def __init__(self, model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]]) -> None:
         self.moved = moved
@@ -69,7 +69,7 @@ class _Arguments:
         return self._batches[count]
 
     def _stage(self, W: Array) -> TreeStage:
-        """The motion of every moved node, written where the laws read it."""
+        """The motion of every node moved by joint coordinates, written where the laws read it."""
         nb, pieces = self.numbering, []
         for p, trees in self.moved.plans():
             piece = p.motion_of_all

@@ -30,8 +30,8 @@ class Timeline:
         return self.edges[1:-1]
 
     def longest_step(self, share: float = 1.0) -> Callable[[float], float] | None:
-        """Time -> longest step (s) from there, `share` times the stretch; None where share is 1 and inputs vary from break to break
-        alone. With a smaller share every interval between two breaks bounds the step too."""
+        """Time -> longest step (s) from there, `share` times the stretch; None where share is 1 and inputs vary from break to
+        break alone. With a smaller share every interval between two breaks bounds the step too."""
         if share == 1 and not self.varies:
             return None
         return partial(self.stretches.longest_step, share=share)

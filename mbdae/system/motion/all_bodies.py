@@ -1,4 +1,4 @@
-"""From the unknowns of a form to the motion of all bodies, moved ones included; dynamics in joint coordinates."""
+"""The motion of all bodies from the unknowns of a form, joint coordinates among them; dynamics in joint coordinates."""
 
 from __future__ import annotations
 

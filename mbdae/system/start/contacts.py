@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,43 +37,29 @@ def approach_outputs(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 @dataclass(frozen=True)
-class Approach:
-    """Of a contact: its law, the smallest effective mass (kg) of an impact in any direction, without the joints, and the speed
-    (m/s) of its two points relative to each other."""
-
-    law: Any
-    mass: float
-    speed: float
-
-
-def approaches(mechanics: Mechanics, start: Start) -> dict[str, Approach]:
-    """By item."""
-    found: dict[str, Approach] = {}
-    t, q = np.array([start.t]), start.q[None]
-    for g, p, values in mechanics.evaluate(approach_outputs, t, q, np.zeros((1, mechanics.nu))):
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            rows = np.zeros((1 + max(target[1] for target in p.targets), mechanics.nu))
-            for o, (_, r, side, column) in enumerate(p.targets):
-                rows[r, mechanics.numbering.velocity(("u", side, column), g, i)] += values[0, i, o]
-            rows = rows[np.any(rows != 0, axis=1)]
-            mobility = float(np.max(mechanics.mobility(rows), initial=0.0))
-            mass = 1 / mobility if mobility > 0 else np.inf
-            speed, of_points = np.linalg.norm(rows @ start.u), np.linalg.norm(np.abs(rows) @ np.abs(start.u))
-            found[instance.item] = Approach(instance.law, mass, float(speed) if speed > ROUND_OFF * of_points else 0.0)
-    return found
-
-
-@dataclass(frozen=True)
-class Expected:
+class ExpectedContact:
     """A contact before the run. SI units.
 
-    depth: penetration expected, m; penetration: at the start."""
+    mass: smallest effective mass of an impact in any direction, without the joints; speed: of its two points relative to each
+    other; penetration: at the start; force: of the ideal joint in its place, 0 where it is not known."""
 
     item: str
     law: Any
     mass: float
-    depth: float
+    speed: float
     penetration: float
+    force: float
+
+    @cached_property
+    def depth(self) -> float:
+        """Penetration (m) of an impact at the speed of the start; without speed that under the force of the ideal joint, or after
+        a fall through the play under it, at least a small part of the play."""
+        normal, play = self.law.normal, self.law.outer - self.law.inner
+        if self.speed * play > 0:
+            return float(normal.impact(self.mass, self.speed)[0])
+        falling = self.force * play > 0
+        fall = float(normal.impact(self.mass, math.sqrt(2 * self.force * play / self.mass))[0]) if falling else 0.0
+        return max(float(normal.penetration(self.force)), fall, float(PLAY * play), float(PIN * self.law.inner))
 
     def summary(self) -> str:
         """The contact in a line."""
@@ -82,7 +69,7 @@ class Expected:
         return (f"'{self.item}' with {law.outer - law.inner:.3g} m play, {type(law.normal).__name__}, {friction}{ends}; "
                 f"penetration of about {self.depth:.1g} m expected")  # fmt: skip
 
-    def _held(self) -> str:
+    def _at_start(self) -> str:
         p = self.penetration
         force, energy = (float(e) for e in (self.law.normal.elastic_force(p), self.law.normal.energy(p)))
         return f"penetration of {p:.3g} m ({force:.3g} N, {energy:.3g} J)"
@@ -91,27 +78,28 @@ class Expected:
         """Why the start is refused, one sentence each."""
         if self.penetration <= self.law.inner / DEEP:
             return []
-        return [f"'{self.item}' starts with a {self._held()}, more than {1 / DEEP:g} of the pin's radius {self.law.inner:g} m: "
-                f"draw the pin inside the race, or give the clearance that is meant"]  # fmt: skip
+        return [f"'{self.item}' starts with a {self._at_start()}, more than {1 / DEEP:g} of the pin's radius "
+                f"{self.law.inner:g} m: draw the pin inside the race, or give the clearance that is meant"]  # fmt: skip
 
     def changes(self) -> list[str]:
         """A sentence on penetration at the start."""
-        return [f"'{self.item}' starts with a {self._held()}"] if self.penetration > 0 else []
+        return [f"'{self.item}' starts with a {self._at_start()}"] if self.penetration > 0 else []
 
 
-def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float]) -> list[Expected]:
+def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, float]) -> list[ExpectedContact]:
     """Every contact of a scene before its run; reactions: size (N) of the force of its ideal joint, by item."""
-    found = approaches(mechanics, start)
-    gaps = gaps_of(mechanics, np.array([start.t]), start.q[None], start.u[None]) if found else {}
-    deep = {item: max(0.0, -float(gap.min())) for item, (gap, _) in gaps.items()}
-    return [Expected(item, a.law, a.mass, _depth(a, reactions.get(item, 0.0)), deep[item]) for item, a in found.items()]
-
-
-def _depth(a: Approach, force: float) -> float:
-    """Penetration (m) of an impact at the speed of the start; without one that under the force (N) of the ideal joint, or after
-    a fall through the play under it, at least a small part of the play."""
-    normal, play = a.law.normal, a.law.outer - a.law.inner
-    if a.speed * play > 0:
-        return float(normal.impact(a.mass, a.speed)[0])
-    fall = float(normal.impact(a.mass, math.sqrt(2 * force * play / a.mass))[0]) if force * play > 0 else 0.0
-    return max(float(normal.penetration(force)), fall, float(PLAY * play), float(PIN * a.law.inner))
+    found = []
+    t, q, u = np.array([start.t]), start.q[None], start.u[None]
+    for g, p, values in mechanics.evaluate(approach_outputs, t, q, np.zeros((1, mechanics.nu))):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            rows = np.zeros((1 + max(target[1] for target in p.targets), mechanics.nu))
+            for o, (_, r, side, column) in enumerate(p.targets):
+                rows[r, mechanics.numbering.velocity(("u", side, column), g, i)] += values[0, i, o]
+            rows = rows[np.any(rows != 0, axis=1)]
+            mobility = float(np.max(mechanics.mobility(rows), initial=0.0))
+            mass = 1 / mobility if mobility > 0 else np.inf
+            speed, of_points = np.linalg.norm(rows @ start.u), np.linalg.norm(np.abs(rows) @ np.abs(start.u))
+            found.append((instance, mass, float(speed) if speed > ROUND_OFF * of_points else 0.0))
+    gaps = gaps_of(mechanics, t, q, u) if found else {}
+    return [ExpectedContact(i.item, i.law, mass, speed, max(0.0, -float(gaps[i.item][0].min())), reactions.get(i.item, 0.0))
+            for i, mass, speed in found]  # fmt: skip

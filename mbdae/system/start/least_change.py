@@ -33,6 +33,17 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     return x
 
 
+def violations(g: Array, B: Array) -> Array:
+    """(m,) |g| over the largest entry of every row of B (m, n)."""
+    size = np.max(np.abs(B), axis=1, initial=0.0)
+    return np.asarray(np.abs(g) / np.where(size > 0, size, 1.0))
+
+
+def largest_violation(g: Array, B: Array) -> float:
+    """The largest of them; 0 where there are no rows."""
+    return float(np.max(violations(g, B), initial=0.0))
+
+
 def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
     """The equations with columns eliminated from all rows but one each, and the number of that row by column."""
     A, right = A.copy(), right.copy()

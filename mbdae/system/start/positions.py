@@ -20,7 +20,7 @@ from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.start.bent_beams import can_bend, closed_by_bending
-from mbdae.system.start.least_change import least_change
+from mbdae.system.start.least_change import largest_violation, least_change, violations
 from mbdae.system.start.rigid_beams import RigidMotions
 
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
@@ -91,9 +91,7 @@ class ConsistentPositions:
         """Start value of a joint's coordinate, if the user fixed it."""
         if joint.prescribed is not None:
             return timed.value_at(joint.prescribed, self.t[0])
-        if joint.hold is not None:
-            return float(joint.hold)
-        return None
+        return None if joint.hold is None else float(joint.hold)
 
     def held_rate(self, joint: Connection) -> float | None:
         """Start rate of a joint's coordinate, if the user fixed it."""
@@ -107,28 +105,28 @@ class ConsistentPositions:
         before, g = q, self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
-            units = self._row_units(A)
-            size = _largest(g, units)
+            B = A * self.mechanics.velocity_units
+            size = largest_violation(g, B)
             if size <= CLOSED:
                 break
             step, factor = self._least_change(A, -g, q), 1.0
             while factor > 1e-4:
                 candidate = self.moved(q, factor * step)
                 g_new = self._closure(candidate)
-                if _largest(g_new, units) < size:
+                if largest_violation(g_new, B) < size:
                     break
                 factor /= 2
             if factor <= 1e-4:
                 break
             q, g = candidate, g_new
         if size > 1e-9:
-            raise StartError([self._cannot_close(int(np.argmax(np.abs(g) / units)), g, A)])
+            raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
         self._report_positions(before, q)
         return q
 
     def closing_error(self, q: Array) -> float:
         """Largest distance by which loops are open, over the scene's length, or rad."""
-        return _largest(self._closure(q), self._row_units(self._closure_jacobian(q)))
+        return largest_violation(self._closure(q), self._closure_jacobian(q) * self.mechanics.velocity_units)
 
     def close_or_bend(self, q: Array) -> Array:
         """Close loops by rigid motions of the beams, or, where these do not suffice, by bending them as little as possible."""
@@ -186,11 +184,6 @@ class ConsistentPositions:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
         return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
 
-    def _row_units(self, A: Array) -> Array:
-        """(rows,) largest change of every row over unit displacements: about the scene's length, or 1 rad."""
-        size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
-        return np.asarray(np.where(size > 0, size, 1.0))
-
     def _least_change(self, A: Array, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
         """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size; where
         `stated` is given, of least change of those motions first."""
@@ -247,10 +240,6 @@ class ConsistentPositions:
                                         f"draw the bodies nearer to their start")  # fmt: skip
         if problems:
             raise StartError(problems)
-
-
-def _largest(g: Array, units: Array) -> float:
-    return float(np.max(np.abs(g) / units, initial=0.0))
 
 
 def _motion(joint: Connection, value: float) -> tuple[Array, Array]:
