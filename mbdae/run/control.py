@@ -26,8 +26,8 @@ from mbdae.run.kicks import beginning_at, windows
 from mbdae.run.resolution import largest_tolerance, resolving
 from mbdae.system.base import Array, System
 from mbdae.system.model.nodes import Node
-from mbdae.system.motion.gaps import gaps_of
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option

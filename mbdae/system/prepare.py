@@ -22,8 +22,7 @@ from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
-from mbdae.system.rank.undecided_friction import undecided
-from mbdae.system.rank.without_inertia import massless_coordinates, massless_motions
+from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, undecided
 from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.start import Start, Starter

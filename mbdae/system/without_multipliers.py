@@ -3,7 +3,7 @@
 At every state M u' + G^T lambda = f and the constraints on the level of accelerations are solved for u' and lambda. Where the
 mass matrix is constant and the forces do not depend on lambda, one kernel call per law gives f, the constraints' right-hand side
 and G (`assembled/acceleration_kernel.py`); everywhere else Newton's method solves the full equations, which is exact after one
-step where they are linear (`assembled/rates.py`).
+step where they are linear (`assembled/right_hand_side.py`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mbdae.errors import AccuracyWarning
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.rates import Rates, singular
+from mbdae.system.assembled.right_hand_side import Rates, singular
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
@@ -60,7 +60,7 @@ class WithoutMultipliers(SceneSystem):
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)
-        self._seen, self._told = UNSEEN, False
+        self._seen, self._warned = UNSEEN, False
 
     def strictly(self, strict: bool) -> Self:
         """These equations, whose runs stop at singular positions, or only warn there."""
@@ -71,7 +71,7 @@ class WithoutMultipliers(SceneSystem):
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
         assert isinstance(other, WithoutMultipliers)
         begun = self.strictly(other.strict).starting(t, *self.restarted(t, y), other.longest_step)
-        begun._told, begun._seen = other._told, UNSEEN
+        begun._warned, begun._seen = other._warned, UNSEEN
         return begun
 
     @property
@@ -101,17 +101,17 @@ class WithoutMultipliers(SceneSystem):
         here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
         (t0, before), (t1, last) = self._seen
         if t <= t1:  # another run
-            self._told, t0, before, last = False, -inf, here, here
+            self._warned, t0, before, last = False, -inf, here, here
         expected = last + (last - before) * (t - t1) / (t1 - t0) if t1 > t0 else last
         self._seen = self._seen[1], (t, here)
-        if self._told or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
+        if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
         self._rates.matrices(t, y, self._rate)
         weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
         if (expected < 0 or self._rates.shares()[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
                 raise singular(t, self.full.numbering.rows[weakest].name)
-            self._told = True
+            self._warned = True
             name = self.full.numbering.rows[weakest].name
             text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
                     f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip

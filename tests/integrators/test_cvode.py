@@ -9,7 +9,7 @@ from scenes import data, dzhanibekov
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.sundials.cvode import rate_jacobian
-from mbdae.system.assembled.rates import Rates
+from mbdae.system.assembled.right_hand_side import Rates
 from mbdae.system.base import System
 from mbdae.system.prepare import prepare
 

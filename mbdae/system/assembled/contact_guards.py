@@ -11,7 +11,7 @@ from mbdae.kernels import plan
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
-from mbdae.system.motion.gaps import gap_outputs
+from mbdae.system.motion.states import gap_outputs
 
 
 @dataclass(frozen=True)

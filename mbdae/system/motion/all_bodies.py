@@ -71,23 +71,15 @@ class AllBodies:
 
     def _share(self, out: dict[str, Array]) -> None:
         """Displacements and rotations that nodes share, and those that are fixed."""
-        sharing, by_name = self.moved.sharing, {n.name: n for n in self.model.nodes}
-        for name, position in sharing.fixed_position.items():
-            node = by_name[name]
-            out["q"][:, node.q : node.q + node.kind.translations] = position[: node.kind.translations]
-        for name, owner in sharing.displacement_of.items():
-            node = by_name[name]
-            for head, values in out.items():
-                a, b, n = _first(node, head), _first(owner, head), node.kind.translations
-                values[:, a : a + n] = values[:, b : b + n]
-        for name, rotation in sharing.fixed_rotation.items():
-            node = by_name[name]
-            out["q"][:, node.q + node.kind.translations : node.q + node.kind.sizes[0]] = rotation
-        for name, turner in sharing.rotation_of.items():
-            node, n = by_name[name], by_name[name].kind.translations
-            for head, values in out.items():
-                a, b, size = _first(node, head), _first(turner, head), node.kind.sizes[0 if head == "q" else 1]
-                values[:, a + n : a + size] = values[:, b + n : b + size]
+        sharing, nodes = self.moved.sharing, {n.name: n for n in self.model.nodes}
+        for turning, fixed in enumerate((sharing.fixed_position, sharing.fixed_rotation)):
+            for name, value in fixed.items():
+                part = _part(nodes[name], "q", turning)
+                out["q"][:, part] = value[: part.stop - part.start]
+        for turning, leaders in enumerate((sharing.displacement_of, sharing.rotation_of)):
+            for name, leader in leaders.items():
+                for head, values in out.items():
+                    values[:, _part(nodes[name], head, turning)] = values[:, _part(leader, head, turning)]
 
     def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
         for j, link in enumerate(tree.structure.links, start=1):
@@ -113,6 +105,12 @@ class AllBodies:
 
 def _first(node: Node, head: str) -> int:
     return node.q if head == "q" else node.u
+
+
+def _part(node: Node, head: str, turning: int) -> slice:
+    """Translations of a node (0), or its rotation (1), among all q or u."""
+    first, n = _first(node, head), node.kind.translations
+    return slice(first + n, first + node.kind.sizes[0 if head == "q" else 1]) if turning else slice(first, first + n)
 
 
 class TreeMechanics(Mechanics):

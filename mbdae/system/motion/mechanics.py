@@ -95,19 +95,19 @@ class Mechanics(States):
 
     def elastic_force(self, q: Array) -> Array:
         """Forces (nu,) by which the beams resist their deformation at positions q (nq,)."""
-        f = np.zeros((1, self.nu))
-        for batch in self._batches[False]:
-            if not batch.is_load:
-                self._add_batch(f, batch, np.zeros(1), q[None], np.zeros((1, self.nu)))
-        return np.asarray(f[0])
+        return np.asarray(self._of_elements(False, np.zeros(1), q[None], np.zeros((1, self.nu)))[0])
 
     def power_of_loads(self, t: Array, q: Array, u: Array) -> Array:
         """Power (nt,) of following and timed loads on beams, W."""
+        return np.asarray(np.einsum("ti,ti->t", self._of_elements(True, t, q, u), u))
+
+    def _of_elements(self, loads: bool, t: Array, q: Array, u: Array) -> Array:
+        """Forces (nt, nu) of the loads on beams, or of the elements themselves."""
         f = np.zeros((len(t), self.nu))
         for batch in self._batches[False]:
-            if batch.is_load:
+            if batch.is_load is loads:
                 self._add_batch(f, batch, t, q, u)
-        return np.asarray(np.einsum("ti,ti->t", f, u))
+        return f
 
     def accelerations(self, t: Array, q: Array, u: Array, s: Array | None = None,
                       z: Array | None = None) -> tuple[Array, Array]:  # fmt: skip

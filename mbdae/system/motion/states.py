@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from mbdae.kernels import plan
 from mbdae.kernels.plan import Outputs
+from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.outputs import acceleration, jacobian_G, position, velocity
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.outputs import Target, acceleration, jacobian_G, position, velocity
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
@@ -181,3 +184,21 @@ class States:
             else:
                 qp[at] = d
         return qp
+
+
+def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Gap (m) and rate (m/s) of every place of contact."""
+    if not isinstance(d.law, Force):
+        return []
+    pairs = d.law.gaps(*d.sides)
+    resolve, name = d.variation.resolve, d.variation.name
+    return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
+
+
+def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[str, tuple[Array, Array]]:
+    """By item: gaps (m) and rates (m/s) of its places of contact at states (nt,), (nt, places) each."""
+    found = {}
+    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            found[instance.item] = values[:, i, ::2], values[:, i, 1::2]
+    return found

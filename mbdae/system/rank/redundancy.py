@@ -67,13 +67,11 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
         best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
         chosen = rows_in_order(best_place, rank, chosen)
         singular = set(chosen[at_start:])
-    report = RankReport([row for row in mechanics.rows if row in {rows[i] for i in chosen}])
-    report.degrees_of_freedom, report.smallest = mechanics.nu - rank, smallest(here, rank)
-    report.dropped = [row for i, row in enumerate(rows) if i not in set(chosen)]
-    report.singular_here = [rows[i] for i in sorted(singular)]
-    report.doubtful = _nearly_redundant(rows, chosen, singular, [*places, *nearby])
-    report.not_unique = [rows[i] for i in _dependent_on_others(here)] if report.dropped else []
-    return report
+    kept, dropped = {rows[i] for i in chosen}, [row for i, row in enumerate(rows) if i not in set(chosen)]
+    doubtful = _nearly_redundant(rows, chosen, singular, [*places, *nearby])
+    not_unique = [rows[i] for i in _dependent_on_others(here)] if dropped else []
+    return RankReport([row for row in mechanics.rows if row in kept], dropped, doubtful, [rows[i] for i in sorted(singular)],
+                      not_unique, mechanics.nu - rank, smallest(here, rank))  # fmt: skip
 
 
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:

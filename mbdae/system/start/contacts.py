@@ -13,8 +13,8 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target, scatter_pair
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.motion.gaps import gaps_of
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
 
 #: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
