@@ -132,7 +132,7 @@ class Numbering:
     def _add(self, numbers: Iterable[float]) -> int:
         """Append constants; the slot of the first."""
         first = self._first_constant + len(self._constants)
-        self._constants += numbers
+        self._constants.extend(numbers)
         return first
 
     def workspace(self, count: int) -> Array:
