@@ -163,7 +163,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
     kept = too_large(moved)
-    if not kept and not AllBodies(model, moved).numbering.free:  # something has to be left to solve for
+    if not kept and not AllBodies(model, moved).numbering.free:  # without unknowns there is nothing to solve
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})

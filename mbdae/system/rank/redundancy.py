@@ -28,7 +28,7 @@ class RankReport:
     """Rank of all constraint rows, and which of them are redundant.
 
     kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms. Which of
-    the rows are kept holds for the start: a run chooses others where these go bad (`RowsInForce`)."""
+    the rows are kept holds for the start: a run chooses others before these become dependent (`RowsInForce`)."""
 
     kept: list[Row]
     dropped: list[Row] = field(default_factory=list)
