@@ -21,7 +21,7 @@ import symengine as se
 import sympy as sp
 
 import mbdae as mb
-from mbdae.system import equations
+from mbdae.system import scene_system
 
 WRONG = 10.0  #: error over accuracy
 EDGES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -233,7 +233,7 @@ def main():
     parser.add_argument("--verbose", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    equations.RESOLVING = False  # what the look between the points finds alone
+    scene_system.WATCH_INPUTS_AND_SWITCHES = False  # what the look between the points finds alone
     rows, refused, right, others = [], 0, 0, 0
     for seed in range(given.first, given.first + given.cases):
         try:

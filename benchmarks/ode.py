@@ -101,10 +101,8 @@ def explicit(f: Callable[[float, Any], list[Any]], df: Callable[[float, Any], An
     def rhs(t: float, y: Any, out: Any) -> None:
         out[:] = f(t, y)
 
-    system = mb.DAE(lambda t, y, yp, out: yp - np.array(f(t, y)), y0, f(0.0, y0),
-                    lambda t, y, yp, cj, out: cj * np.eye(len(y)) - np.array(df(t, y)))  # fmt: skip
-    system.rhs = rhs
-    return system
+    return mb.DAE(lambda t, y, yp, out: yp - np.array(f(t, y)), y0, f(0.0, y0),
+                    lambda t, y, yp, cj, out: cj * np.eye(len(y)) - np.array(df(t, y)), rhs=rhs)  # fmt: skip
 
 
 def kepler(e: float = 0.5) -> mb.DAE:

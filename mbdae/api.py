@@ -21,9 +21,9 @@ from mbdae.scene.scene import SceneData
 from mbdae.show import attached as attached
 from mbdae.show.drawing import draw
 from mbdae.show.plots import checked
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
+from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 from mbdae.values import flag, number, of_class, option, optional
 

@@ -54,15 +54,14 @@ def point_mass(
 
     start = np.array([x0, v0])
     rates = [v0, force(x0, v0)[0]]
-    system = DAE(residual, start, rates, jacobian, names=["x", "v"], scale=scale, guards=guards, guard_names=names)
-    system.rhs = rhs
-    return system
+    return DAE(residual, start, rates, jacobian, names=["x", "v"], scale=scale, guards=guards, guard_names=names, rhs=rhs)
 
 
 def ball(
-    v0: float, height: float, damping: float = 0.0, wall: float = 0.0, gravity: float = 0.0, guarded: bool = True
+    v0: float, height: float, damping: float = 0.0, wall: float = 0.0, gravity: float = 0.0, guarded: bool = True,
+    watch: Any = None,
 ) -> DAE:
-    """A ball `height` above a wall, moving towards it with v0."""
+    """A ball `height` above a wall, moving towards it with v0; watch: other guards than its own."""
 
     def force(x, v):
         f, by_a, by_rate = law(wall - x, -v, K, damping)
@@ -71,7 +70,7 @@ def ball(
     def guards(t, y):
         return np.array([y[0] - wall]), y[1:], np.array([duration(y[1])])
 
-    return point_mass(wall + height, -v0, force, guards if guarded else None, [max(height, 1e-3), max(v0, 1e-3)])
+    return point_mass(wall + height, -v0, force, (watch or guards) if guarded else None, [max(height, 1e-3), max(v0, 1e-3)])
 
 
 def exit_speed(v: float, damping: float) -> float:
@@ -118,10 +117,12 @@ def oscillator_period(k: float, depth: float = 1e-4) -> float:
     return 2 * pi - 2 * np.arctan2(sqrt(2 * kinetic), wall) + contact
 
 
-def between_walls(v0: float, width: float = 1e-2) -> DAE:
-    """A ball that flies to and fro between walls at 0 and `width`."""
+def between_walls(v0: float, width: float = 1e-2, limit: float = np.inf) -> DAE:
+    """A ball that flies to and fro between walls at 0 and `width`; its force is no number deeper than `limit` in one."""
 
     def force(x, v):
+        if not -limit < x < width + limit:
+            return np.nan, np.nan, np.nan
         low, high = law(-x, -v), law(x - width, v)
         return low[0] - high[0], -low[1] - high[1], 0.0
 

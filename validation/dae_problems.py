@@ -104,7 +104,10 @@ def circle_ode() -> DAE:
     """The same circle as a limit cycle of an ordinary differential equation: x = cos t^2, y = sin t^2."""
     (x, y), p = unknowns("x y")
     pull = 1 - x**2 - y**2
-    return explicit(dae([x, y], p, [p[0] + 2 * t * y - pull * x, p[1] - 2 * t * x - pull * y], [1.0, 0.0], [0.0, 0.0], 1))
+    rates = [pull * x - 2 * t * y, pull * y + 2 * t * x]
+    rhs = sp.lambdify([t, [x, y]], rates, "math")
+    F = [p[0] - rates[0], p[1] - rates[1]]
+    return dae([x, y], p, F, [1.0, 0.0], [0.0, 0.0], 1, rhs=lambda t, y, out: np.array(rhs(t, y)))
 
 
 def jay() -> DAE:
@@ -151,28 +154,23 @@ def car_axis(form: str) -> DAE:
     return mechanism(q, k * sp.eye(4), lambda v: force, g, [0, 0.5, 1, 0.5], [-0.5, 0, -0.5, 0], form)
 
 
-def explicit(system: DAE) -> DAE:
+class Explicit(DAE):
     """F = y' - f(t, y) with its right-hand side f."""
-    still = np.zeros(system.n)
 
-    def rhs(t: float, y: Any, out: Any) -> None:
-        system.residual(t, y, still, out)
+    def rhs(self, t: float, y: Any, out: Any) -> None:
+        self.residual(t, y, np.zeros(self.n), out)
         np.negative(out, out)
 
-    system.rhs = rhs
-    return system
 
-
-def decay(**options: Any) -> DAE:
+def decay(kind: type[DAE] = Explicit, **options: Any) -> DAE:
     """y' = -y for two unknowns."""
-    system = DAE(
+    return kind(
         lambda t, y, yp, out: yp + y,
         [1.0, 2.0],
         [-1.0, -2.0],
         lambda t, y, yp, cj, out: (1 + cj) * np.eye(2),
         **options,
     )
-    return explicit(system)
 
 
 class AsInternalStates(System):
@@ -204,5 +202,4 @@ class AsInternalStates(System):
 
 def blow_up() -> DAE:
     """y' = y^2, infinite at t = 1."""
-    system = DAE(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))
-    return explicit(system)
+    return Explicit(lambda t, y, yp, out: yp - y * y, [1.0], [1.0], lambda t, y, yp, cj, out: np.array([[cj - 2 * y[0]]]))

@@ -118,7 +118,7 @@ SCENES = [tree_on_ground, tree_on_free_body, prescribed, loop, planar_tree]
 
 def random_state(prepared: Prepared, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """t and a reduced state near the start, as one row each; quaternions of length 1."""
-    e = prepared.expansion
+    e = prepared.all_bodies
     q0, u0 = e.reduced(prepared.start.q[None], prepared.start.u[None])
     q, u = q0 + 0.3 * rng.normal(size=q0.shape), u0 + rng.normal(size=u0.shape)
     for node in prepared.model.nodes:
@@ -134,4 +134,4 @@ def random_states(prepared: Prepared, count: int, seed: int) -> Iterator[tuple[A
     rng = np.random.default_rng(seed)
     for _ in range(count):
         t, q, u = random_state(prepared, rng)
-        yield (t, *prepared.expansion.states(t, np.hstack([q, u])))
+        yield (t, *prepared.all_bodies.states(t, np.hstack([q, u])))

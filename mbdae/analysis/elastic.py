@@ -9,8 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 
@@ -32,7 +32,7 @@ def stresses_of(m: Mechanics, q: Array, u: Array) -> Array:
     return np.concatenate([np.zeros(0), *(line.stress(q, u) for line in m.model.lines)])
 
 
-def dynamics(system: SceneSystem, m: Mechanics, t: float, q: Array, u: Array, s: Array, z: Array) -> Dynamics:
+def dynamics(system: Assembly, m: Mechanics, t: float, q: Array, u: Array, s: Array, z: Array) -> Dynamics:
     """Accelerations and multipliers of a complete index-3 system at given stresses z."""
     kinds, momentum, at = np.array(system.kinds), slice(m.nq, m.nq + m.nu), np.array([t])
     y, yp, F = np.zeros(system.n), np.zeros(system.n), np.empty(system.n)

@@ -105,7 +105,7 @@ class Equilibrium(Result):
         multipliers, units = p.start.multipliers, p.mechanics.velocity_units
         if p.rank.dropped:
             force = p.mechanics.constraint_jacobian(t, q)[0].T @ multipliers
-            multipliers = least_norm(p.everything.constraint_jacobian(t, q) * units, (force * units)[None])[0]
+            multipliers = least_norm(p.with_all_rows.constraint_jacobian(t, q) * units, (force * units)[None])[0]
         return p.start.acceleration[None], multipliers[None]
 
     def _start_value(self, item: Connection) -> float:
@@ -164,7 +164,7 @@ def confirmed(statics: Statics, point: Point) -> Equilibrium:
 
 def _refuse_other_branch(found: Equilibrium) -> None:
     """Raises where a redundant row is not satisfied: the rows that are used allow motions that all rows together do not."""
-    m, q, t = found.prepared.everything, found.prepared.start.q[None], np.array([found.prepared.start.t])
+    m, q, t = found.prepared.with_all_rows, found.prepared.start.q[None], np.array([found.prepared.start.t])
     off = np.abs(m.position_residual(t, q)[0])
     if m.redundant and np.max(off) > OFF * max(1.0, found.prepared.length):
         row = m.rows[int(np.argmax(off))].name

@@ -19,8 +19,8 @@ from mbdae.errors import OptionError, SteadyError
 from mbdae.formulations.index3 import Index3
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared, prepare
@@ -200,7 +200,7 @@ def _stresses(at: Any, m: Mechanics, start: Start) -> Array:
     return stresses_of(m, start.q, start.u)
 
 
-def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, state: tuple[float, Array, Array, Array, Array]) -> Pencil:
+def _pencil(system: Assembly, m: Mechanics, frame: RotatingFrame, state: tuple[float, Array, Array, Array, Array]) -> Pencil:
     """The pencil at a state (t, q, u, s, z), with its accelerations and multipliers."""
     t, q, u, s, z = state
     if m.model.lines:
@@ -215,7 +215,7 @@ def _pencil(system: SceneSystem, m: Mechanics, frame: RotatingFrame, state: tupl
     return pencil(system, m, frame, t, y, yp)
 
 
-def _varies(system: SceneSystem, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
+def _varies(system: Assembly, found: Linearization, frame: RotatingFrame, z: Array) -> str | None:
     """What in the equations differs at later times of the steady motion; None where they are constant."""
     m, start = found.prepared.mechanics, found.prepared.start
     rates = state_rates(m, start.t, start.q, start.u, start.s) if len(start.s) else start.s

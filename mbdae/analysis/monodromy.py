@@ -15,9 +15,9 @@ from scipy.sparse.linalg import splu
 from mbdae.analysis.orbit import Orbit, Return
 from mbdae.analysis.pencil import derivatives, free_basis
 from mbdae.errors import OptionError
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 
 
 @dataclass(frozen=True)

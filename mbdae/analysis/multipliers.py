@@ -26,9 +26,9 @@ from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.formulations import system_for
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import SceneSystem
 from mbdae.threads import single_threaded
 from mbdae.values import number, option, optional, whole
 
@@ -158,7 +158,7 @@ def floquet(scene: SceneData, period: float, at: Any = None, count: int | None =
 
 def _of_all_nodes(prepared: Prepared, system: SceneSystem, directions: Departures) -> Array:
     """(nu of all nodes, k) displacements at the start, in the components of velocities."""
-    nu, e = directions.velocities, prepared.expansion
+    nu, e = directions.velocities, prepared.all_bodies
     p = (directions.units[:, None] * directions.Q)[:nu].T
     t, q, u = (np.repeat(x[None], len(p) + 1, axis=0) for x in (np.array(system.t0), *np.split(system.y0[: e.nq + nu], [e.nq])))
     a = e.accelerations(t, q, u, np.vstack([np.zeros(nu), p]))  # affine in those of the unknowns

@@ -15,11 +15,11 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.scaling import state_scale
+from mbdae.system.scene_system import SceneSystem
+from mbdae.system.start.typical_sizes import state_scale
 from mbdae.ties import largest
 
 Numbers = NDArray[np.intp]

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from mbdae.analysis.frame import RotatingFrame, skew
 from mbdae.symbolic.frames import NodeKind
-from mbdae.system.assembled.scene_system import FormSpec, SceneSystem
-from mbdae.system.base import Array
-from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.base import Array, System
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.shared_nodes import Sharing
@@ -54,12 +55,12 @@ class _Blocks:
         return sp.csr_matrix((values, (rows, columns)), shape=self.shape)
 
 
-def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> SceneSystem:
+def complete_system(mechanics: Mechanics, spec: FormSpec, sparse: bool | None = None) -> Assembly:
     """The equations with absolute coordinates of all nodes and all constraint rows, also of recursive joints and shared
     displacements, so that every reaction is an unknown."""
-    bodies = Carried(mechanics.model, [])
+    bodies = MovedBodies(mechanics.model, [])
     bodies.sharing = Sharing()
-    return SceneSystem(mechanics.model, mechanics.rows, spec, sparse, bodies)
+    return Assembly(mechanics.model, mechanics.rows, spec, sparse, bodies)
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class Basis:
     C: Any
 
 
-def basis(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array) -> Basis:
+def basis(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, q: Array, u: Array) -> Basis:
     """The tangent basis along the frame's axes at positions q (nq,) and velocities u (nu,)."""
     nq, nu, rest = mechanics.nq, mechanics.nu, system.n - mechanics.nq - mechanics.nu
     T, rate, L = _Blocks((system.n, 2 * nu + rest)), _Blocks((system.n, 2 * nu + rest)), _Blocks((2 * nu + rest, system.n))
@@ -174,7 +175,7 @@ class Pencil:
         return sp.hstack([displaced, A[:, others]], format="csr")
 
 
-def pencil(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
+def pencil(system: Assembly, mechanics: Mechanics, frame: RotatingFrame, t: float, y: Array, yp: Array,
            parts: tuple[Any, Any] | None = None) -> Pencil:  # fmt: skip
     """The linearisation of a system at (t, y, y'); `parts`: dF/dy and dF/dy' where they are known."""
     nq, nu = mechanics.nq, mechanics.nu
@@ -184,7 +185,7 @@ def pencil(system: SceneSystem, mechanics: Mechanics, frame: RotatingFrame, t: f
     return Pencil(E.tocsr(), A.tocsr(), _places(system, mechanics, A.tocsr()), b.C)
 
 
-def derivatives(system: SceneSystem, t: float, y: Array, yp: Array) -> tuple[Any, Any]:
+def derivatives(system: Assembly | System, t: float, y: Array, yp: Array) -> tuple[Any, Any]:
     """dF/dy and dF/dy' (n, n), sparse."""
     pattern = system.sparsity
     fy, fyp = system.jacobian_parts(t, y, yp)
@@ -194,7 +195,7 @@ def derivatives(system: SceneSystem, t: float, y: Array, yp: Array) -> tuple[Any
     return fy, fyp
 
 
-def _places(system: SceneSystem, mechanics: Mechanics, A: Any) -> dict[str, Array]:
+def _places(system: Assembly, mechanics: Mechanics, A: Any) -> dict[str, Array]:
     """Where each kind stands in x; algebraic unknowns without compliance are multipliers."""
     nu, shift = mechanics.nu, mechanics.nu - mechanics.nq
     kinds = np.array(system.kinds)

@@ -27,7 +27,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, loads
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.scene_system import SceneSystem
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
 
 DENSE = 400  #: unknowns up to which dense linear algebra is used
@@ -100,7 +100,7 @@ class Statics:
         yp[m.nq : m.nq + m.nu] = steady_acceleration(m.model, self.rest.axes(q), q, u)
         return replace(point, y=y, yp=yp)
 
-    def _residual(self, system: SceneSystem, point: Point) -> Array:
+    def _residual(self, system: Assembly, point: Point) -> Array:
         out = np.empty(system.n)
         system.residual(self.t, point.y, point.yp, out)
         return out

@@ -23,8 +23,8 @@ from mbdae.analysis.frame import (
 from mbdae.errors import OptionError, StartError
 from mbdae.scene.components import Body
 from mbdae.symbolic.outputs import loads
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion.mechanics import Mechanics
@@ -36,7 +36,7 @@ STEADY = 1e-4  #: relative: what varies by less is steady; eigenvalues change by
 
 
 def reason_not_steady(prepared: Prepared, frame: RotatingFrame, t: float, q: Array, u: Array, s: Array,
-              tolerance: float = STEADY, beams: tuple[SceneSystem, Array] | None = None) -> str | None:  # fmt: skip
+              tolerance: float = STEADY, beams: tuple[Assembly, Array] | None = None) -> str | None:  # fmt: skip
     """Why the motion from a state is not steady in the frame; None where it is. beams: for a scene with beams its complete
     system with stresses, and their values, which a steady motion keeps."""
     m = prepared.mechanics
@@ -91,7 +91,7 @@ def _accelerates(m: Mechanics, frame: RotatingFrame, t: float, q: Array, u: Arra
     return f"'{node.name}' accelerates in it by {abs(off[worst] * m.velocity_units[worst]):.3g} {unit}"
 
 
-def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[SceneSystem, Array],
+def _accelerates_by_stresses(m: Mechanics, frame: RotatingFrame, beams: tuple[Assembly, Array],
                              state: tuple[float, Array, Array, Array], tolerance: float) -> str | None:  # fmt: skip
     t, q, u, s = state
     found = dynamics(beams[0], m, t, q, u, s, beams[1])

@@ -58,7 +58,7 @@ class Equations:
         if self.prepared is None:
             return 0, 0
         model = self.prepared.model
-        return len(model.recursive), len(model.recursive) + len(model.kept)
+        return len(model.recursive), len(model.recursive) + len(model.stay_kinematic)
 
     @property
     def bodies_alone(self) -> bool:

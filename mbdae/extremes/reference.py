@@ -22,8 +22,8 @@ from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.control import Controlled, run_controlled
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared, prepare
+from mbdae.system.scene_system import SceneSystem
 
 SURE = 1 / 3  #: of the accuracy: methods that differ by less are a certain reference
 #: methods of a reference, and the accuracy asked over theirs; without BDF where it would resolve vibrations of beams

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-from mbdae.system.assembled.scene_system import FormSpec
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 

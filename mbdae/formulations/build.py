@@ -7,9 +7,9 @@ from mbdae.formulations.base import Form
 from mbdae.formulations.ggl import GGL
 from mbdae.formulations.index1 import Index1
 from mbdae.formulations.ode import ODE
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.equations import make_system
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
+from mbdae.system.without_multipliers import WithoutMultipliers
 
 
 def default_form(prepared: Prepared, highest_index: int = 1) -> Form:
@@ -23,4 +23,6 @@ def system_for(prepared: Prepared, form: Form | None = None, highest_index: int 
     refusal = form.refusal(prepared.model, prepared.rows)
     if refusal:
         raise OptionError(f"scene '{prepared.model.scene.name}': {refusal}")
-    return make_system(prepared, form.for_index(highest_index).for_time(prepared.time).spec())
+    spec = form.for_index(highest_index).for_time(prepared.time).spec()
+    kind = WithoutMultipliers if spec.eliminated and prepared.rows else SceneSystem
+    return kind(prepared, spec)

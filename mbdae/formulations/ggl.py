@@ -10,7 +10,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, correction, dynamics, kinematics, position, scaled, state_rows, velocity
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.scene_system import FormSpec
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.values import flag, set_option
 
 

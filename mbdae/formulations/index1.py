@@ -12,7 +12,7 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, dynamics, kinematics, state_rows
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.acceleration_kernel import POSITION, VELOCITY, stabilised
-from mbdae.system.assembled.scene_system import FormSpec
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.values import array, flag, number, set_option, several, word
 
 #: default alpha times the characteristic time: errors of joints decay as fast as the motion changes, so the rows are no stiffer

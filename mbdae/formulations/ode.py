@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from mbdae.formulations.base import WAVES, Form
 from mbdae.formulations.index3 import index3_outputs
-from mbdae.system.assembled.scene_system import FormSpec
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import Row
 from mbdae.values import flag, set_option

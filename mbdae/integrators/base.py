@@ -159,23 +159,19 @@ class Solver(ABC):
     def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
-        start = system.t0, system.y0, system.yp0
-        line = system.timeline(loop.run_end) if system.timeline is not None else None
+        line = system.timeline(system.t0, loop.run_end) if system.timeline is not None else None
+        if line is None:
+            self._part(loop, h0)
+            return
+        longest = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         try:
-            if line is None:
-                self._part(loop, h0)
-                return
-            system.longest_step = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
             for a, b in pairwise(line.edges.tolist()):
-                loop.t_end, now = b, loop.system
-                now.t0, now.y0, now.yp0 = a, *now.enter(a, loop.state[0], (a + b) / 2)
-                loop.restart(now.y0, now.yp0)
-                self._part(loop, h0 if a == start[0] else None)
+                loop.t_end, values = b, loop.system.enter(a, loop.state[0], (a + b) / 2)
+                loop.system = loop.system.starting(a, *values, longest)
+                loop.restart(*values)
+                self._part(loop, h0 if a == system.t0 else None)
         finally:
-            system.t0, system.y0, system.yp0 = start
-            system.longest_step = None
-            if line is not None:
-                system.leave()
+            system.leave()
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""

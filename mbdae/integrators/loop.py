@@ -137,13 +137,13 @@ class StepLoop:
         self._yp.append(yp)
         self._pieces.append(piece)
         self.system.accept(t, y)
-        self._renewed = self.system.renewed(t, y) if self.system.renewed is not None else None
+        self._renewed = self.system.renewed(t, y)
         self.guard()
         return t < self.t_end and self._renewed is None
 
     def renew(self) -> bool:
         """Continue with other equations where constraints are about to depend on each other; returns whether that is so."""
-        if self._renewed is None and len(self._t) == 1 and self.system.renewed is not None:
+        if self._renewed is None and len(self._t) == 1:
             self._renewed = self.system.renewed(self.t, self.state[0])
         if self._renewed is None:
             return False

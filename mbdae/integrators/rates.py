@@ -20,7 +20,7 @@ def check_rates(label: str, system: System) -> None:
                           f"solves for the multipliers at every state, mb.IDA() or mb.RadauIIA(3), or make the joints recursive "
                           f"with s.recursive()")  # fmt: skip
     raise OptionError(f"{needs} ({system.label}) gives only F(t, y, y') = 0, no right-hand side: use mb.IDA() or mb.RadauIIA(3), "
-                      f"or set system.rhs, a function (t, y, out) that fills out with y'")  # fmt: skip
+                      f"or give the DAE its rhs=, a function (t, y, out) that fills out with y'")  # fmt: skip
 
 
 def rate_jacobian(system: System, t: float, y: Array, yp: Array) -> Array:

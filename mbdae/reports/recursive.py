@@ -302,15 +302,15 @@ def _against_tree(law: type[Joint], twist: tuple[int, int]) -> list[Check]:
     assert k is not None
     assert l is not None
     for _ in range(5):
-        q = np.zeros((1, p.expansion.nq))
+        q = np.zeros((1, p.all_bodies.nq))
         full = p.start.q.copy()
         full[k.q : k.q + 3] = rng.normal(size=3)
         full[k.q + 3 : k.q + 7] = rng.normal(size=4)
-        q, u = p.expansion.reduced(full[None], np.zeros((1, p.model.nu)))
+        q, u = p.all_bodies.reduced(full[None], np.zeros((1, p.model.nu)))
         q[:, -1] = c = rng.uniform(-1, 1)
-        W = p.expansion.workspace(np.zeros(1), q, u)
-        T = p.expansion.velocity_map(W)[0]
-        states, _ = p.expansion.states(np.zeros(1), np.hstack([q, u]))
+        W = p.all_bodies.workspace(np.zeros(1), q, u)
+        T = p.all_bodies.velocity_map(W)[0]
+        states, _ = p.all_bodies.states(np.zeros(1), np.hstack([q, u]))
         Rk, Rl = (rotation_matrices(states[0, n.q + 3 : n.q + 7]) for n in (k, l))
         z = Rk @ axis
         d = states[0, l.q : l.q + 3] - states[0, k.q : k.q + 3]

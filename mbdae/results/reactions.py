@@ -17,7 +17,7 @@ NO_FORCE = 1e-9  #: round-off of forces, over the force that moves the scene by 
 
 def wrenches(prepared: Prepared, at: States) -> Array:
     """(nt, items, 6) force (N) and torque (N m) of every joint and force element on its body l, as their sensors show them."""
-    m, items = prepared.everything, [c.name for c in prepared.model.scene.connections]
+    m, items = prepared.with_all_rows, [c.name for c in prepared.model.scene.connections]
     multipliers = m.accelerations(at.t, at.q, at.u, at.s, at.z)[1]
     total = np.zeros((len(at.t), len(items), 6))
     for g, _, values in m.evaluate(reaction_outputs, at.t, at.q, at.u, at.s, multipliers):

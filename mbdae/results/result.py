@@ -168,7 +168,7 @@ class Result(RunStates, Told):
     @cached_property
     def drift(self) -> Drift:
         """Constraint violation over the result's times, of all rows, redundant ones included."""
-        m, (q, u, _) = self.prepared.everything, self._states
+        m, (q, u, _) = self.prepared.with_all_rows, self._states
         g, gd = m.position_residual(self.t, q), m.velocity_residual(self.t, q, u)
         return Drift(np.max(np.abs(g), axis=1, initial=0.0), np.max(np.abs(gd), axis=1, initial=0.0))
 
@@ -176,7 +176,7 @@ class Result(RunStates, Told):
     def smallest_singular_value(self) -> Array:
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
-        m, rank = self.prepared.everything, len(self.prepared.rank.kept)
+        m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
         return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
 
     # -- pictures and files (see `ATTACHED`)

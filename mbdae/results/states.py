@@ -73,7 +73,7 @@ class RunStates:
 
     @cached_property
     def _dynamics(self) -> tuple[Array, Array]:
-        return self.prepared.everything.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
+        return self.prepared.with_all_rows.accelerations(self.t, *self._states, stresses(self.prepared, self.solution, self.t))
 
     @property
     def acceleration(self) -> Array:
@@ -89,13 +89,13 @@ class RunStates:
     @property
     def multiplier_names(self) -> tuple[str, ...]:
         """"joint.row" of every multiplier."""
-        return tuple(row.name for row in self.prepared.everything.rows)
+        return tuple(row.name for row in self.prepared.with_all_rows.rows)
 
     def sum_over_laws(self, outputs: Outputs, item: Connection, width: int) -> Array:
         """(nt, width) outputs of the laws of one item, summed; those with multipliers included."""
         total = np.zeros((len(self.t), width))
         q, u, s = self._states
-        for g, _, values in self.prepared.everything.evaluate(outputs, self.t, q, u, s, self.multipliers):
+        for g, _, values in self.prepared.with_all_rows.evaluate(outputs, self.t, q, u, s, self.multipliers):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
                 if instance.item == item.name:
                     total += values[:, i]

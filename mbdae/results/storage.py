@@ -33,10 +33,10 @@ from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.numbering import constraint_rows
-from mbdae.system.motion.all_bodies import Expansion
-from mbdae.system.motion.contacts import expected_contacts
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.prepare import Prepared, mechanics_of, modelled
 from mbdae.system.rank.redundancy import RankReport
+from mbdae.system.start.contacts import expected_contacts
 from mbdae.system.start.start import Start
 from mbdae.values import BadValueError, shown
 
@@ -162,10 +162,10 @@ def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
     scene = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
         raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
-    model, carried = modelled(scene)
+    model, moved = modelled(scene)
     _check_laws(header.get("laws", {}), _own_laws(model))
-    if list(Expansion(model, carried).numbering.names()) != unknowns[: Expansion(model, carried).numbering.n]:
-        model, carried = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
+    if list(AllBodies(model, moved).numbering.names()) != unknowns[: AllBodies(model, moved).numbering.n]:
+        model, moved = modelled(scene, by_rows={c.name: "stored with its rows" for c in scene.joints if c.rigid})
     rows, stored = {row.name: row for row in constraint_rows(model)}, header["rank"]
     named_rows = [*(name for what in _RANK for name in stored[what]), *(name for name, _ in stored["doubtful"])]
     unknown = sorted({*named_rows} - set(rows))
@@ -175,9 +175,9 @@ def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
     lists = {what: [rows[name] for name in stored[what]] for what in _RANK}
     doubtful = [(rows[name], size) for name, size in stored["doubtful"]]
     rank = RankReport(**lists, doubtful=doubtful, degrees_of_freedom=stored["degrees_of_freedom"], smallest=stored["smallest"])
-    expansion = Expansion(model, carried)
-    mechanics = mechanics_of(model, rank.kept, expansion)
-    prepared = Prepared(model, mechanics, rank, start, header["time"], expansion)
+    all_bodies = AllBodies(model, moved)
+    mechanics = mechanics_of(model, rank.kept, all_bodies)
+    prepared = Prepared(model, mechanics, rank, start, header["time"], all_bodies)
     _check_unknowns(prepared, unknowns)
     if any(c.loose for c in scene.joints):
         prepared.contacts += expected_contacts(mechanics, start, {})
@@ -195,7 +195,7 @@ def _check_elements(statements: list[Any], unknowns: int) -> None:
 
 def _check_unknowns(prepared: Prepared, names: list[str]) -> None:
     """The unknowns of the run must be those of the scene: those of its motion, then stresses and multipliers."""
-    nb, mechanics, start = prepared.expansion.numbering, prepared.mechanics, prepared.start
+    nb, mechanics, start = prepared.all_bodies.numbering, prepared.mechanics, prepared.start
     stresses = [name for line in prepared.model.lines for name in line.stresses]
     rest = [name for name in names[nb.n :] if name not in set(stresses)]
     multipliers = {f"{block}({row.name})" for block in ("lambda", "mu") for row in mechanics.rows}

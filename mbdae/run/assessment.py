@@ -57,7 +57,7 @@ def _missed(known: Accuracy, solver: Solver) -> list[str]:
 def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tuple[float, list[str]]:
     """Largest violation of a constraint row, redundant ones included (over the scene's length, or rad), with its warning, where
     it is more than the accuracy allows; else 0 and none."""
-    m, t = prepared.everything, run.solution.t
+    m, t = prepared.with_all_rows, run.solution.t
     if not m.m:
         return 0.0, []
     t = t[:: len(t) // ROW_SAMPLES + 1]

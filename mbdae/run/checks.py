@@ -61,7 +61,7 @@ class Check(Told):
     def unknowns(self) -> dict[str, int]:
         """Number of positions, velocities, internal states and multipliers; with beams, of their stresses, which are unknowns
         with Radau IIA only."""
-        e, states = self.prepared.expansion, len(self.prepared.mechanics.numbering.states)
+        e, states = self.prepared.all_bodies, len(self.prepared.mechanics.numbering.states)
         found = {"positions": e.nq, "velocities": e.nu, "states": states, "multipliers": len(self.prepared.rows)}
         if self.prepared.model.lines:
             found["stresses"] = sum(len(line.stresses) for line in self.prepared.model.lines)
@@ -75,7 +75,7 @@ class Check(Told):
     @property
     def shared(self) -> tuple[str, ...]:
         """Rows of joints on nodes of beams, "joint.row", that need no equation: the bodies share unknowns there."""
-        rows = self.prepared.expansion.carried.sharing.rows
+        rows = self.prepared.all_bodies.moved.sharing.rows
         return tuple(row.name for row in self.prepared.mechanics.rows if (row.group, row.instance, row.row) in rows)
 
     @property
@@ -86,12 +86,12 @@ class Check(Told):
     @property
     def rigid(self) -> tuple[str, ...]:
         """Welds, and joints that hold a point mass: their body needs no unknowns, it moves with the other one."""
-        return tuple(name for tree in self.prepared.expansion.carried.trees for name in tree.rigid)
+        return tuple(name for tree in self.prepared.all_bodies.moved.trees for name in tree.rigid)
 
     @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints stated as recursive that stay kinematic all the same, and why."""
-        return dict(self.prepared.model.kept)
+        return dict(self.prepared.model.stay_kinematic)
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
@@ -138,7 +138,7 @@ class Check(Told):
     @property
     def contacts(self) -> tuple[str, ...]:
         """Joints with clearance: their laws, and the effects these neglect."""
-        return tuple(contact.told() for contact in self.prepared.contacts)
+        return tuple(contact.summary() for contact in self.prepared.contacts)
 
     @property
     def friction(self) -> dict[str, str]:
@@ -164,12 +164,12 @@ class Check(Told):
         if not expressions_of(self.prepared.model):
             return []
         found = timeline(self.prepared.model, t0, t0 + FORESIGHT)
-        return [f"  inputs of time, first {FORESIGHT:g} s: {found.told() if found else 'smooth, no breaks'}"]
+        return [f"  inputs of time, first {FORESIGHT:g} s: {found.summary() if found else 'smooth, no breaks'}"]
 
     def _of_recursive_joints(self) -> list[str]:
         """Trees with their size and what the joints' rows and the bodies' unknowns would have been; joints kept kinematic."""
         lines = []
-        for tree in self.prepared.expansion.carried.trees:
+        for tree in self.prepared.all_bodies.moved.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             plan = tree_plan(tree.structure)
             names = _listed([c.name for c in tree.coordinates if c is not None]) or "none"

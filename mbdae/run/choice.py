@@ -22,7 +22,7 @@ from mbdae.integrators.sundials.ida import IDA
 from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
-from mbdae.system.assembled.scene_system import SPARSE_FROM
+from mbdae.system.assembled.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared, prepare
 
 TIGHT = 3e-4  #: accuracy below which Adams methods, of order up to 12, cost less than Radau IIA of order 5
@@ -72,7 +72,7 @@ def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: 
         found = prepared_from(variant, start, t_end) if variant is not None else None
     except MbdaeError:  # preparing the scene as stated raises what is wrong with it
         return None
-    return None if found is None or found.model.kept else found
+    return None if found is None or found.model.stay_kinematic else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:
@@ -85,7 +85,7 @@ def unknowns(p: Prepared, form: Form, highest_index: int) -> int:
     """Number of unknowns of a form for a solver that takes unknowns up to `highest_index`."""
     multipliers = {"GGL": 2, "Index3": 1, "Index1": 1 if highest_index else 0}.get(form.label, 0)
     stresses = sum(len(line.stresses) for line in p.model.lines) if highest_index > 1 else 0
-    return p.expansion.nq + p.expansion.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
+    return p.all_bodies.nq + p.all_bodies.nu + len(p.mechanics.numbering.states) + stresses + multipliers * len(p.rows)
 
 
 def alternatives(choice: Choice, given: Form | None) -> Iterator[tuple[Solver, Form]]:

@@ -17,7 +17,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.laws.friction import Friction
 from mbdae.results.clearance import observed_outputs
 from mbdae.results.contacts import contacts_of
-from mbdae.system.motion.contacts import gaps_of
+from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
 RESOLVED = 0.01  #: velocity tolerance over the velocity in which friction changes; above, sticking is lost and the cost explodes

@@ -27,10 +27,10 @@ from mbdae.results.states import states_of
 from mbdae.run.contact_tolerances import largest_tolerance, resolving
 from mbdae.run.estimate import Run, companions, estimated, share_of
 from mbdae.run.excitations import beginning_at, windows
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array, System
 from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.values import number, option
 
 LOOSEST = 1e-2  #: rtol of any run
@@ -202,9 +202,10 @@ def with_left_out(run: Controlled, probe: Probe, measure: Measure) -> Controlled
     solution, estimate = run.solution, run.estimate
     for begin, end in windows(probe.system, solution, probe.span):
         try:
-            with keeping(solution, UNTESTED), beginning_at(probe.system, solution, begin):
+            with keeping(solution, UNTESTED):
                 most = 10 * solution.stats.residuals + 10000
-                close = probe.solver.run(probe.system, Asked(end, max_residuals=most, share=SHARE))
+                close = probe.solver.run(beginning_at(probe.system, solution, begin),
+                                         Asked(end, max_residuals=most, share=SHARE))  # fmt: skip
         except SolverError as error:
             if error.solution is None or len(error.solution.t) < 3:
                 return replace(run, estimate=float("inf"), others=()).after(1, cpu_of(error))

@@ -22,10 +22,10 @@ from mbdae.errors import SolverError
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Solution, systems_at
 from mbdae.run.short_events import may_have_short_events
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.distance import Motion, motion_distance
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.ties import largest
 
 SEED = 20240229

@@ -4,7 +4,6 @@ than a mean step."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -24,7 +23,7 @@ def windows(system: System, run: Solution, span: float) -> Iterator[tuple[float,
 def _beginnings(system: System, run: Solution) -> list[tuple[float, float]]:
     """(begin, end) in s of the start of a run and of its excitations."""
     t0, t1 = float(run.t[0]), float(run.t[-1])
-    line = None if system.timeline is None or not t1 > t0 else system.timeline(t1)
+    line = None if system.timeline is None or not t1 > t0 else system.timeline(system.t0, t1)
     if line is None:
         return [(t0, t0)]
     h = (t1 - t0) / max(run.stats.steps, 1)
@@ -60,14 +59,10 @@ def _change(system: System, run: Solution, excitation: tuple[float, float], h: f
     return float(np.max((moved / system.scale)[velocities], initial=0.0))
 
 
-@contextmanager
-def beginning_at(system: System, run: Solution, t: float) -> Iterator[None]:
-    """Inside, the system starts from a time (s) within a run, with consistent values."""
-    start = system.t0, system.y0, system.yp0
-    if t > start[0]:
-        system.t0, (system.y0, system.yp0) = t, system.enter(t, run(t), t)
-        system.leave()
-    try:
-        yield
-    finally:
-        system.t0, system.y0, system.yp0 = start
+def beginning_at(system: System, run: Solution, t: float) -> System:
+    """The system with its start at a time inside a run, s, with consistent values."""
+    if t <= system.t0:
+        return system
+    values = system.enter(t, run(t), t)
+    system.leave()
+    return system.starting(t, *values)

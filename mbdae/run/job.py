@@ -37,10 +37,10 @@ from mbdae.run.drift import joint_drift
 from mbdae.run.lost_vibrations import with_lost_vibrations
 from mbdae.run.recheck import rechecked
 from mbdae.run.verification import accuracy_of, nothing_known, verified
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Eliminated
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
+from mbdae.system.without_multipliers import WithoutMultipliers
 
 UNRESOLVED = ("of it, part are elastic vibrations that the steps leave out; form=mb.GGL(waves=True) with solver=mb.RadauIIA(3) "
               "follows them")  # fmt: skip
@@ -66,8 +66,8 @@ class Job:
         multipliers, stop at singular positions, where another branch of the motion may begin."""
         refuse_unresolved(self.prepared, solver)
         system = self._system(solver)
-        if isinstance(system, Eliminated):
-            system.strict = strict
+        if isinstance(system, WithoutMultipliers):
+            system = system.strictly(strict)
         with self._attaching(solver):
             if not solver.fixed and solver.rtol is None and getattr(solver, "atol", None) is not None:
                 solver = solver.at_accuracy(self.accuracy, system.label)  # the user's own atol: run once, with rtol to match

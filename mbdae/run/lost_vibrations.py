@@ -11,9 +11,9 @@ from dataclasses import replace
 from functools import partial
 
 from mbdae.run.control import Controlled, Probe, with_left_out
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.distance import distance
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 
 WINDOW = 5.0  #: length of the short run in mean steps: slower vibrations are resolved by the run itself
 POINTS = 400  #: times at which both are compared

@@ -17,9 +17,9 @@ from mbdae.integrators.solution import Solution
 from mbdae.results.accuracy import Accuracy
 from mbdae.run.control import Controlled
 from mbdae.run.defect import Defect, Suspect, apart
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
 
 FINER = 10.0  #: accuracy of the run over that of the fine run
@@ -56,7 +56,7 @@ class FineRun:
             times = np.unique(np.r_[np.linspace(system.t0, stop, BETWEEN), part.t])
             motions = (self.prepared.states(times, solution(times))[:2] for solution in (part, run))
             worst = max(worst, float(np.max(apart(self.prepared, run, *motions))))
-            system.t0, system.y0, system.yp0 = stop, part.y[-1], part.yp[-1]
+            system = system.starting(stop, part.y[-1], part.yp[-1])
         return worst
 
     def _system(self, t: float, y: Array) -> SceneSystem:

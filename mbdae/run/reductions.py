@@ -17,13 +17,13 @@ from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import MODELLED, replaced
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Eliminated
-from mbdae.system.model.carried_bodies import Carried
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.model import Model, build
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.prepare import Prepared
+from mbdae.system.without_multipliers import WithoutMultipliers
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Reduction:
     size: Size
 
 
-def size_of(system: SceneSystem) -> Size:
+def size_of(system: Assembly) -> Size:
     """The size of a system; kernels of beams are not counted."""
     kernels, operations = 0, 0
     live = {(row.group, row.instance) for row in system.numbering.rows}
@@ -54,13 +54,13 @@ def size_of(system: SceneSystem) -> Size:
         d = group.derived
         idle = d.rows and not (d.force or getattr(d.law, "penalty", None))
         active = [i for i in range(len(group.instances))
-                  if (g, i) not in system.carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
+                  if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
         if active:
             p = linearised_plan(d, system.spec.outputs)
             own = (p.residual.operations if p.nonlinear else 0) + (p.jacobian.operations if p.jacobian_places else 0)
             kernels += bool(p.nonlinear) + bool(p.jacobian_places)
             operations += own * len(active)
-    trees = system.carried.trees
+    trees = system.moved.trees
     kernels += 2 * len({tree.structure for tree in trees})
     operations += sum(tree_plan(tree.structure).operations for tree in trees)
     multipliers = sum(kind in ("lambda", "mu") for kind in system.kinds)
@@ -70,13 +70,13 @@ def size_of(system: SceneSystem) -> Size:
 def reductions(scene: SceneData, prepared: Prepared, choice: Choice) -> list[Reduction]:
     """The reductions from the naive formulation to the default run, in order; those without effect are left out."""
     found: list[Reduction] = []
-    for reason, system in _ladder(scene, prepared):
-        size = size_of(system)
+    for reason, assembly in _ladder(scene, prepared):
+        size = size_of(assembly)
         if not found or size != found[-1].size:
             found.append(Reduction(reason, size))
     system = system_for(choice.prepared, choice.form, choice.solver.highest_index)
-    size = size_of(system.full if isinstance(system, Eliminated) else system)
-    if isinstance(system, Eliminated):
+    size = size_of(system.full if isinstance(system, WithoutMultipliers) else system.assembly)
+    if isinstance(system, WithoutMultipliers):
         size = replace(size, unknowns=system.n, equations=system.n, multipliers=0)
     made = " with recursive joints" if choice.recursive else ""
     found.append(Reduction(f"by default{made}, {choice.form.label} for {choice.solver.label}", size))
@@ -93,13 +93,13 @@ def absent(scene: SceneData) -> list[str]:
     return [term for term, needed in has.items() if not needed]
 
 
-def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSystem]]:
+def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembly]]:
     """The reasons of the reductions with the system after each; every system has all reductions before it too."""
     spec, model = GGL().for_index(1).spec(), prepared.model
     by_rows = {c.name: "" for c in scene.joints if c.recursive or c.rigid}
 
-    def whole(of: Model, rows: list[Row]) -> SceneSystem:
-        return SceneSystem(of, rows, spec, carried=Carried(of, [], share=False))
+    def whole(of: Model, rows: list[Row]) -> Assembly:
+        return Assembly(of, rows, spec, moved=MovedBodies(of, [], share=False))
 
     spatial = copy.copy(scene)
     spatial.space = "spatial"
@@ -117,12 +117,12 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, SceneSy
     redundant = {row.name for row in prepared.rank.dropped}
     rows = [row for row in rows if row.name not in redundant]
     yield "redundant rows left out", whole(of, rows)
-    rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.kept)
+    rigid = build(scene, {c.name: "" for c in scene.joints if c.recursive} | model.stay_kinematic)
     rows = [row for row in constraint_rows(rigid) if row.name not in redundant]
     trees = find_trees(rigid)
-    yield "welded bodies, and points held by a joint, move with the other body", SceneSystem(
-        rigid, rows, spec, carried=Carried(rigid, trees, share=False))  # fmt: skip
-    yield "nodes that meet share unknowns, or are fixed to the ground", SceneSystem(
-        rigid, rows, spec, carried=Carried(rigid, trees))  # fmt: skip
-    yield "recursive joints: their coordinates are the only unknowns", SceneSystem(
-        model, prepared.mechanics.rows, spec, carried=prepared.expansion.carried)  # fmt: skip
+    yield "welded bodies, and points held by a joint, move with the other body", Assembly(
+        rigid, rows, spec, moved=MovedBodies(rigid, trees, share=False))  # fmt: skip
+    yield "nodes that meet share unknowns, or are fixed to the ground", Assembly(
+        rigid, rows, spec, moved=MovedBodies(rigid, trees))  # fmt: skip
+    yield "recursive joints: their coordinates are the only unknowns", Assembly(
+        model, prepared.mechanics.rows, spec, moved=prepared.all_bodies.moved)  # fmt: skip

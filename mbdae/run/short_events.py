@@ -13,8 +13,8 @@ from mbdae.kernels import plan
 from mbdae.symbolic.derive import derive
 from mbdae.symbolic.outputs import loads, position
 from mbdae.system.assembled.right_hand_side import state_rate_outputs
-from mbdae.system.assembled.scene_system import SceneSystem
 from mbdae.system.prepare import Prepared
+from mbdae.system.scene_system import SceneSystem
 
 STATED = (loads, position, state_rate_outputs)  #: what laws state: forces, rows of joints, rates of internal states
 OF_ROTATIONS = ("sin", "cos", "UnevaluatedExpr")  #: functions of rotations, in nearly every law (the last are parentheses)

@@ -87,7 +87,7 @@ def moved(pose: Pose, local: Array) -> Array:
 def started(prepared: Prepared) -> Result:
     """The start of a scene as a Result of one time."""
     start = prepared.start
-    y = np.hstack([*prepared.expansion.reduced(start.q[None], start.u[None]), start.s[None]])
+    y = np.hstack([*prepared.all_bodies.reduced(start.q[None], start.u[None]), start.s[None]])
     t, still = np.array([start.t]), _Still(y)
     solution = Solution(t, y, np.zeros_like(y), None, Stats(), still, (), True, still)
     return Result(prepared, solution, RunInfo(still, "", Accuracy(None, None), Stats()), t)

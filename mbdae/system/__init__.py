@@ -1,1 +1,13 @@
-"""From a scene to a System: numbering, assembly, rank and a consistent start."""
+"""From a scene to the equations that solvers see, a System.
+
+base, dae            the System interface; textbook equations
+model                nodes, laws in groups, trees of recursive joints, beams; the numbering of unknowns
+motion               masses, forces, constraints, accelerations and reactions at any state
+start                consistent positions and velocities, typical sizes of the unknowns
+rank                 redundant constraint rows, which rows are integrated, motions without inertia
+assembled            residual, Jacobian and right-hand side of a model in a form
+prepare              a checked scene with its start
+scene_system, without_multipliers   the Systems of a prepared scene
+
+A part imports from those above it alone.
+"""

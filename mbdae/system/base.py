@@ -7,8 +7,9 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ SWITCH_KINDS = ("kink", "decaying", "saturating", "growing", "arc", "periodic", 
 
 @dataclass(frozen=True)
 class Switches:
-    """Arguments u(t, y) at which equations switch, or within a width of which they change and nowhere else.
+    """Arguments u(t, y) of functions in the equations that switch, or that vary within a narrow range of u alone.
 
     arguments  (t (k,), y (k, n)) -> (k, na) their values at k points, pure numbers where not "kink" or "power"
     kinds      of every argument: "kink" (the equations change where u changes its sign), "decaying" (exp(u)), "saturating"
@@ -32,8 +33,7 @@ class Switches:
     weights    (na,) factor of every argument's change: |a| of a power, 1 of all others
     names      of every argument, for messages: the item it belongs to
 
-    Adaptive solvers end a step where a kink is crossed, and take none over which a function of an argument comes and goes unseen.
-    """
+    Adaptive solvers end a step where a kink is crossed, and no step over which a function of an argument changes and returns."""
 
     arguments: Callable[[Array, Array], Array]
     kinds: tuple[str, ...]
@@ -64,10 +64,9 @@ class System:
               "s" internal state, "lambda" multiplier, "mu" stabilising multiplier, "y" anything else
     index     (n,) index of each unknown as in RADAU5: 1 differential (or index-1 algebraic), 2, 3
     scale     (n,) typical magnitude of each unknown in its own unit; the tolerance is relative to it
-    t0, y0, yp0  consistent start
+    t0, y0, yp0  consistent start; see `starting`
     sparsity  None (dense Jacobian) or a scipy CSC pattern; decides the meaning of `out` in `jacobian`
-    label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")
-    """
+    label     short name of the form, for tables ("GGL", "Index3", "ODE", "DAE")"""
 
     n: int
     names: tuple[str, ...]
@@ -96,27 +95,38 @@ class System:
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
     #: name of each contact (used in messages); "contact[i]" where there are fewer
     guard_names: tuple[str, ...] = ()
-    #: what switches or is local in the equations; None: nothing
+    #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
     vibration: Callable[[], tuple[str, float]] | None = None
 
-    #: (t, y) -> a system of the same unknowns to go on with from there, because some of its equations are about to depend on each
-    #: other; None: go on with this one. Asked after every accepted step
-    renewed: Callable[[float, Array], System | None] | None = None
-
-    #: end of a run (s) -> where its inputs of time break, and how long steps may be (`system.inputs.Timeline`); None: they are
-    #: smooth and slow
-    timeline: Callable[[float], Any] | None = None
-    #: time -> longest step (s) that may be taken from there; None: no bound. Set while a run goes on
+    #: begin and end of a run (s) -> where its inputs of time break, and how long steps may be (`system.model.inputs.Timeline`;
+    #: None: they are smooth and slow); None: inputs of time are not looked at
+    timeline: Callable[[float, float], Any] | None = None
+    #: time -> longest step (s) that may be taken from there; None: no bound
     longest_step: Callable[[float], float] | None = None
 
+    def starting(self, t: float, y: Array, yp: Array, longest_step: Callable[[float], float] | None = None) -> Self:
+        """These equations with another start, for a part of a run: a new System that shares all else with this one.
+
+        Nothing assigns the attributes of a System after it is made; a solver reads the start of its part from the System it is
+        given."""
+        other = copy(self)
+        other.t0, other.y0, other.yp0, other.longest_step = t, y, yp, longest_step
+        return other
+
+    def renewed(self, t: float, y: Array) -> System | None:
+        """A system of the same unknowns to go on with from y (n,), because some of these equations are about to depend on each
+        other; None: go on with this one. Asked after every accepted step."""
+        return None
+
     def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs are read at the time `side` from now on."""
+        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs (t < 1 and the like) are evaluated
+        at the time `side`, inside the next part of the run, from now on."""
         raise NotImplementedError
 
     def leave(self) -> None:
-        """Conditions of inputs are read where they are evaluated again."""
+        """Conditions of inputs are evaluated at the time of every evaluation again."""
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""
@@ -144,4 +154,4 @@ class System:
         raise NotImplementedError
 
     def accept(self, t: float, y: Array) -> None:
-        """Called by the step loop after every accepted step (memory lives here, never in a residual)."""
+        """Called by the step loop after every accepted step: the only place where a System may remember something of a run."""

@@ -36,10 +36,11 @@ class DAE(System):
     sparsity  pattern (n, n) of the Jacobian, dense or scipy sparse; None: dense
     guards    (t, y) -> (gap, gap rate, duration) of the contacts, each (nc,) in m, m/s and s, as in `System`; None: no contacts
     guard_names  name of each contact, default contact[0], contact[1], ...
-    switches  what switches or is local in the equations (`mb.Switches`): adaptive solvers step over none of it; None: nothing
+    switches  functions in the equations that switch or vary within a narrow range (`mb.Switches`), so that no adaptive solver
+              steps over them; None: none
     partition  (M, f, g, G) of equations of motion with y = (q, u, lambda) or, stabilised, (q, u, lambda, mu) and q' = u + ...:
               functions M(t, q) (nu, nu), f(t, q, u) (nu,), g(t, q) (m,) and G(t, q) (m, nu); what GeneralizedAlpha and HHT need
-    """
+    rhs       (t, y, out) that fills out with y' (n,), or the same returning it, where nothing is constrained; what CVODE needs"""
 
     label = "DAE"
 
@@ -59,6 +60,7 @@ class DAE(System):
         guard_names: Sequence[str] | None = None,
         switches: Switches | None = None,
         partition: tuple[Callable[..., Any], ...] | None = None,
+        rhs: Callable[..., Any] | None = None,
     ) -> None:
         self.t0 = option("t0", t0, number, "give the time of the start, s")
         self.y0 = finite_vector("y0", y0)
@@ -76,7 +78,12 @@ class DAE(System):
         self._check_residual()
         self._check_jacobian()
         parts = [self._dense_parts(*point) for point in self._probes()]
-        self._check_start(*parts[0])
+        self._check_start(self.yp0, *parts[0], "the start is not consistent", "correct y0 or yp0")
+        self._rates: Any = optional("rhs", rhs, function, "give a function f(t, y, out), or None", takes="t, y, out")
+        if self._rates is not None:
+            self.rhs = self._filled_rates
+            self.rhs(self.t0, self.y0.copy(), rates := np.full(self.n, np.nan))
+            self._check_start(rates, *parts[0], "rhs contradicts the residual", "correct one of them")
         self.index = self._checked_index(index, parts)
         algebraic = (self.index > 1) & ~np.any([fyp != 0 for _, fyp in parts], axis=(0, 1))
         self.kinds = tuple("lambda" if found else "y" for found in algebraic)
@@ -106,6 +113,9 @@ class DAE(System):
             return fy, fyp
         rows, columns = self._entries()
         return fy[rows, columns], fyp[rows, columns]
+
+    def _filled_rates(self, t: float, y: Array, out: Array) -> None:
+        _fill("rhs", self._rates(t, y, out), out, t)
 
     def _differences(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """Forward differences (n, n) with increments of sqrt(eps) times the magnitude of each argument."""
@@ -206,17 +216,17 @@ class DAE(System):
         if not np.isfinite(out).all():
             raise OptionError(f"jacobian is not finite everywhere at the start t = {self.t0}: check its formulas")
 
-    def _check_start(self, fy: Array, fyp: Array) -> None:
-        """Refuse a start whose residual is large against the terms of its equation."""
+    def _check_start(self, yp: Array, fy: Array, fyp: Array, what: str, remedy: str) -> None:
+        """Refuse y0 with derivatives yp whose residual is large against the terms of its equation, or no number."""
         out = np.empty(self.n)
-        self.residual(self.t0, self.y0, self.yp0, out)
-        size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(self.yp0))
+        self.residual(self.t0, self.y0, yp, out)
+        size = np.abs(fy) @ self.scale + np.abs(fyp) @ np.maximum(self.scale, np.abs(yp))
         relative = np.abs(out) / np.where(size > 0, size, 1.0)
         row = largest(relative)
-        if relative[row] > START_TOLERANCE:
+        if not relative[row] <= START_TOLERANCE:
             raise OptionError(
-                f"the start is not consistent: F[{row}] = {out[row]:.3e} at t = {self.t0}, {relative[row]:.1e} of the "
-                f"size of its terms: correct y0 or yp0 (the equation contains {self._contents(row, fy, fyp)})"
+                f"{what}: F[{row}] = {out[row]:.3e} at t = {self.t0}, {relative[row]:.1e} of the "
+                f"size of its terms: {remedy} (the equation contains {self._contents(row, fy, fyp)})"
             )
 
     def _contents(self, row: int, fy: Array, fyp: Array) -> str:

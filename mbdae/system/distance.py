@@ -6,8 +6,8 @@ import numpy as np
 
 from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
-from mbdae.system.motion.contacts import gaps_of
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.states import gaps_of
 from mbdae.system.prepare import Prepared
 
 Motion = tuple[Array, Array]  #: q (nt, nq), u (nt, nu) of all nodes

@@ -14,23 +14,22 @@ from mbdae.inputs.timed import after
 from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
-from mbdae.system.model.carried_bodies import Carried, too_large
 from mbdae.system.model.model import Model, build
+from mbdae.system.model.moved_bodies import MovedBodies, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
-from mbdae.system.motion.all_bodies import Expansion, TreeMechanics
-from mbdae.system.motion.contacts import Expected, expected_contacts
+from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.reaction_forces import undecided
-from mbdae.system.motion.without_inertia import massless_coordinates, massless_motions
 from mbdae.system.rank.redundancy import RankReport, analyse
 from mbdae.system.rank.rows import smallest, unit_rows
-from mbdae.system.rank.scaling import characteristic_time
+from mbdae.system.rank.undetermined import massless_coordinates, massless_motions, undecided
+from mbdae.system.start.contacts import ExpectedContact, expected_contacts
 from mbdae.system.start.ideal_joints import ideal_start
 from mbdae.system.start.start import Start, Starter
+from mbdae.system.start.typical_sizes import characteristic_time
 from mbdae.threads import single_threaded
 
-SOUND = 1e-3  #: smallest singular value of rows from which they determine a position
+SOUND = 1e-3  #: smallest singular value of rows above which they determine a position
 FOLLOWED, NEAR = 24, 0.2  #: steps in which prescribed motions are followed, of at most so many rad or scene's lengths each
 FORESIGHT = 10.0  #: s, how far `check` looks at prescribed values
 
@@ -44,19 +43,19 @@ class Prepared:
     rank: RankReport
     start: Start
     time: float  #: characteristic time, s
-    expansion: Expansion
-    contacts: list[Expected] = field(default_factory=list)  #: what is expected of the contacts of the scene
+    all_bodies: AllBodies
+    contacts: list[ExpectedContact] = field(default_factory=list)  #: the contacts of the scene before the run
 
     @cached_property
-    def everything(self) -> Mechanics:
-        """With the redundant rows too: what a run is checked against, and what its reactions are read from."""
+    def with_all_rows(self) -> Mechanics:
+        """The mechanics with redundant rows too, by which a run is checked and its reactions are read."""
         if not self.rank.dropped:
             return self.mechanics
-        return mechanics_of(self.model, constraint_rows(self.model), self.expansion, len(self.rank.dropped))
+        return mechanics_of(self.model, constraint_rows(self.model), self.all_bodies, len(self.rank.dropped))
 
     def mechanics_with(self, rows: list[Row]) -> Mechanics:
         """The mechanics of all nodes with other rows in force."""
-        return mechanics_of(self.model, rows, self.expansion)
+        return mechanics_of(self.model, rows, self.all_bodies)
 
     def with_rows(self, rows: list[Row], start: Start) -> Prepared:
         """The same from another state, with other rows in force."""
@@ -66,14 +65,14 @@ class Prepared:
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes and s (nt, ns) from the unknowns y (nt, n) of any form."""
-        first = self.expansion.nq + self.expansion.nu
-        return *self.expansion.states(t, y), y[:, first : first + len(self.mechanics.numbering.states)]
+        first = self.all_bodies.nq + self.all_bodies.nu
+        return *self.all_bodies.states(t, y), y[:, first : first + len(self.mechanics.numbering.states)]
 
     @property
     def rows(self) -> list[Row]:
         """The constraint rows a form integrates: those of recursive joints and of shared displacements
         are satisfied by construction."""
-        return [row for row in self.mechanics.rows if self.expansion.carried.keeps(row)]
+        return [row for row in self.mechanics.rows if self.all_bodies.moved.keeps(row)]
 
     @property
     def length(self) -> float:
@@ -93,37 +92,37 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError(problems)
     if not scene.bodies:
         raise SceneError([f"scene '{scene.name}' has no bodies; add s.link, s.rigid_body or s.point_mass"])
-    model, carried = modelled(scene)
+    model, moved = modelled(scene)
     if start is not None and (len(start.q), len(start.u)) != (model.nq, model.nu):
         raise SceneError([f"start: that run has {len(start.q)} positions and {len(start.u)} velocities, this scene {model.nq} "
                           f"and {model.nu}; continue it with the same bodies and joint models"])  # fmt: skip
     model.conditions.time = after(begin_time)  # the start of a run belongs to what comes after it
     model.conditions.end = t_end if t_end is not None else inf
-    expansion = Expansion(model, carried)
-    if not expansion.numbering.free:
+    all_bodies = AllBodies(model, moved)
+    if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
-    everything = Mechanics(model, constraint_rows(model))
+    all_rows = Mechanics(model, constraint_rows(model))
     loose = start is None and any(c.loose for c in scene.joints)
-    ideal = ideal_start(scene, model.kept, t0) if loose else None
-    starter = Starter(everything, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
+    ideal = ideal_start(scene, model.stay_kinematic, t0) if loose else None
+    starter = Starter(all_rows, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
     q = start.q if start is not None else ideal.q if ideal else starter.placed()
-    problems = _not_finite(everything, starter.t, q)
+    problems = _not_finite(all_rows, starter.t, q)
     if problems:
         raise SceneError(problems)
     if start is None and not ideal:
         q = starter.close_or_bend(q)
-    always = {row for row in everything.rows if not carried.keeps(row)}
-    rank = analyse(everything, starter, q, always)
-    problems = _massless(everything, expansion, rank, starter, q) + undecided(everything, rank, starter.t, q)
+    always = {row for row in all_rows.rows if not moved.keeps(row)}
+    rank = analyse(all_rows, starter, q, always)
+    problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
-    mechanics = mechanics_of(model, rank.kept, expansion)
+    mechanics = mechanics_of(model, rank.kept, all_bodies)
     begin = (_continued(mechanics, start) if start is not None else
              Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
-    problems = _contradictions(everything, rank, begin)
+    problems = _contradictions(all_rows, rank, begin)
     model.conditions.time = None
-    problems = problems or _later_contradictions(everything, mechanics, rank, begin, end)
+    problems = problems or _later_contradictions(all_rows, mechanics, rank, begin, end)
     if problems:
         raise StartError(problems)
     T = characteristic_time(mechanics, begin)
@@ -132,70 +131,70 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if problems:
         raise StartError(problems)
     begin.changes += [change for contact in touching for change in contact.changes()]
-    return Prepared(model, mechanics, rank, begin, T, expansion, touching)
+    return Prepared(model, mechanics, rank, begin, T, all_bodies, touching)
 
 
-def _not_finite(everything: Mechanics, t: Array, q: Array) -> list[str]:
+def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
     """Constraint rows that have no finite value or derivative where the scene is drawn, one sentence each."""
-    g, G = everything.position_residual(t, q[None])[0], everything.constraint_jacobian(t, q[None])[0]
+    g, G = all_rows.position_residual(t, q[None])[0], all_rows.constraint_jacobian(t, q[None])[0]
     wrong = ~(np.isfinite(g) & np.isfinite(G).all(axis=1))
     return [f"row {row.name} has no finite value or derivative where the scene is drawn ({value:g}): check the numbers of that "
             f"joint, and what its law divides by"
-            for row, value, off in zip(everything.rows, g, wrong, strict=True) if off]  # fmt: skip
+            for row, value, off in zip(all_rows.rows, g, wrong, strict=True) if off]  # fmt: skip
 
 
-def _massless(everything: Mechanics, expansion: Expansion, rank: RankReport, starter: Starter, q: Array) -> list[str]:
+def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
     """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
-    inside = expansion.carried.dropped
-    if expansion.carried.trees and not expansion.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
-        return massless_coordinates(expansion, everything.mass, starter.t, q)
-    return massless_motions(everything, rank, starter.t, q)
+    inside = all_bodies.moved.replaced
+    if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
+        return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
+    return massless_motions(all_rows, rank, starter.t, q)
 
 
-def mechanics_of(model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> Mechanics:
+def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
     """The mechanics of all nodes with some rows, of which so many are redundant."""
-    reduced = expansion.carried.trees and not model.lines  # with beams the constrained equations are sparse, these are not
-    return TreeMechanics(model, rows, expansion, redundant) if reduced else Mechanics(model, rows, redundant)
+    reduced = all_bodies.moved.trees and not model.lines  # with beams the constrained equations are sparse, these are not
+    return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)
 
 
-def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, Carried]:
+def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tuple[Model, MovedBodies]:
     """The model of a scene with the trees of its recursive joints; trees too large for one program stay kinematic. by_rows:
-    joints that carry nothing, and why."""
+    joints that stay with their rows, and why."""
     model = build(scene, by_rows)
-    carried = Carried(model, find_trees(model))
-    kept = too_large(carried)
-    if not kept and not Expansion(model, carried).numbering.free:  # something has to be left to solve for
+    moved = MovedBodies(model, find_trees(model))
+    kept = too_large(moved)
+    if not kept and not AllBodies(model, moved).numbering.free:  # without unknowns there is nothing to solve
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:
         model = build(scene, {**(by_rows or {}), **kept})
-        carried = Carried(model, find_trees(model))
-    return model, carried
+        moved = MovedBodies(model, find_trees(model))
+    return model, moved
 
 
-def _contradictions(everything: Mechanics, rank: RankReport, start: Start) -> list[str]:
+def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list[str]:
     """Rows left out as redundant that the start does not satisfy: prescribed motions against each other."""
     t, q, u = np.array([start.t]), start.q[None], start.u[None]
-    rate = everything.velocity_residual(t, q, u)[0]
-    bias = (everything.constraint_jacobian(t, q)[0] @ start.acceleration + everything.acceleration_bias(t, q, u)[0])
+    rate = all_rows.velocity_residual(t, q, u)[0]
+    bias = (all_rows.constraint_jacobian(t, q)[0] @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0])
     size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
     dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
     found = []
-    for row, v, a in zip(everything.rows, rate, bias, strict=True):
+    for row, v, a in zip(all_rows.rows, rate, bias, strict=True):
         if row.name in dropped and max(abs(v), abs(a)) > 1e-7 * size:
             found.append(f"prescribed motions contradict: row {row.name} depends on the other rows, but they leave it a rate of "
                          f"{v:.4g} and an acceleration of {a:.4g} (m or rad, s) at the start; release one of them")  # fmt: skip
     return found
 
 
-def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
-    """The same at later times, as far as some short steps lead: where not all rows can be satisfied, but those in force."""
-    timed = any(i.timed for group in everything.model.groups if group.derived.rows for i in group.instances)
+def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
+    """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
+    timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
-    together = Mechanics(everything.model, [row for row in everything.rows if row in rank.kept or row.name in dropped])
+    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in rank.kept or row.name in dropped])
     step = 0.01 * (end - start.t)
     for _ in range(FOLLOWED if timed and dropped else 0):
         step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
-        while step > 0 and Starter(together, t + step, holding=False).off(q) > NEAR:
+        while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
             step /= 2
         t += step
         try:
@@ -208,9 +207,9 @@ def _later_contradictions(everything: Mechanics, mechanics: Mechanics, rank: Ran
         except StartError:
             break  # too far for one step
         B = unit_rows(mechanics, mechanics.constraint_jacobian(np.array([t]), q[None])[0])
-        off = everything.position_residual(np.array([t]), q[None])[0]
-        for row, g in zip(everything.rows, off, strict=True):
-            if row.name in dropped and abs(g) > 1e-7 * max(1.0, everything.model.length) and smallest(B, len(B)) > SOUND:
+        off = all_rows.position_residual(np.array([t]), q[None])[0]
+        for row, g in zip(all_rows.rows, off, strict=True):
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, len(B)) > SOUND:
                 return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
                         f"{t:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
     return []

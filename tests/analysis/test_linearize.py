@@ -336,13 +336,13 @@ def test_matrices_are_the_differences_of_the_accelerations() -> None:
     from mbdae.analysis.frame import RotatingFrame
     from mbdae.analysis.pencil import basis
     from mbdae.formulations import Index3
-    from mbdae.system.assembled.scene_system import SceneSystem
+    from mbdae.system.assembled.assembly import Assembly
     from mbdae.system.start.start import Starter
 
     s = tangled()
     modes = s.linearize(at=s.equilibrium())
     m, start = modes.prepared.mechanics, modes.prepared.start
-    system = SceneSystem(m.model, m.rows, Index3().spec())
+    system = Assembly(m.model, m.rows, Index3().spec())
     C = basis(system, m, RotatingFrame("ground", np.eye(3), np.zeros(3)), start.q, start.u).C.toarray()
     N, closer, t = C @ modes.basis, Starter(m, holding=False, changes=[]), np.zeros(1)
 

@@ -167,7 +167,7 @@ def test_what_is_no_pulse_is_refused():
 def test_a_reference_sees_every_pulse(width, monkeypatch):
     """A block of 2 kg that F pushes for w leaves with F w / m, also where runs do not look at their inputs before; two methods
     that then run on without a stop agree on 0."""
-    monkeypatch.setattr("mbdae.system.equations.RESOLVING", False)
+    monkeypatch.setattr("mbdae.system.scene_system.WATCH_INPUTS_AND_SWITCHES", False)
     (p,) = varied(kicked, 1.0, asked_values({"kick.width": [width]}))
     problem = new_problem(p.scene(width), 1.0, "block.velocity", None)
     found = reference_at(problem, 1e-9, p.stops(width))

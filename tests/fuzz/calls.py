@@ -45,6 +45,7 @@ ELSEWHERE = {
     "Form.for_index": "interface", "Form.for_time": "interface", "Form.refusal": "interface",
     "System.accept": "interface", "System.enter": "interface", "System.jacobian": "interface", "System.residual": "interface",
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
+    "System.starting": "interface", "System.renewed": "interface",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface",
     "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
@@ -218,7 +219,7 @@ CALLS: dict[str, Call] = {
     "DAE": Call(lambda: mb.DAE, lambda: {
         "residual": residual, "y0": [1.0, 2.0, 3.0], "yp0": [-1.0, -2.0, -3.0], "jacobian": jacobian, "index": 1,
         "names": ["a", "b", "c"], "t0": 0.0, "scale": 1.0, "sparsity": None, "guards": guards, "guard_names": ["gap"],
-        "switches": _parts(), "partition": None}),
+        "switches": _parts(), "partition": None, "rhs": None}),
     "Switches": Call(lambda: mb.Switches, lambda: {"arguments": tell, "kinds": ("kink",), "weights": [1.0], "names": ("a",)}),
     "Scene.check": Call(lambda: scene().check, lambda: {"accuracy": 1e-6}, "mbdae.api.check_scene"),
     "Scene.system": Call(lambda: scene().system, lambda: {"form": None, "start": None}, "mbdae.api.system_for"),

@@ -28,14 +28,12 @@ def fail(value: Any) -> Any:
 
 def decay(late: Any) -> mb.DAE:
     """y' = -y, whose residual and right-hand side give `late` after FAIL_AT."""
-    system = mb.DAE(lambda t, y, yp, out: fail(late) if t > FAIL_AT else yp + y, [1.0], [-1.0],
-                    lambda t, y, yp, cj, out: [[1 + cj]])  # fmt: skip
 
     def rhs(t: float, y: Any, out: Any) -> None:
         out[:] = fail(late) if t > FAIL_AT else -y
 
-    system.rhs = rhs
-    return system
+    return mb.DAE(lambda t, y, yp, out: fail(late) if t > FAIL_AT else yp + y, [1.0], [-1.0],
+                  lambda t, y, yp, cj, out: [[1 + cj]], rhs=rhs)  # fmt: skip
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.label)
@@ -88,3 +86,18 @@ def test_solver_and_form_by_name_give_the_same_run() -> None:
         assert found["hinge"].angle[-1] == pytest.approx(best["hinge"].angle[-1], abs=1e-7)  # float32 of the end time
         assert (found.info.solver, found.info.form) == (best.info.solver, best.info.form)
     assert s.system("index3").label == s.system(mb.Index3).label == "Index3"
+
+
+def test_a_right_hand_side_is_held_against_the_residual() -> None:
+    """y' = -y: filled in or returned, it is what CVODE integrates; y' = y is another equation."""
+    def made(rhs: Any) -> mb.DAE:
+        return mb.DAE(lambda t, y, yp, out: yp + y, [1.0], [-1.0], rhs=rhs)
+
+    for right in (lambda t, y, out: -y, lambda t, y, out: out.__setitem__(slice(None), -y)):
+        assert mb.CVODE(rtol=1e-8).solve(made(right), 1.0).y[-1, 0] == pytest.approx(np.exp(-1), rel=1e-6)
+    with pytest.raises(mb.OptionError, match=r"rhs contradicts the residual: F\[0\] = 2\.0.*: correct one of them"):
+        made(lambda t, y, out: y)
+    with pytest.raises(mb.OptionError, match="rhs contradicts the residual"):
+        made(lambda t, y, out: None)
+    with pytest.raises(mb.OptionError, match=r"rhs returns .* of shape \(2,\)"):
+        made(lambda t, y, out: np.zeros(2))

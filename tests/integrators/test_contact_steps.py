@@ -194,10 +194,9 @@ def test_constrained_motion_is_not_disturbed(form, solver, bounded, monkeypatch)
     """A pendulum dips 10 um below a surface that exerts no force, 8 times in 10 s: as exact as without the surface."""
     if not bounded:
         monkeypatch.setattr(ContactSteps, "bound", lambda self: inf)
-    system, errors = pendulum(form), []
+    errors = []
     for guards in (None, lambda t, y: (np.array([y[1] + 1 - 1e-5]), y[3:4], np.array([1e-5]))):
-        system.guards = guards
-        solution = solver.solve(system, 10.0)
+        solution = solver.solve(pendulum(form, guards=guards), 10.0)
         errors.append(np.abs(solution.y[:, :4] - pendulum_exact(solution.t, 10.0)).max())
     assert solution.stats.contacts == 8
     assert (solution.stats.dips > 0) != bounded
@@ -264,19 +263,7 @@ def test_a_system_without_guards_pays_nothing(monkeypatch):
 @every_solver
 def test_failure_names_the_contact(name):
     """A wall that is not a number beyond a tenth of the penetration: SUNDIALS then reports success without progress."""
-    system = between_walls(1.0)
-    plain, limit = system.rhs, 0.1 * penetration(1.0)
-
-    def rhs(t, y, out):
-        plain(t, y, out)
-        if not -limit < y[0] < 1e-2 + limit:
-            out[1] = np.nan
-
-    def residual(t, y, yp, out):
-        rhs(t, y, out)
-        out[:] = yp - out
-
-    system.rhs, system.residual = rhs, residual
+    system = between_walls(1.0, limit=0.1 * penetration(1.0))
     with pytest.raises(mb.SolverError, match=r"nearest contact: right wall, gap -.* m, changing by") as caught:
         SOLVERS[name](1e-6, [1e-6 * penetration(1.0), 1e-6]).solve(system, 0.1)
     assert caught.value.time == pytest.approx(0.005, abs=1e-4)
@@ -284,8 +271,7 @@ def test_failure_names_the_contact(name):
 
 @every_solver
 def test_exception_of_the_guards_comes_through(name):
-    system = ball(1.0, 0.01)
-    system.guards = lambda t, y: (np.array([y[0]]), y[1:], np.array([1e-5 if t < 0.003 else 1 / 0]))
+    system = ball(1.0, 0.01, watch=lambda t, y: (np.array([y[0]]), y[1:], np.array([1e-5 if t < 0.003 else 1 / 0])))
     with pytest.raises(ZeroDivisionError):
         SOLVERS[name](1e-6).solve(system, 0.1)
 
@@ -326,8 +312,8 @@ def test_cubic_minimum_and_zero():
 
 def test_a_place_is_not_taken_back_for_ever():
     """Guards that show a dip in every step, however short: after some attempts the step is kept and the dip counted as missed."""
-    system, stats = ball(1.0, 1.0), Stats()
-    system.guards = lambda t, y: (np.array([1e-3]), np.array([1.0 if t else -1.0]), np.array([1e-9]))
+    stats, dip = Stats(), lambda t: (np.array([1e-3]), np.array([1.0 if t else -1.0]), np.array([1e-9]))
+    system = ball(1.0, 1.0, watch=lambda t, y: dip(t))
     steps = ContactSteps(system, stats)
     for attempt in range(contact_steps.RETRIES):
         steps.look(0.1 / 2**attempt, system.y0)
@@ -338,8 +324,8 @@ def test_a_place_is_not_taken_back_for_ever():
 
 
 def test_bound_of_approach_impact_and_rest():
-    system, contact = ball(1.0, 1.0), {"gap": 1.0, "rate": -2.0, "duration": 1e-3}
-    system.guards = lambda t, y: tuple(np.array([contact[part]]) for part in ("gap", "rate", "duration"))
+    contact = {"gap": 1.0, "rate": -2.0, "duration": 1e-3}
+    system = ball(1.0, 1.0, watch=lambda t, y: tuple(np.array([contact[part]]) for part in ("gap", "rate", "duration")))
     steps = ContactSteps(system, Stats())
 
     def bound(t, gap, rate):

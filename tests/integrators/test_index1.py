@@ -54,7 +54,7 @@ def test_rates_are_those_of_the_equations_of_motion(eliminated):
     assert rate == pytest.approx(system.yp0, rel=1e-8, abs=1e-8 * np.max(np.abs(system.yp0)))
     among = system.full.numbering.rows_among(prepared.mechanics.rows)
     assert system.multipliers == pytest.approx(start.multipliers[among], rel=1e-7, abs=1e-7 * np.max(np.abs(start.multipliers)))
-    assert (type(system._fast._solve) if system._fast else None) is way
+    assert (type(kernel._solve) if (kernel := system._rates.kernel) else None) is way
 
 
 def test_every_way_agrees_with_the_full_equations_off_the_constraints(eliminated):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dae_problems import circle, circle_exact, circle_ode, explicit
+from dae_problems import Explicit, circle, circle_exact, circle_ode
 from own_methods import RK4, Dormand8, Euler, Midpoint
 from scenes import physical_pendulum
 
@@ -48,7 +48,7 @@ def test_kinks_leave_no_order():
     def rate(t, y):
         return np.abs(np.sin(7 * t)) + y * np.abs(np.cos(5 * t))
 
-    system = explicit(mb.DAE(lambda t, y, yp, out: yp - rate(t, y), [1.0], [1.0]))
+    system = Explicit(lambda t, y, yp, out: yp - rate(t, y), [1.0], [1.0])
     found = mb.measure_order(RK4(), system, 2.0)
     assert found.orders["unknowns"] is None
     assert "kinks" in found.why["unknowns"]

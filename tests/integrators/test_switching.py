@@ -226,11 +226,10 @@ def test_switches_of_a_system_of_ones_own():
 
     for solver in (mb.RadauIIA(3, rtol=1e-8), mb.IDA(1e-8), mb.CVODE(1e-8)):
         switches = mb.Switches(crossing, ("saturating",), np.ones(1), ("u",))
-        system = mb.DAE(lambda t, y, yp, out: rhs(t, y, out) or out.__isub__(yp), [0.0, 0.0], [1.0, 0.0], switches=switches)
-        system.rhs = rhs
-        assert solver.solve(system, 1.0).y[-1, 1] == pytest.approx(np.sqrt(np.pi) / 1e3, rel=1e-3)
-        system.switches = None
-        assert solver.solve(system, 1.0).y[-1, 1] == pytest.approx(0.0, abs=1e-9)
+        gained = [solver.solve(mb.DAE(lambda t, y, yp, out: rhs(t, y, out) or out.__isub__(yp), [0.0, 0.0], [1.0, 0.0],
+                                      switches=told, rhs=rhs), 1.0).y[-1, 1] for told in (switches, None)]  # fmt: skip
+        assert gained[0] == pytest.approx(np.sqrt(np.pi) / 1e3, rel=1e-3)
+        assert gained[1] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

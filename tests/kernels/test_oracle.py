@@ -51,7 +51,7 @@ def test_laws(law: Any) -> None:
 
 @pytest.mark.parametrize("scene", [prescribed, planar_tree])
 def test_trees(scene: Callable[[], mb.Scene]) -> None:
-    for tree in prepare(scene()).expansion.carried.trees:
+    for tree in prepare(scene()).all_bodies.moved.trees:
         plan = tree_plan(tree.structure)
         for piece in (plan.residual, plan.motion_of_all, *plan.jacobian):
             compare(piece.kernel, random_inputs(piece.kernel))

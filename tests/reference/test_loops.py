@@ -169,7 +169,7 @@ def test_rows_that_joint_coordinates_satisfy_by_themselves(name):
     that are unique right."""
     start, p = drawn(name, 0, "recursive")
     agree(start.mechanism, p)
-    assert np.max(np.abs(p.everything.accelerations(np.zeros(1), p.start.q[None], p.start.u[None], p.start.s[None])[1])) < 1e4
+    assert np.max(np.abs(p.with_all_rows.accelerations(np.zeros(1), p.start.q[None], p.start.u[None], p.start.s[None])[1])) < 1e4
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -193,7 +193,7 @@ def forms(m, p, chosen):
     """Accelerations of the equations of motion in a form, and what is left of them with those of the reference."""
     _, motion, expected = solved(m, p, p.start.t, p.start.q, p.start.u)
     system = system_for(p, chosen, 0 if chosen == Index1() else 1)
-    nb, own = system.numbering, expected[p.expansion.numbering.of_velocities]
+    nb, own = system.numbering, expected[p.all_bodies.numbering.of_velocities]
     moving = slice(nb.nq, nb.nq + nb.nu)
     if system.rhs is not None:  # multipliers eliminated
         out = np.empty(system.n)

@@ -202,7 +202,7 @@ def test_what_is_raised_is_judged_too():
 def test_a_constant_step_is_compared_with_the_same_step_split_by_hand(monkeypatch):
     """The split run of a method of order 5 integrates a box on a mass exactly; a step across the edges, of a run that does not
     look at its inputs before, does not."""
-    monkeypatch.setattr("mbdae.system.equations.RESOLVING", False)
+    monkeypatch.setattr("mbdae.system.scene_system.WATCH_INPUTS_AND_SWITCHES", False)
     p = one_of(scenes.mass, "mass", constrained=False)
     p.inputs = [box(0.5, 0.613, 3.0), NOTHING]
     way, times = judge.Way("step", mb.RadauIIA(3, step=0.07)), oracle.instants(p)

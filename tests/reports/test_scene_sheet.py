@@ -92,7 +92,7 @@ def test_recursive_and_flexible_scenes_have_sheets():
     sheet = Sheet(tree)
     assert sheet.system.label == "ODE"
     sizes = [step.size.unknowns for step in sheet.check.reductions]
-    assert sizes[-1] == size_of(sheet.system).unknowns == 2 < sizes[0]
+    assert sizes[-1] == size_of(sheet.system.assembly).unknowns == 2 < sizes[0]
     assert sizes == sorted(sizes, reverse=True)
     s = mb.Scene("cantilever", gravity=(0, -9.81, 0))
     beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.circular(5e-3, E=210e9, nu=0.3, rho=7850), elements=2)

@@ -62,7 +62,7 @@ def test_arms_of_usual_size_become_recursive(joints: int) -> None:
         before = link
     choice = s.check().choice
     assert len(choice.recursive) == joints
-    assert choice.prepared.expansion.nq + choice.prepared.expansion.nu == 2 * joints
+    assert choice.prepared.all_bodies.nq + choice.prepared.all_bodies.nu == 2 * joints
 
 
 @pytest.mark.parametrize("model", [mb.Kinematic(), mb.Classical()])

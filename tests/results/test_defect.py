@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::mbdae.errors.AccuracyWarning")
 @pytest.fixture(autouse=True)
 def unresolved(monkeypatch):
     """Nothing is known before a run: what is stepped over can be found between its points alone."""
-    monkeypatch.setattr("mbdae.system.equations.RESOLVING", False)
+    monkeypatch.setattr("mbdae.system.scene_system.WATCH_INPUTS_AND_SWITCHES", False)
 
 
 SOLVERS = [None, mb.RadauIIA(3), mb.RadauIIA(2), mb.IDA(), mb.CVODE(method="BDF"), mb.RadauIIA(3, step=5.0), mb.HHT(step=10.0)]
@@ -164,7 +164,7 @@ def test_scenes_in_which_nothing_can_hide_pay_three_per_cent():
 
 def test_what_is_resolved_before_the_run_hides_nothing(monkeypatch):
     """Then the same scenes pay three per cent too, and are right."""
-    monkeypatch.setattr("mbdae.system.equations.RESOLVING", True)
+    monkeypatch.setattr("mbdae.system.scene_system.WATCH_INPUTS_AND_SWITCHES", True)
     defect, run = looked_at(pushed(sp.sin(mb.t)), 5.0)
     assert defect.evaluations <= 0.03 * run.stats.residuals
     r = pushed(box(6.8, 1.0)).simulate(20.0)

@@ -34,12 +34,12 @@ def test_gravity_and_friction_are_absent_where_they_are_not_stated() -> None:
 @pytest.mark.parametrize("space", ["auto", "spatial"])
 def test_constant_terms_need_no_kernel(space: str) -> None:
     """Gravity is a constant; the mass of a body in the plane is one too, and of equal laws there is one kernel."""
-    plain, heavy = (size_of(slider(gravity, space=space).system()) for gravity in (False, True))
+    plain, heavy = (size_of(slider(gravity, space=space).system().assembly) for gravity in (False, True))
     assert (heavy.kernels, heavy.operations) == (plain.kernels, plain.operations)
-    several = size_of(slider(space=space, bodies=3).system())
+    several = size_of(slider(space=space, bodies=3).system().assembly)
     assert several.kernels == plain.kernels
     assert several.operations == 3 * plain.operations
-    rubbing = size_of(slider(friction=mb.Coulomb(0.1, 0.1), space=space).system())
+    rubbing = size_of(slider(friction=mb.Coulomb(0.1, 0.1), space=space).system().assembly)
     assert rubbing.operations > plain.operations
 
 

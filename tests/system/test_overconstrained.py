@@ -8,7 +8,7 @@ from overconstrained_scenes import MECHANISMS, SPEED
 
 import mbdae as mb
 from mbdae.system.prepare import prepare
-from mbdae.system.rank.rows import best, chosen_rows, in_order, smallest, unit_rows
+from mbdae.system.rank.rows import best_rows, chosen_rows, rows_in_order, smallest, unit_rows
 
 PERIOD = 2 * np.pi / SPEED
 
@@ -131,10 +131,10 @@ def test_choices_of_rows_span_what_all_rows_span():
         B = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, n))
         B[1] = 1e-3 * B[0] / np.linalg.norm(B[0]) + B[1] * 1e-9
         B /= np.linalg.norm(B, axis=1, keepdims=True)
-        for pick in (in_order(B, rank, []), best(B, rank, []), chosen_rows(B, rank, []), best(B, rank, [2])):
+        for pick in (rows_in_order(B, rank, []), best_rows(B, rank, []), chosen_rows(B, rank, []), best_rows(B, rank, [2])):
             assert len(set(pick)) == rank
             assert smallest(B[pick], rank) > 1e-3
-        assert in_order(B, rank, [3])[0] == best(B, rank, [3])[0] == 3
+        assert rows_in_order(B, rank, [3])[0] == best_rows(B, rank, [3])[0] == 3
 
 
 def test_a_shaft_that_stays_the_same_keeps_its_names():

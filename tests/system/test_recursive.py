@@ -20,7 +20,7 @@ from mbdae.system.prepare import prepare
 def test_residual_vanishes_on_the_constrained_motion(scene: Callable[[], mb.Scene], form: object) -> None:
     """Accelerations and multipliers of the full constrained equations satisfy the recursive ones, at any state."""
     prepared = prepare(scene())
-    m, e = prepared.mechanics, prepared.expansion
+    m, e = prepared.mechanics, prepared.all_bodies
     system = system_for(prepared, form)  # type: ignore[arg-type]
     nb, rng = system.numbering, np.random.default_rng(3)
     for _ in range(5):
@@ -48,10 +48,10 @@ def differenced(f: Callable[[float], Array]) -> Array:
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("sparse", [False, True])
 def test_jacobian_is_exact(scene: Callable[[], mb.Scene], sparse: bool) -> None:
-    from mbdae.system.equations import make_system
+    from mbdae.system.scene_system import SceneSystem
 
     prepared = prepare(scene())
-    system = make_system(prepared, GGL(algebraic=True).spec(), sparse)
+    system = SceneSystem(prepared, GGL(algebraic=True).spec(), sparse)
     rng = np.random.default_rng(4)
     t, q, u = random_state(prepared, rng)
     y, yp = rng.normal(size=system.n), rng.normal(size=system.n)

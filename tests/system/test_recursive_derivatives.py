@@ -22,10 +22,10 @@ SEEDS = ("q", "u", "up", "wu", "wq")
 
 def inputs(prepared: Prepared, tree: Tree, plan: TreePlan, rng: np.random.Generator) -> dict[str, Any]:
     """Every input of a tree's program at a random state: numbers of the scene, random accelerations and forces."""
-    e = prepared.expansion
+    e = prepared.all_bodies
     t, q, u = random_state(prepared, rng)
     W = e.workspace(t, q, u, rng.normal(size=u.shape))[0]
-    return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq") else W[e.carried.slot(e.numbering, tree, place)])
+    return {str(symbol): complex(rng.normal() if place[0] in ("wu", "wq") else W[e.moved.slot(e.numbering, tree, place)])
             for symbol, place in plan.places.items()}  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def evaluated(plan: TreePlan) -> Callable[[dict[str, Any]], dict[str, complex]]:
 def test_jacobian_of_the_program_by_complex_step(scene: Callable[[], mb.Scene]) -> None:
     """All rows and motions by all inputs; F(x + 1e-30 i) has no cancellation."""
     prepared, rng, step = prepare(scene()), np.random.default_rng(12), 1e-30
-    for tree in prepared.expansion.carried.trees:
+    for tree in prepared.all_bodies.moved.trees:
         plan = tree_plan(tree.structure)
         run, values = evaluated(plan), inputs(prepared, tree, plan, rng)
         outputs = [*plan.rows, *plan.motion]
@@ -63,7 +63,7 @@ def test_jacobian_of_the_program_by_complex_step(scene: Callable[[], mb.Scene]) 
 
 def moments(prepared: Prepared, q: Array, u: Array, up: Array) -> tuple[Array, Array]:
     """M (n, 3), axes b (n, 3) of a chain: the moment M a - f of all behind a joint about its point, without its spring."""
-    e, m, t = prepared.expansion, prepared.mechanics, np.zeros(1)
+    e, m, t = prepared.all_bodies, prepared.mechanics, np.zeros(1)
     all_q, all_u = e.states(t, np.r_[q, u][None])
     w = (e.accelerations(t, q[None], u[None], up[None]) @ m.mass - m.load(t, all_q, all_u, np.zeros((1, 0))))[0]
     joints, nodes = prepared.model.scene.joints, {n.name: n for n in prepared.model.nodes if n.body is not None}

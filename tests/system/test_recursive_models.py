@@ -49,7 +49,7 @@ def test_accelerations_agree(scene: Callable[[], mb.Scene]) -> None:
 def test_the_right_hand_side_is_that_of_the_constrained_equations() -> None:
     """What CVODE integrates, M^-1 of the tree's own kernels, gives the accelerations of the joint coordinates to 1e-12."""
     recursive, classical, _ = variants(tree_on_ground())
-    system, nb = system_for(recursive), recursive.expansion.numbering
+    system, nb = system_for(recursive), recursive.all_bodies.numbering
     assert system.rhs is not None
     for t, q, u in random_states(recursive, 50, seed=8):
         m = classical.mechanics
@@ -92,7 +92,7 @@ def test_force_and_torque_sensors_agree(scene: Callable[[], mb.Scene]) -> None:
     states = list(random_states(recursive, 20, seed=9))
     t = np.linspace(0.0, 1.0, len(states))
     q, u = (np.vstack([state[i] for state in states]) for i in (1, 2))
-    nb, m = recursive.expansion.numbering, kinematic.mechanics
+    nb, m = recursive.all_bodies.numbering, kinematic.mechanics
     rest = np.zeros((len(t), len(nb.states)))
     # prescribed coordinates follow from t, which is not the time of the random states
     y = np.hstack([q[:, nb.of_positions], u[:, nb.of_velocities], rest])

@@ -169,7 +169,7 @@ def test_many_trees_between_constraints_are_sparse_and_move_the_same() -> None:
     system = system_for(prepared)
     assert system.n > 150
     assert system.sparsity is not None
-    assert len(prepared.expansion.carried.plans()) == 1
+    assert len(prepared.all_bodies.moved.plans()) == 1
     times = np.linspace(0, 0.4, 9)
     a, b = (arms(m).simulate(0.4, accuracy=1e-6, solver=mb.IDA(), outputs=times) for m in (R, K))
     assert a.prepared.mechanics.nu == b.prepared.mechanics.nu + 24
@@ -205,7 +205,7 @@ def test_saved_and_loaded(run: mb.Result, tmp_path: Any) -> None:
     for t in (run.t, np.linspace(0, 0.6, 7)):
         for path, value in sensors(run(t)).items():
             np.testing.assert_allclose(sensors(again(t))[path], value, rtol=1e-10, atol=1e-10, err_msg=path)
-    assert again.prepared.expansion.nu == run.prepared.expansion.nu
+    assert again.prepared.all_bodies.nu == run.prepared.all_bodies.nu
 
 
 def test_continued(run: mb.Result) -> None:

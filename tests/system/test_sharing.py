@@ -42,7 +42,7 @@ def test_the_same_motion_with_fewer_unknowns(make: Any, space: str, left: int, m
     assert shared.kinds.count("lambda") == left
     solver = mb.RadauIIA(3, rtol=1e-8)
     r = s.simulate(0.1, solver=solver, outputs=[0, 0.05, 0.1])
-    monkeypatch.setattr("mbdae.system.model.carried_bodies.shared_displacements", lambda *args: Sharing())
+    monkeypatch.setattr("mbdae.system.model.moved_bodies.shared_displacements", lambda *args: Sharing())
     full = make(space).simulate(0.1, solver=solver, outputs=[0, 0.05, 0.1])
     size = 3 if space == "auto" else 6
     assert make(space).system(mb.GGL()).n >= shared.n + 2 * size

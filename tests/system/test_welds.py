@@ -44,7 +44,7 @@ def test_bodies_that_are_welded_have_no_unknowns(space: str, monkeypatch: Any) -
     prepared, full = prepare(flail(space)), by_rows(monkeypatch, flail(space))
     assert set(flail(space).check().rigid) == {"seam", "ball", "foot"}
     point, body = (3, 7) if space == "spatial" else (2, 3)
-    assert full.expansion.nq - prepared.expansion.nq == 2 * point + body
+    assert full.all_bodies.nq - prepared.all_bodies.nq == 2 * point + body
     rows = len(full.rows) - len(prepared.rows)
     assert rows == 2 * point + (6 if space == "spatial" else 3)
     assert prepared.rank.degrees_of_freedom == full.rank.degrees_of_freedom

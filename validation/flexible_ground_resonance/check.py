@@ -62,7 +62,7 @@ def counted(prepared: Prepared) -> int:
     once, without its multiplier."""
     names = {c.name for c in prepared.model.scene.joints if c.kind == "revolute"}
     equal = [row for row in prepared.rows if row.name.rpartition(".")[0] in names and row.name[-2:] in (".x", ".y", ".z")]
-    return prepared.expansion.nu + len(prepared.rows) - 2 * len(equal)
+    return prepared.all_bodies.nu + len(prepared.rows) - 2 * len(equal)
 
 
 def fewer_unknowns() -> tuple[int, str]:

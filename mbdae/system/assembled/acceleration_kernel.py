@@ -17,27 +17,16 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv, dpbsv, dposv
 
 from mbdae.kernels import plan
+from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
-from mbdae.symbolic.outputs import (
-    Target,
-    acceleration,
-    covector,
-    jacobian_G,
-    kinematics,
-    loads,
-    position,
-    scatter_pair,
-    second_rate,
-    state_rows,
-    velocity,
-)
+from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
-SPREAD = 1e-5  #: part of a row of M^-1/2 G^T the others do not hold, below which S has lost too many digits
+SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits
 BANDED_FROM = 64  #: rows from which a band is worth its index lists
 WHOLE_BELOW = 150  #: velocities and multipliers; above, sparse factors of the full equations cost less than full ones of these
 
@@ -47,26 +36,26 @@ RowOf = Callable[[Target, int, int], int]
 
 def _with_drift(d: Derived, rates: list[Expr]) -> list[tuple[Target, Expr]]:
     weights = se.Symbol(VELOCITY), se.Symbol(POSITION)
-    off = zip(rates, velocity(d), position(d), strict=True)
+    off = zip(rates, outputs.velocity(d), outputs.position(d), strict=True)
     return [(("gdd", i), d.scaled(a + weights[0] * v + weights[1] * g)) for i, (a, (_, v), (_, g)) in enumerate(off)]
 
 
 def stabilised(d: Derived) -> list[tuple[Target, Expr]]:
     """G u' + gamma + 2 alpha (G u + g_t) + beta^2 g, as a form integrates them."""
-    return _with_drift(d, second_rate(d))
+    return _with_drift(d, outputs.second_rate(d))
 
 
-def explicit_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """All that u' and lambda follow from: rows of F where they and all rates are 0, and the entries of G."""
+def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
+    """Outputs of a law from which u' and lambda follow: its rows of F where they and all rates are 0, and its entries of G."""
     still = {se.Symbol(f"{d.frames[0].side}_qp{i + 1}"): 0 for i in range(d.frames[0].kind.sizes[0])}
     if isinstance(d.law, Element):
-        return [*((t, e.subs(still)) for t, e in kinematics(d)), *loads(d)]
+        return [*((t, e.subs(still)) for t, e in outputs.kinematics(d)), *outputs.loads(d)]
     penalty = getattr(d.law, "penalty", None)
     forces = [se.Integer(0) if penalty is None else 2 * penalty * c for c in d.g]
-    stated = [entry for f in d.frames for entry in scatter_pair(f, covector(d, f, forces))]
-    rates = [(t, e.subs({se.Symbol(f"statep_{d.states[t[1]]}"): 0})) for t, e in state_rows(d)]
-    gamma = [e for _, e in acceleration(d)]
-    return [*stated, *_with_drift(d, gamma), *rates, *((t, d.scaled(e)) for t, e in jacobian_G(d))]
+    stated = [entry for f in d.frames for entry in outputs.scatter_pair(f, outputs.covector(d, f, forces))]
+    rates = [(t, e.subs({se.Symbol(f"statep_{d.states[t[1]]}"): 0})) for t, e in outputs.state_rows(d)]
+    gamma = [e for _, e in outputs.acceleration(d)]
+    return [*stated, *_with_drift(d, gamma), *rates, *((t, d.scaled(e)) for t, e in outputs.jacobian_G(d))]
 
 
 class Solve(Protocol):
@@ -80,10 +69,10 @@ class Solve(Protocol):
         """a (nu,), x (m,), and the number of a row that depends on the others, or -1."""
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold, at the last solution."""
+        """(m,) squared independent part of every row, over its length, at the last solution."""
 
 
-class Elimination:
+class AccelerationKernel:
     """q', u', s' and multipliers of a system of constrained bodies; multipliers (m,) are those of the last call."""
 
     def __init__(self, full: Any, mass: Array, row_of: RowOf, solve: type[Solve]) -> None:
@@ -94,8 +83,8 @@ class Elimination:
         gathers, places, kernels = [], [], []
         entries: dict[tuple[int, int], int] = {}
         for g, group in enumerate(full.model.groups):
-            p = plan(group.derived, explicit_outputs)
-            active = [i for i in range(len(group.instances)) if (g, i) not in full.carried.dropped]
+            p = plan(group.derived, equations_of_motion)
+            active = [i for i in range(len(group.instances)) if (g, i) not in full.moved.replaced]
             if p.targets and active:
                 gathers.append(nb.gather(g, p.all_inputs, active))
                 kernels.append(p.kernel)
@@ -134,19 +123,19 @@ def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, i
     return int(full.n + 1 + (row * nb.nu + column if full_rows else entry))
 
 
-def elimination(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> Elimination | None:
-    """The fast way for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
+def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
+    """The kernel for bodies; None where the full equations are better: trees, beams, many bodies some of which are massless.
 
-    start: a state (t, y), at which masses that differ too much are seen."""
+    start: a state (t, y), at which it is found out whether masses differ too much."""
     nb = full.numbering
-    if full.carried.nodes or full.model.lines or not nb.m:
+    if full.moved.nodes or full.model.lines or not nb.m:
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
         diagonal = not np.any(M - np.diag(M.diagonal()))
-        found = Elimination(full, M, row_of, Banded if nb.m >= BANDED_FROM and diagonal else Dense)
+        found = AccelerationKernel(full, M, row_of, Banded if nb.m >= BANDED_FROM and diagonal else Dense)
         if found.rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
             return found
-    return Elimination(full, M, row_of, Whole) if nb.nu + nb.m < WHOLE_BELOW else None
+    return AccelerationKernel(full, M, row_of, Whole) if nb.nu + nb.m < WHOLE_BELOW else None
 
 
 class Dense:
@@ -168,7 +157,7 @@ class Dense:
         return (h * root if self._diagonal else h.dot(root)), x, info - 1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         return np.asarray(self._factor.diagonal() ** 2 / self._S.diagonal())
 
 
@@ -209,7 +198,7 @@ class Banded:
         return (f - force) * self._inverse, multipliers, int(self._order[info - 1]) if info else -1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         share = np.empty(self._m)
         share[self._order] = self._factor[0] ** 2 / self._band[0]
         return share
@@ -233,12 +222,12 @@ class Whole:
         return x[:nu], x[nu:], max(info - 1 - nu, 0) if info else -1
 
     def shares(self) -> Array:
-        """(m,) part of every row that the others do not hold."""
+        """(m,) squared independent part of every row."""
         return row_shares(self._K[self._nu :, : self._nu])
 
 
 def row_shares(G: Array) -> Array:
-    """(m,) part of every row of G (m, nu) that the others do not hold."""
+    """(m,) squared part of every row of G (m, nu), over its length, that is independent of the others."""
     unit = G / np.linalg.norm(G, axis=1, keepdims=True)
     _, sigma, V = np.linalg.svd(unit.T, full_matrices=False)
     return np.asarray(1 / np.sum((V / np.maximum(sigma[:, None], 1e-150)) ** 2, axis=0))

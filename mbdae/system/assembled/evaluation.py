@@ -1,4 +1,4 @@
-"""Evaluation of kernels: gather from the workspace, one call per law, scatter by one bincount."""
+"""Evaluation of kernels: inputs gathered from the workspace, one call per law, values added to rows by one bincount."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Scatter:
         self.gathers: list[Index] = []
         self.places: list[Index] = []
         self.kernels: list[Any] = []
-        self._linear: tuple[list[Index], list[Index], list[Array]] = ([], [], [])
+        self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
     def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
         """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...)."""
@@ -62,16 +62,13 @@ class Scatter:
 
     def linear(self, rows: Index, columns: Index, weights: Array) -> None:
         """Terms weight * unknown."""
-        self._linear[0].append(rows)
-        self._linear[1].append(columns)
-        self._linear[2].append(weights)
+        self._linear.append((rows, columns, weights))
 
     @property
     def linear_terms(self) -> tuple[Index, Index, Array]:
         """Rows, columns and weights."""
-        rows, columns, weights = self._linear
-        empty = np.zeros(0, dtype=np.intp)
-        return np.concatenate([empty, *rows]), np.concatenate([empty, *columns]), np.concatenate([np.zeros(0), *weights])
+        rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
+        return rows, columns, weights
 
 
 class TreeStage:
@@ -92,8 +89,9 @@ class TreeStage:
         out.reshape(-1)[self.at] += self.evaluation.values()
 
 
-class Batch:
-    """Residuals at `count` points. stages: forward and residual kernels of loaded trees with slots and places."""
+class ResidualBatch:
+    """Residuals at `count` points. stages: kernels of trees with loaded nodes, for the motion of these
+    and for the forces on them, with the slots they read and the places they write."""
 
     def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,
                  stages: tuple[list[Any], list[Any]]) -> None:  # fmt: skip
@@ -135,7 +133,7 @@ class Batch:
         return np.asarray(total[:, : self.n])
 
     def _pull(self, total: Array) -> None:
-        """Rows of loaded nodes into the rows of the coordinates that move them."""
+        """Project the forces on loaded nodes on the coordinates that move them."""
         rows = self.numbering.loaded_rows
         self.W[:, rows] = total[:, rows - self.n + 1]
         self.backward.add(total)

@@ -1,4 +1,4 @@
-"""Entries of the Jacobian: where the values of kernels and constants belong, carried nodes by the chain rule."""
+"""Entries of the Jacobian: where the values of kernels and constants belong; loaded nodes by the chain rule."""
 
 from __future__ import annotations
 
@@ -14,37 +14,29 @@ from mbdae.system.base import Array
 Index = NDArray[np.intp]
 
 
-def _joined(parts: list[Index]) -> Index:
-    return np.concatenate([np.zeros(0, dtype=np.intp), *(p.ravel() for p in parts)])
-
-
 class Entries:
     """Collects entries (row, column) of F_y and F_y'.
 
     Rows: below n of F, n dropped, above it rows of loaded nodes. Columns: below n of F_y, below 2 n of F_y', above it
     q, u and u' of loaded nodes, -1 dropped. An entry on a loaded node is multiplied by the derivatives of the tree: its
-    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns.
-    """
+    row by those of the rows of F by the node's rows, its column by those of the node's motion by the unknowns."""
 
     def __init__(self, n: int) -> None:
         self.n = n
-        self._rows: list[Index] = []
-        self._columns: list[Index] = []
-        self._fixed: tuple[list[Index], list[Index], list[Array]] = ([], [], [])
+        none = np.zeros(0, np.intp)
+        self._varying: list[tuple[Index, Index]] = [(none, none)]
+        self._fixed: list[tuple[Index, Index, Array]] = [(none, none, np.zeros(0))]
         self._tree_cells: list[tuple[int, int]] = []  #: (row, column) of every value of the trees; (n, -1) if a factor
         self._left: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: row of a loaded node -> rows of F, factors
         self._right: dict[int, list[tuple[int, int]]] = defaultdict(list)  #: slot of a loaded node -> columns, factors
 
     def varying(self, rows: Index, columns: Index) -> None:
         """Entries whose values a kernel gives, in the order of its outputs."""
-        self._rows.append(rows)
-        self._columns.append(columns)
+        self._varying.append((rows.ravel(), columns.ravel()))
 
     def constant(self, rows: Index, columns: Index, values: Array) -> None:
         """Entries with fixed values."""
-        self._fixed[0].append(rows)
-        self._fixed[1].append(columns)
-        self._fixed[2].append(values.ravel())
+        self._fixed.append((rows.ravel(), columns.ravel(), values.ravel()))
 
     def chain(self, piece: Piece, trees: int, slot: Callable[[int, tuple[object, ...]], int]) -> None:
         """The values of a kernel of equal trees; slot(tree, place): slot of a row, of a state or of an input."""
@@ -61,11 +53,10 @@ class Entries:
                     self._tree_cells[-1] = row, column
 
     def finish(self) -> Pattern:
-        """Everything in its place."""
+        """The finished entries."""
         n = self.n
-        rows, columns = _joined(self._rows), _joined(self._columns)
-        fixed_rows, fixed_columns = _joined(self._fixed[0]), _joined(self._fixed[1])
-        values = np.concatenate([np.zeros(0), *self._fixed[2]])
+        rows, columns = (np.concatenate(parts) for parts in zip(*self._varying, strict=True))
+        fixed_rows, fixed_columns, values = (np.concatenate(parts) for parts in zip(*self._fixed, strict=True))
         chained = (fixed_rows > n) | (fixed_columns >= 2 * n)
         all_rows, all_columns = np.r_[rows, fixed_rows[chained]], np.r_[columns, fixed_columns[chained]]
         products = self._products(all_rows, all_columns)

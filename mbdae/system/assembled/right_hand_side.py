@@ -1,4 +1,4 @@
-"""The equations solved for what a method wants: the right-hand side of an ODE, or M, f, g and G apart."""
+"""The equations as some methods need them: solved for y', or by their parts M, f, g and G."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg.lapack import dposv
-from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
@@ -15,13 +15,15 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.scene_system import SceneSystem
-from mbdae.system.assembled.without_multipliers import Rates
+from mbdae.system.assembled.acceleration_kernel import row_shares
+from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.base import Array
-from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
 DENSE_TREES = 100  #: velocities of trees above which their mass matrix is factorised as a sparse one
+ITERATIONS = 30
+SETTLED = 1e-10  #: change of rates and multipliers, over the largest of them, at which Newton's method stops
 
 
 class Partition(NamedTuple):
@@ -33,10 +35,10 @@ class Partition(NamedTuple):
     G: Callable[[float, Array], Array]
 
 
-def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
+def partition_of(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
     """The parts of a scene's equations of motion, for methods of second order."""
-    if expansion.carried.trees and not mechanics.model.lines:
-        return _reduced_partition(mechanics, expansion)
+    if all_bodies.moved.trees and not mechanics.model.lines:
+        return _reduced_partition(mechanics, all_bodies)
 
     def at(t: float) -> Array:
         return np.array([t])
@@ -51,16 +53,16 @@ def partition_of(mechanics: Mechanics, expansion: Expansion) -> Partition:
     )  # fmt: skip
 
 
-def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
+def _reduced_partition(mechanics: Mechanics, all_bodies: AllBodies) -> Partition:
     """The same in joint coordinates: T^T M T, T^T (f - M T' u), and the rows that are left."""
-    left = [row for row in mechanics.rows if (row.group, row.instance) not in expansion.carried.dropped]
+    left = [row for row in mechanics.rows if (row.group, row.instance) not in all_bodies.moved.replaced]
     full = Mechanics(mechanics.model, left)
 
     def at(t: float, q: Array, u: Array | None = None) -> tuple[Array, Array, Array, Array]:
         """t, and q, u of all nodes with the velocity map."""
-        times, u = np.array([t]), np.zeros(expansion.nu) if u is None else u
-        all_q, all_u = expansion.states(times, np.r_[q, u][None])
-        return times, all_q, all_u, expansion.velocity_map(expansion.workspace(times, q[None], u[None]))[0]
+        times, u = np.array([t]), np.zeros(all_bodies.nu) if u is None else u
+        all_q, all_u = all_bodies.states(times, np.r_[q, u][None])
+        return times, all_q, all_u, all_bodies.velocity_map(all_bodies.workspace(times, q[None], u[None]))[0]
 
     def mass(t: float, q: Array) -> Array:
         T = at(t, q)[3]
@@ -69,7 +71,7 @@ def _reduced_partition(mechanics: Mechanics, expansion: Expansion) -> Partition:
     def load(t: float, q: Array, u: Array, s: Array | None = None) -> Array:
         times, all_q, all_u, T = at(t, q, u)
         f = full.load(times, all_q, all_u, None if s is None else s[None])
-        bias = expansion.accelerations(times, q[None], u[None], np.zeros((1, expansion.nu)))
+        bias = all_bodies.accelerations(times, q[None], u[None], np.zeros((1, all_bodies.nu)))
         return np.asarray(T.T @ (f - bias @ full.mass)[0])
 
     def rows(t: float, q: Array) -> Array:
@@ -93,16 +95,86 @@ def state_rates(mechanics: Mechanics, t: float, q: Array, u: Array, s: Array) ->
     return np.asarray(mechanics.of_states(state_rate_outputs, np.array([t]), q[None], u[None], s[None])[0])
 
 
-def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
+class Rates:
+    """y' and multipliers of F(t, (y, lambda), (y', 0)) = 0, where y' and lambda occur linearly or nearly so.
+
+    full: equations whose first unknowns are y, the others algebraic multipliers. linear: whether y' and lambda occur linearly."""
+
+    def __init__(self, full: Assembly, differential: int, linear: bool) -> None:
+        self.full, self.n, self.linear = full, differential, linear
+        self.multipliers = np.zeros(full.n - differential)
+        self._columns = np.repeat(np.arange(full.n), np.diff(full.pattern.indptr))
+        self._rate = self._columns < differential
+        self._Y, self._Yp, self._R = np.zeros((3, full.n))
+
+    def point(self, y: Array, yp: Array) -> None:
+        """Set the unknowns of the full equations to y, y' and the present multipliers."""
+        self._Y[: self.n], self._Y[self.n :], self._Yp[: self.n] = y, self.multipliers, yp
+
+    def matrices(self, t: float, y: Array, yp: Array) -> tuple[sp.csc_matrix, sp.csc_matrix]:
+        """Derivatives of F by (y', lambda) and by y, at the present multipliers."""
+        self.point(y, yp)
+        fy, fyp = self.full.jacobian_values(t, self._Y, self._Yp)
+        self._last = by_rates = self._matrix(np.where(self._rate, fyp, fy))
+        return by_rates, self._matrix(fy)[:, : self.n]
+
+    def shares(self) -> Array:
+        """(m,) squared independent part of every constraint row, at the last matrices."""
+        nb = self.full.numbering
+        return row_shares(self._last[self.n :, nb.nq : nb.nq + nb.nu].toarray())
+
+    def _matrix(self, data: Array) -> sp.csc_matrix:
+        pattern = self.full.pattern
+        return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    def solve(self, t: float, y: Array, out: Array) -> None:
+        """out[:] = y'; the multipliers are kept."""
+        out[:] = 0.0
+        for _ in range(1 if self.linear else ITERATIONS):
+            matrix, _ = self.matrices(t, y, out)
+            self.full.residual(t, self._Y, self._Yp, self._R)
+            step = solved(matrix, self._R, self.full, t)
+            out -= step[: self.n]
+            self.multipliers -= step[self.n :]
+            if self.linear or np.max(np.abs(step)) <= SETTLED * max(np.max(np.abs(out)), np.max(np.abs(self.multipliers))):
+                return
+        raise SolverError(f"friction and reactions find no balance at t = {t:.9g} s: self-locking; take a smaller friction "
+                          f"coefficient", t)  # fmt: skip
+
+    def jacobian(self, t: float, y: Array, yp: Array) -> Array:
+        """dy'/dy (n, n) at y' and the multipliers of the same point, by the theorem on implicit functions."""
+        by_rates, by_state = self.matrices(t, y, yp)
+        return -solved(by_rates, by_state.toarray(), self.full, t)[: self.n]
+
+
+def solved(matrix: sp.csc_matrix, right: Array, full: Assembly, t: float) -> Array:
+    """matrix^-1 right; raises a SolverError that names the unknown where the matrix is singular."""
+    try:
+        x = np.linalg.solve(matrix.toarray(), right) if full.sparsity is None else splu(matrix).solve(right)
+        if np.isfinite(x).all():
+            return np.asarray(x)
+    except (np.linalg.LinAlgError, RuntimeError):
+        pass
+    raise singular(t, "")
+
+
+def singular(t: float, row: str) -> SolverError:
+    """The refusal where constraints depend on each other, or a motion has no inertia."""
+    where = f": {row} depends on the other constraints there" if row else ""
+    return SolverError(f"accelerations and reactions are not determined at t = {t:.9g} s (singular position){where}; the GGL "
+                       f"form with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
+
+
+def rhs_of(system: Assembly, start: tuple[float, Array, Array]) -> Callable[[float, Array, Array], None]:
     """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
 
     That of beams is sparse and factorised once, that of large trees sparse and factorised in every call.
-    Raises SolverError where the mass matrix is not positive definite."""
+    start: t, y and y' at which the mass matrix of beams is read. Raises SolverError where it is not positive definite."""
     nb, still = system.numbering, np.zeros(system.n)
     u = slice(nb.nq, nb.nq + nb.nu)
-    if system.carried.trees and (nb.nu > DENSE_TREES or system.model.lines):
+    if system.moved.trees and (nb.nu > DENSE_TREES or system.model.lines):
         return Rates(system, system.n, linear=True).solve
-    solve = _constant(system, u) if system.model.lines else None
+    solve = _constant_mass_solve(system, u, start) if system.model.lines else None
 
     def rhs(t: float, y: Array, out: Array) -> None:
         system.residual(t, y, still, out)
@@ -117,23 +189,23 @@ def rhs_of(system: SceneSystem) -> Callable[[float, Array, Array], None]:
     return rhs
 
 
-def _constant(system: SceneSystem, u: slice) -> Callable[[Array], Array]:
+def _constant_mass_solve(system: Assembly, u: slice, start: tuple[float, Array, Array]) -> Callable[[Array], Array]:
     """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
-    factors: list[Any] = []  # made in the first call, when the start of the system is known
+    factors: list[Any] = []  # made in the first call
 
     def solve(x: Array) -> Array:
         if not factors:
-            _, data = system.jacobian_values(system.t0, system.y0, system.yp0)
-            M = csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
+            _, data = system.jacobian_values(*start)
+            M = sp.csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
             try:
                 factors.append(splu(M.tocsc()))
             except RuntimeError as error:
-                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), system.t0) from error
+                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), start[0]) from error
         return np.asarray(factors[0].solve(x))
 
     return solve
 
 
-def _massless(system: SceneSystem, unknown: int, t: float) -> SolverError:
+def _massless(system: Assembly, unknown: int, t: float) -> SolverError:
     return SolverError(f"the mass matrix is singular at t = {t:.9g} s: the motion of {system.names[unknown]} has no inertia; "
                        f"give the bodies that it moves mass or inertia", t)  # fmt: skip

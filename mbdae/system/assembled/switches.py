@@ -1,4 +1,4 @@
-"""The arguments that switch or are local in the laws of a scene, as functions of the unknowns of any form."""
+"""Arguments of functions in laws that switch or vary within a narrow range, from the unknowns of any form."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from mbdae.kernels import plan
 from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
 from mbdae.system.assembled.evaluation import Evaluation, TreeStage
 from mbdae.system.base import Array, Switches
-from mbdae.system.model.carried_bodies import Carried
 from mbdae.system.model.model import Instance, Model
+from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
 
 
-def switches_of_model(model: Model, carried: Carried) -> Switches | None:
-    """What solvers have to look at in the laws of a model; None where nothing switches or is local."""
-    members = {place for tree in carried.trees for place in tree.members}
-    watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in carried.dropped or (g, i) in members])
+def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
+    """The arguments of a model that solvers have to watch; None where there are none."""
+    members = {place for tree in moved.trees for place in tree.members}
+    watched = [(g, [i for i in range(len(group.instances)) if (g, i) not in moved.replaced or (g, i) in members])
                for g, group in enumerate(model.groups) if known_switches(group.derived)]  # fmt: skip
     watched = [(g, active) for g, active in watched if active]
     if not watched:
@@ -25,7 +25,7 @@ def switches_of_model(model: Model, carried: Carried) -> Switches | None:
              for s in known_switches(model.groups[g].derived)]  # fmt: skip
     kinds, names = tuple(s.kind for _, s in found), tuple(instance.item for instance, _ in found)
     weights = np.array([_weight(*pair) for pair in found])
-    return Switches(_Arguments(model, carried, watched), kinds, weights, names)
+    return Switches(_Arguments(model, moved, watched), kinds, weights, names)
 
 
 def _weight(instance: Instance, switch: Switch) -> float:
@@ -35,14 +35,14 @@ def _weight(instance: Instance, switch: Switch) -> float:
 
 
 class _Arguments:
-    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of carried bodies."""
+    """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of bodies moved by joints."""
 
-    def __init__(self, model: Model, carried: Carried, watched: list[tuple[int, list[int]]]) -> None:
-        self.carried = carried
+    def __init__(self, model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]]) -> None:
+        self.moved = moved
         needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
-        loaded = carried.nodes if needed & set(carried.nodes) else ()
-        self.numbering = Numbering(model, [], (), False, carried.nodes, loaded, carried.dropped, carried.constants,
-                                   carried.sharing)  # fmt: skip
+        loaded = moved.nodes if needed & set(moved.nodes) else ()
+        self.numbering = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants,
+                                   moved.sharing)  # fmt: skip
         plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
         self.kernels = [p.kernel for p in plans]
         self.gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
@@ -69,10 +69,10 @@ class _Arguments:
         return self._batches[count]
 
     def _stage(self, W: Array) -> TreeStage:
-        """The motion of every carried node, written where the laws read it."""
+        """The motion of every node moved by joint coordinates, written where the laws read it."""
         nb, pieces = self.numbering, []
-        for p, trees in self.carried.plans():
+        for p, trees in self.moved.plans():
             piece = p.motion_of_all
             places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
-            pieces.append((piece, self.carried.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
+            pieces.append((piece, self.moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
         return TreeStage(W, pieces, W.shape[1])

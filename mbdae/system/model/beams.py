@@ -1,4 +1,4 @@
-"""Flexible beams in a model: their nodes as stations, and the kernels of their elements."""
+"""Flexible beams in a model: their nodes (as bodies called stations), and the kernels of their elements."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def drawn_quaternion(body: Body | None) -> Array:
 
 
 class Line:
-    """A beam in a model."""
+    """A beam in a model, as a line of nodes with elements between them."""
 
     def __init__(self, beam: Beam, mesh: LineMesh, nodes: list[Node], kind: NodeKind, scene: SceneData) -> None:
         self.beam, self.mesh, self.nodes, self.kind = beam, mesh, nodes, kind
@@ -173,6 +173,13 @@ class Line:
         at = x[:, : count * nodes.nq].reshape(len(x), count, nodes.nq)
         return np.asarray(nodes.velocity_columns(by_position, at).transpose(2, 0, 1))
 
+    def fastest_vibration(self, q: Array) -> float:
+        """Bound of the angular frequency of every mode at q (nq,), rad/s: no mode of a mesh is faster than the fastest one of its
+        elements alone; infinite where a strain is rigid."""
+        if self.beam.section.rigid:
+            return float("inf")
+        return float(np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(self.blocks, self.stiffness(q)))))))
+
     def energy(self, q: Array, u: Array) -> tuple[Array, Array]:
         """Elastic energy (nt,), J, and dissipated power (nt,), W."""
         kernel = self.displacement
@@ -216,11 +223,10 @@ def nodal_inputs(kernel: ElementKernel, lines: list[Line], q: Array, u: Array, t
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class ElementBatch:
     """A kernel for elements of one or several beams, with the nodes of every element.
 
-    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input.
-    """
+    stresses: (elements, z per element) numbers among all stress unknowns; timed: line and name of every prescribed input."""
 
     kernel: ElementKernel
     lines: list[Line]
@@ -234,7 +240,7 @@ class Batch:
         return [[line.nodes[a] for a in element] for line in self.lines for element in line.mesh.elements]
 
 
-def batches(lines: list[Line], mixed: bool) -> list[Batch]:
+def batches(lines: list[Line], mixed: bool) -> list[ElementBatch]:
     """The kernels of all beams: equal laws in one, gyroscopic moments, loads."""
     groups: dict[Any, list[tuple[Line, LineKernel, NDArray[np.intp]]]] = {}
     first = 0
@@ -245,16 +251,16 @@ def batches(lines: list[Line], mixed: bool) -> list[Batch]:
         first += z.size
         key = (kernel.derived, line.mesh.order, kernel.turns is None)
         groups.setdefault(key, []).append((line, kernel, z))
-    out: list[Batch] = []
+    out: list[ElementBatch] = []
     for members in groups.values():
         of_group = [line for line, _, _ in members]
-        out.append(Batch(merged([kernel for _, kernel, _ in members]), of_group, np.concatenate([z for *_, z in members])))
+        out.append(ElementBatch(merged([kernel for _, kernel, _ in members]), of_group, np.concatenate([z for *_, z in members])))
         if of_group[0].kind is NodeKind.SPATIAL:
             gyroscopic = GyroscopicKernel(np.concatenate([line.blocks for line in of_group]), of_group[0].mesh.order + 1)
-            out.append(Batch(gyroscopic, of_group, _none(gyroscopic)))
+            out.append(ElementBatch(gyroscopic, of_group, _none(gyroscopic)))
     for k, line in enumerate(lines):
         for n, (load, timed) in enumerate(line.loads):
-            out.append(Batch(load, [line], _none(load), tuple((k, f"{n}.{name}") for name in timed), True))
+            out.append(ElementBatch(load, [line], _none(load), tuple((k, f"{n}.{name}") for name in timed), True))
     return out
 
 

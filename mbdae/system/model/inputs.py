@@ -17,9 +17,9 @@ from mbdae.system.model.model import Model
 
 @dataclass(frozen=True)
 class Timeline:
-    """What a run has to respect of its inputs: it lands on every break and steps no farther than they can be followed.
+    """Times at which inputs break, where a run ends a step, and intervals (stretches) that a step must not exceed.
 
-    edges (k+2,): start, breaks and end, s; stretches: where the inputs change by about their own width."""
+    edges (k+2,): start, breaks and end, s; stretches: intervals in which an input changes by about its own width."""
 
     edges: Array
     stretches: Stretches
@@ -30,18 +30,18 @@ class Timeline:
         return self.edges[1:-1]
 
     def longest_step(self, share: float = 1.0) -> Callable[[float], float] | None:
-        """Time -> longest step (s) from there, so many times as long as a stretch; None where the breaks are all there is. Where
-        nothing but this bounds the steps (share below 1), what lies between two breaks is a stretch too."""
+        """Time -> longest step (s) from there, `share` times the stretch; None where share is 1 and inputs vary from break to
+        break alone. With a smaller share every interval between two breaks bounds the step too."""
         if share == 1 and not self.varies:
             return None
         return partial(self.stretches.longest_step, share=share)
 
     @property
     def varies(self) -> bool:
-        """Whether an input varies by itself, not only from break to break."""
+        """Whether some input varies within a stretch that is shorter than the intervals between breaks."""
         return len(self.stretches.edges) > len(self.edges)
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """One line for `check`."""
         found = []
         if len(self.breaks):

@@ -1,4 +1,4 @@
-"""From a scene to nodes and groups of equal laws: what the scene requires, and nothing else."""
+"""From a scene to its model: nodes, and groups of equal laws between them."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class Group:
 
 @dataclass
 class ConditionTime:
-    """Between two breaks of its inputs a run reads their conditions at `time`, in the middle; None: just after every time asked
-    for, and just before `end`, that of the run."""
+    """Time at which conditions of inputs (t < 1 and the like) are evaluated: `time`, inside the part of a run between two breaks;
+    None: just after the time of every evaluation, but before `end`, the end of the run."""
 
     time: float | None = None
     end: float = inf
@@ -70,9 +70,9 @@ class Model:
     groups: list[Group]
     length: float  #: size of the scene, m
     vanished: list[str]  #: "joint.row" of rows that vanish identically, or are undefined
-    kept: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
+    stay_kinematic: dict[str, str] = field(default_factory=dict)  #: recursive joints that stay kinematic, and why
     lines: list[Line] = field(default_factory=list)  #: flexible beams
-    attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> its station
+    attached: dict[tuple[str, str], Body] = field(default_factory=dict)  #: (item, side) on a beam -> the node it is attached to
     undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
@@ -107,7 +107,7 @@ class Model:
     @property
     def recursive(self) -> list[Connection]:
         """Joints that are recursive in this model."""
-        return [c for c in self.scene.joints if c.recursive and c.name not in self.kept]
+        return [c for c in self.scene.joints if c.recursive and c.name not in self.stay_kinematic]
 
     def instances(self) -> Iterator[tuple[int, int, Instance]]:
         """Every law of the model with the numbers of its group and instance."""
@@ -123,7 +123,7 @@ class Model:
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
 
-    kept: recursive joints to be modelled as kinematic ones, and why."""
+    kept: recursive joints that stay kinematic, and why."""
     kept = dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)

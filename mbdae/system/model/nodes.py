@@ -1,4 +1,4 @@
-"""Nodes of a model: what carries unknowns."""
+"""Nodes of a model: bodies, nodes of beams, and coordinates of joints, each with its unknowns."""
 
 from __future__ import annotations
 

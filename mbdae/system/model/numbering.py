@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from itertools import accumulate
+from typing import Any
 
 import numpy as np
 import symengine as se
@@ -19,6 +20,7 @@ from mbdae.symbolic.outputs import Target
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
+from mbdae.system.model.shared_nodes import Sharing
 
 COORDINATES = {
     NodeKind.SPATIAL: (("x", "y", "z", "P0", "P1", "P2", "P3"), ("vx", "vy", "vz", "Omega_x", "Omega_y", "Omega_z")),
@@ -27,27 +29,6 @@ COORDINATES = {
     NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
     NodeKind.COORDINATE: (("angle",), ("rate",)),
 }
-
-class Shared(Protocol):
-    """Who has the displacement unknowns of a node, and where a node is fixed."""
-
-    @property
-    def owner(self) -> Mapping[str, Node]:
-        """Node -> the node whose displacement it takes."""
-
-    @property
-    def fixed(self) -> Mapping[str, Array]:
-        """Node -> its constant position."""
-
-    @property
-    def turner(self) -> Mapping[str, Node]:
-        """Node -> the node whose rotation it takes; its displacement is shared too."""
-
-    @property
-    def upright(self) -> Mapping[str, Array]:
-        """Node -> its constant rotation; its displacement is constant too."""
-
-
 _SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
 
 
@@ -74,97 +55,90 @@ def constraint_rows(model: Model) -> list[Row]:
 
 
 class Numbering:
-    """y = (q, u, s, z, lambda, mu); blocks a form does not have are empty. Dropped rows read a zero and write nowhere.
+    """Where every number stands: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
 
-    carried: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them that laws
-    read; behind y and y' they have slots for q, u and u' and for the rows "wq", "wu" that laws add to. dropped: groups
-    and instances that do not take part. constants: further numbers, behind those of the laws. sharing: nodes whose
-    displacement is that of another node, or constant. numbers: parameters every law sees (those of a form).
-    """
+    The workspace is a row of all numbers that kernels read; a slot is a column of it. Its slots are y, y', the motion of loaded
+    nodes, prescribed values, constants (numbers of the laws and the like), and a zero, which entries without unknown read.
+
+    moved: nodes whose motion follows from joint coordinates: they have no unknowns. loaded: those of them on which laws
+    act; their slots are q, u and u', and the forces "wq", "wu" that laws add to their rows. replaced: groups and instances of
+    laws that are evaluated with a tree. constants: further numbers, behind those of the laws. sharing: nodes whose displacement
+    is that of another node, or constant. numbers: parameters every law sees (those of a form)."""
 
     def __init__(self, model: Model, rows: list[Row], blocks: tuple[str, ...] = ("lambda", "mu"), derivatives: bool = False,
-                 carried: Sequence[Node] = (), loaded: Sequence[Node] = (),
-                 dropped: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
-                 sharing: Shared | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
+                 moved: Sequence[Node] = (), loaded: Sequence[Node] = (),
+                 replaced: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
+                 sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
-        self.free = [node for node in model.nodes if node not in set(carried)]
+        self.free = [node for node in model.nodes if node not in set(moved)]
         self._place: dict[str, tuple[int, int]] = {}
         self.nq = self.nu = 0
-        self._owner: Mapping[str, Node] = sharing.owner if sharing else {}
-        self._fixed: Mapping[str, Array] = sharing.fixed if sharing else {}
-        self._turner: Mapping[str, Node] = sharing.turner if sharing else {}
-        self._upright: Mapping[str, Array] = sharing.upright if sharing else {}
+        self._sharing = sharing or Sharing()
         for node in self.free:
             self._place[node.name] = self.nq, self.nu
             self.nq += node.kind.sizes[0] - self._own(node, "q")
             self.nu += node.kind.sizes[1] - self._own(node, "u")
-        self.states = {
-            (g, i, j): f"{instance.item}.{name}"
-            for g, group in enumerate(model.groups)
-            for i, instance in enumerate(group.instances) if (g, i) not in dropped
-            for j, name in enumerate(group.derived.states)
-        }  # fmt: skip
+        self.states = {(g, i, j): f"{instance.item}.{name}" for g, i, instance in model.instances() if (g, i) not in replaced
+                       for j, name in enumerate(model.groups[g].derived.states)}  # fmt: skip
         self._state = {key: n for n, key in enumerate(self.states)}
         self._row = {(r.group, r.instance, r.row): n for n, r in enumerate(rows)}
-        self.start = {"q": 0, "u": self.nq, "s": self.nq + self.nu}
-        n = self.nq + self.nu + len(self.states)
         self.stresses = [name for line in model.lines for name in line.stresses] if "z" in blocks else []
-        self.start["z"] = n
-        n += len(self.stresses)
-        for block in ("lambda", "mu"):
-            self.start[block] = n
-            n += self.m if block in blocks else 0
-        self.n, self.carried = n, 2 * n
-        self._carried: dict[str, int] = {}
+        sizes = {"q": self.nq, "u": self.nu, "s": len(self.states), "z": len(self.stresses)}
+        sizes |= {block: self.m if block in blocks else 0 for block in ("lambda", "mu")}
+        self.start = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
+        self.n = sum(sizes.values())
+        self._loaded: dict[str, int] = {}
+        self.first_input = 2 * self.n
         for node in loaded:
-            self._carried[node.name] = self.carried
-            self.carried += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
-        self._clock_values: list[Any] = []
-        self._constants: list[float] = []
+            self._loaded[node.name] = self.first_input
+            self.first_input += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
         self._gathers: dict[Any, NDArray[np.intp]] = {}
         self._clock_calls: dict[int, tuple[Array, Array, Callable[[], Any]]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self._numbers = dict(numbers or {})
-        self._collect()
-        self.further = self.carried + len(self._clock_values) + len(self._constants)
-        self._constants += constants
-        self._at: dict[str, int] = {}
-        for name, position in self._fixed.items():
-            self._at[name] = self.carried + len(self._clock_values) + len(self._constants)
-            self._constants += list(position)
-        self._turned: dict[str, int] = {}
-        for name, rotation in self._upright.items():
-            self._turned[name] = self.carried + len(self._clock_values) + len(self._constants)
-            self._constants += list(rotation)
+        self._clock_values = self._collect_prescribed()
+        self._first_constant = self.first_input + len(self._clock_values)
+        self._constants: list[float] = []
+        self._collect_numbers()
+        self.further = self._add(constants)
+        self._at = {name: self._add(position) for name, position in self._sharing.fixed_position.items()}
+        self._turned = {name: self._add(rotation) for name, rotation in self._sharing.fixed_rotation.items()}
         self.clock = Kernel([timed.TIME, timed.SIDE], self._clock_values)
-        self.width = self.carried + len(self._clock_values) + len(self._constants) + 1
+        self.width = self._first_constant + len(self._constants) + 1
 
-    def _collect(self) -> None:
-        """Give every number and every prescribed value a slot."""
-        for g, group in enumerate(self.model.groups):
-            for i, instance in enumerate(group.instances):
-                for name, value in instance.timed.items():
-                    for suffix, derivative in zip(("", "_dot", "_ddot"), timed.derivatives(se.sympify(value)), strict=True):
-                        self._slots[g, i, name + suffix] = self.carried + len(self._clock_values)
-                        self._clock_values.append(derivative)
+    def _collect_prescribed(self) -> list[Any]:
+        """Every prescribed value with its derivatives, each of which gets a slot."""
+        values: list[Any] = []
+
+        def add(key: tuple[int, int, str], value: Any) -> None:
+            self._slots[key] = self.first_input + len(values)
+            values.append(value)
+
+        for g, i, instance in self.model.instances():
+            for name, value in instance.timed.items():
+                for suffix, derivative in zip(("", "_dot", "_ddot"), timed.derivatives(se.sympify(value)), strict=True):
+                    add((g, i, name + suffix), derivative)
         for k, line in enumerate(self.model.lines):
             for name, value in line.timed.items():
-                self._slots[-1, k, name] = self.carried + len(self._clock_values)
-                self._clock_values.append(timed.sided(se.sympify(value)))
-        for g, group in enumerate(self.model.groups):
-            for i, instance in enumerate(group.instances):
-                for name, number in instance.numbers.items():
-                    self._slots[g, i, name] = self.carried + len(self._clock_values) + len(self._constants)
-                    self._constants.append(number)
-        for name, number in self._numbers.items():
-            self._slots[-2, 0, name] = self.carried + len(self._clock_values) + len(self._constants)
-            self._constants.append(number)
+                add((-1, k, name), timed.sided(se.sympify(value)))
+        return values
+
+    def _collect_numbers(self) -> None:
+        """Give every number of the laws and of the form a slot."""
+        for g, i, instance in self.model.instances():
+            self._slots |= {(g, i, name): self._add([number]) for name, number in instance.numbers.items()}
+        self._slots |= {(-2, 0, name): self._add([number]) for name, number in self._numbers.items()}
+
+    def _add(self, numbers: Iterable[float]) -> int:
+        """Append constants; the slot of the first."""
+        first = self._first_constant + len(self._constants)
+        self._constants.extend(numbers)
+        return first
 
     def workspace(self, count: int) -> Array:
         """(count, width) rows [y, y', prescribed values, parameters, 0] with the constants filled in."""
         W = np.zeros((count, self.width))
-        first = self.carried + len(self._clock_values)
-        W[:, first : first + len(self._constants)] = self._constants
+        W[:, self._first_constant : -1] = self._constants
         return W
 
     @property
@@ -188,19 +162,19 @@ class Numbering:
         x, out, call = self._clock_calls[len(t)]
         x[:, 0], x[:, 1] = t, self._sides(t) if self.side is None else self.side
         call()
-        W[:, self.carried : self.carried + len(self._clock_values)] = out
+        W[:, self.first_input : self._first_constant] = out
 
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""
         nq, nu = node.kind.sizes
-        if node.name in self._carried:
+        if node.name in self._loaded:
             parts = {"q": 0, "u": nq, "up": nq + nu, "wq": nq + 2 * nu, "wu": 2 * (nq + nu)}
-            return self._carried[node.name] + parts[head] + component
+            return self._loaded[node.name] + parts[head] + component
         if self.shares(node, component, head):
             n = node.kind.translations
-            owner, at = (self._owner, self._at) if component < n else (self._turner, self._turned)
-            if node.name in owner:
-                return self.node_place(head, owner[node.name], component)
+            leader, at = (self._sharing.displacement_of, self._at) if component < n else (self._sharing.rotation_of, self._turned)
+            if node.name in leader:
+                return self.node_place(head, leader[node.name], component)
             return at[node.name] + (component if component < n else component - n) if head == "q" else self.width - 1
         (q, u), first = self._place[node.name], self._own(node, head)
         return (q if head[0] == "q" else self.nq + u) + component - first + (self.n if head.endswith("p") else 0)
@@ -211,18 +185,16 @@ class Numbering:
 
     def _own(self, node: Node, head: str) -> int:
         """Number of entries of "q" or "u" that are not unknowns of the node itself: displacements, or all."""
-        if node.name in self._turner or node.name in self._upright:
+        if node.name in self._sharing.turned:
             return node.kind.sizes[0 if head[0] == "q" else 1]
-        return node.kind.translations if node.name in self._owner or node.name in self._fixed else 0
+        return node.kind.translations if node.name in self._sharing.nodes else 0
 
     @cached_property
     def loaded_rows(self) -> NDArray[np.intp]:
         """Slots of the rows of loaded nodes."""
-        slots = []
-        for node in (n for n in self.model.nodes if n.name in self._carried):
-            for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True):
-                slots += [self.node_place(head, node, i) for i in range(size)]
-        return np.array(slots, dtype=np.intp)
+        return np.array([self.node_place(head, node, i) for node in self.model.nodes if node.name in self._loaded
+                         for head, size in zip(("wq", "wu"), node.kind.sizes, strict=True) for i in range(size)],
+                        dtype=np.intp)  # fmt: skip
 
     def node_of(self, target: Target, g: int, i: int) -> Node:
         """The node of a target ("q" | "u" | ..., side, component)."""
@@ -231,7 +203,7 @@ class Numbering:
         return node
 
     def place(self, target: Target, g: int, i: int) -> int:
-        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then carried nodes; -1 if dropped."""
+        """Slot of a target of instance i in group g: below n in y, below 2 n in y', then loaded nodes; -1 if dropped."""
         head = target[0]
         if head in ("q", "u", "qp", "up"):
             return self.node_place(head, self.node_of(target, g, i), target[2])

@@ -1,13 +1,13 @@
-"""Nodes of beams that share unknowns: a joint through both of them needs no translation rows, a weld no rows at all.
+"""Nodes of beams that share unknowns, so that the joint between them needs no translation rows, or a weld no rows at all.
 
-The paper's models count no multipliers for translations: end nodes of links that meet in a joint are one point. Where a
-joint lies exactly on two nodes, the second takes the displacement unknowns of the first; where it lies on the ground,
-the node's displacement is a constant. A weld between nodes with equal axes shares their rotation too.
+Where a joint lies exactly on two nodes, they are one point: the second takes the displacement unknowns of the first. Where it
+lies on the ground, the node's displacement is constant. A weld between nodes with equal axes shares their rotation too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,23 +26,29 @@ ROWS = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Sharing:
-    """owner: node -> the node whose displacement it takes; fixed: node -> its constant position; turner, upright: the same
-    for rotations (quaternion, or angle in the plane) of nodes that share both; rows not needed."""
+    """displacement_of: node -> the node whose displacement it takes; fixed_position: node -> its constant position;
+    rotation_of, fixed_rotation: the same for rotations (quaternion, or angle in the plane) of nodes that share both;
+    rows: group, instance and row number of the constraint rows that are satisfied by this."""
 
-    owner: dict[str, Node] = field(default_factory=dict)
-    fixed: dict[str, Array] = field(default_factory=dict)
+    displacement_of: dict[str, Node] = field(default_factory=dict)
+    fixed_position: dict[str, Array] = field(default_factory=dict)
     rows: frozenset[tuple[int, int, int]] = frozenset()
-    turner: dict[str, Node] = field(default_factory=dict)
-    upright: dict[str, Array] = field(default_factory=dict)
+    rotation_of: dict[str, Node] = field(default_factory=dict)
+    fixed_rotation: dict[str, Array] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def nodes(self) -> set[str]:
         """Names of the nodes without displacement unknowns of their own."""
-        return self.owner.keys() | self.fixed.keys()
+        return self.displacement_of.keys() | self.fixed_position.keys()
+
+    @cached_property
+    def turned(self) -> set[str]:
+        """Names of the nodes without rotation unknowns of their own."""
+        return self.rotation_of.keys() | self.fixed_rotation.keys()
 
 
-def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[tuple[int, int]]) -> Sharing:
-    """The joints of a model with beams whose rows are met by sharing; excluded: nodes that are carried."""
+def shared_displacements(model: Model, excluded: set[Node], replaced: frozenset[tuple[int, int]]) -> Sharing:
+    """The joints of a model with beams whose rows are met by sharing; excluded: nodes moved by joint coordinates."""
     leads: dict[Node, Node] = {}
     pinned: dict[Node, Array] = {}
     order = {n: i for i, n in enumerate(model.nodes)}
@@ -52,7 +58,7 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
         names, ends = model.groups[g].derived.rows, [n for n in instance.nodes[:2] if n is not None]
         if model.groups[g].derived.reactive:
             continue  # its friction needs the multipliers
-        if (g, i) in dropped or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
+        if (g, i) in replaced or not {"x", "y"} <= set(names) or excluded & set(ends) or not _on_both(model, instance):
             continue
         first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
         if len(ends) == 1 and first not in pinned:
@@ -62,34 +68,34 @@ def shared_displacements(model: Model, excluded: set[Node], dropped: frozenset[t
             if others[0] in pinned:
                 pinned[first] = pinned.pop(others[0])
         elif others or len(ends) == 1:
-            continue  # held at two points of the ground: the rows say more than sharing could
+            continue  # held at two points of the ground: these rows are needed
         rows |= {(g, i, names.index(name)) for name in ROWS if name in names}
         if instance.law.welds:
             welded.append((g, i, ends))
-    fixed = {n.name: pinned[leader(n, leads)] for n in model.nodes if leader(n, leads) in pinned}
-    owner = {n.name: leader(n, leads) for n in model.nodes if n in leads and n.name not in fixed}
-    turner, upright, more = _shared_rotations(model, welded)
-    return Sharing(owner, fixed, frozenset(rows | more), turner, upright)
+    fixed_position = {n.name: pinned[leader(n, leads)] for n in model.nodes if leader(n, leads) in pinned}
+    displacement_of = {n.name: leader(n, leads) for n in model.nodes if n in leads and n.name not in fixed_position}
+    rotation_of, fixed_rotation, more = _shared_rotations(model, welded)
+    return Sharing(displacement_of, fixed_position, frozenset(rows | more), rotation_of, fixed_rotation)
 
 
 def _shared_rotations(model: Model, welded: list[tuple[int, int, list[Node]]],
                       ) -> tuple[dict[str, Node], dict[str, Array], set[Any]]:  # fmt: skip
     """Nodes that take the rotation of another one, or keep that they are drawn with, and the rows of welds this meets."""
     leads: dict[Node, Node] = {}
-    upright: dict[Node, Array] = {}
+    fixed_rotation: dict[Node, Array] = {}
     rows: set[Any] = set()
     order = {n: i for i, n in enumerate(model.nodes)}
     for g, i, ends in welded:
         first, *others = sorted({leader(n, leads) for n in ends}, key=lambda n: order[n])
-        if len(ends) == 1 and first not in upright:
-            upright[first] = _drawn(first)
-        elif len(ends) == 2 and others and others[0] not in upright and _alike(*ends):
+        if len(ends) == 1 and first not in fixed_rotation:
+            fixed_rotation[first] = _drawn(first)
+        elif len(ends) == 2 and others and others[0] not in fixed_rotation and _alike(*ends):
             leads[others[0]] = first
         else:
             continue
         names = model.groups[g].derived.rows
         rows |= {(g, i, r) for r, name in enumerate(names) if name not in ROWS}
-    kept = {n.name: upright[leader(n, leads)] for n in model.nodes if leader(n, leads) in upright}
+    kept = {n.name: fixed_rotation[leader(n, leads)] for n in model.nodes if leader(n, leads) in fixed_rotation}
     return {n.name: leader(n, leads) for n in leads if n.name not in kept}, kept, rows
 
 

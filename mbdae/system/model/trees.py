@@ -1,4 +1,4 @@
-"""Trees of recursive joints and welds in a model: which joint carries which body from which root, and what is part of it."""
+"""Trees of recursive joints and welds in a model: root, joints, the body that each joint moves, and the laws between them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ Place = tuple[int, int]  #: numbers of a group and of an instance
 
 @dataclass(frozen=True)
 class Tree:
-    """A tree with its nodes and laws. nodes[0] is the root (None: the ground), nodes[j] is carried by joints[j - 1]."""
+    """A tree with its nodes and laws. nodes[0] is the root (None: the ground), nodes[j] is moved by joints[j - 1].
+
+    members: numbers of the elements and forces between nodes of the tree, which its kernels contain."""
 
     structure: TreeStructure
     nodes: tuple[Node | None, ...]
@@ -35,7 +37,7 @@ class Tree:
     numbers: tuple[dict[str, float], ...]  #: of the joints, with the quaternions of their axes
 
     @property
-    def carried(self) -> tuple[Node, ...]:
+    def moved_nodes(self) -> tuple[Node, ...]:
         """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
         driven = [c for c, link in zip(self.coordinates, self.structure.links, strict=True) if link.prescribed]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
@@ -106,12 +108,12 @@ def find_trees(model: Model) -> list[Tree]:
 def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
     """Rigid joints that close no loop with the recursive ones."""
     leads: dict[Body, Body] = {}
-    points: set[Body] = set()  # a point carries nothing: it has no orientation
+    points: set[Body] = set()  # a point has no orientation, so nothing is mounted on it
     for _, k, l in joints:
         leads[leader(k, leads)] = leader(l, leads)
         points |= {b for b in (k, l) if b.is_point}
     found = []
-    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.kept):
+    for c in (c for c in model.scene.joints if c.rigid and c.name not in model.stay_kinematic):
         a, b = leader(c.k, leads), leader(c.l, leads)
         if a is not b and not points & {c.k, c.l}:
             leads[a] = b
@@ -121,7 +123,7 @@ def _rigid(model: Model, joints: list[Joined]) -> list[Joined]:
 
 
 def _roots(joints: list[Joined], ground: Body) -> list[Body]:
-    """The ground first, then bodies no recursive joint carries as its l, then the rest."""
+    """Bodies in the order in which they may be roots: the ground, those that are no joint's l, the rest."""
     bodies = list(dict.fromkeys([b for _, *ends in joints for b in ends]))
     carried = {l for _, _, l in joints}
     return sorted(bodies, key=lambda b: (b is not ground, b.is_point, b in carried))
@@ -179,13 +181,13 @@ def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
     if "k_P0" in own and "l_P0" in own:
         k, l = (drawn_quaternion(None if n is None else n.body) for n in instance.nodes[:2])
         to_joint, of_l = (np.array([own[f"{side}_P{i}"] for i in range(4)]) for side in "kl")
-        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:  # the node carried keeps its neighbours' sign
+        if quaternion_product(k, to_joint) @ quaternion_product(l, of_l) < 0:  # the outer node keeps the sign of the inner one
             own |= {f"l_P{i}": -float(p) for i, p in enumerate(of_l)}
     return own
 
 
 def _rounded(numbers: dict[str, float], length: float) -> Numbers:
-    """What is 0, 1 or -1 up to round-off is part of the structure; all else stays a number given at run time."""
+    """Numbers that are 0, 1 or -1 but for rounding become part of the structure; all others are given at run time."""
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
         small = ROUND_OFF * (length if "_p" in name else 1.0)
@@ -195,7 +197,7 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
 
 
 def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
-    """Elements and forces between nodes of one tree (and the ground) that act on a carried one."""
+    """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
     return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates

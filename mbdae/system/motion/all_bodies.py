@@ -1,4 +1,4 @@
-"""From the unknowns of a form to the motion of all bodies, carried ones included; dynamics in joint coordinates."""
+"""The motion of all bodies from the unknowns of a form, joint coordinates among them; dynamics in joint coordinates."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 
 from mbdae.system.base import Array
-from mbdae.system.model.carried_bodies import Carried, slot_of
 from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
 from mbdae.system.motion.constrained import least_norm, solve_constrained
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.motion.reaction_forces import Solve
+from mbdae.system.motion.reaction_friction import Solve
 
 
-class Expansion:
-    """The motion of a model's nodes from the unknowns (q, u, s) that recursive joints leave."""
+class AllBodies:
+    """The motion of all nodes of a model from its unknowns (q, u, s), among them the coordinates of recursive joints."""
 
-    def __init__(self, model: Model, carried: Carried) -> None:
-        self.model, self.carried = model, carried
-        self.numbering = carried.numbering(model, [], (), loaded=False)
+    def __init__(self, model: Model, moved: MovedBodies) -> None:
+        self.model, self.moved = model, moved
+        self.numbering = moved.numbering(model, [], (), loaded=False)
         self.nq, self.nu = self.numbering.nq, self.numbering.nu
 
     def workspace(self, t: Array, q: Array, u: Array, up: Array | None = None) -> Array:
@@ -38,7 +38,7 @@ class Expansion:
 
     def states(self, t: Array, y: Array) -> tuple[Array, Array]:
         """q (nt, nq), u (nt, nu) of all nodes from unknowns y (nt, n)."""
-        if not self.carried.trees and not self.carried.sharing.nodes:
+        if not self.moved.trees and not self.moved.sharing.nodes:
             return y[:, : self.nq], y[:, self.nq : self.nq + self.nu]
         W = self.workspace(t, y[:, : self.nq], y[:, self.nq : self.nq + self.nu])
         q, u, _ = self._motion(W, None)
@@ -60,9 +60,9 @@ class Expansion:
             a[:, nb.of_velocities] = up
         out = {"q": q, "u": u, "up": a}
         self._share(out)
-        for plan, trees in self.carried.plans():
+        for plan, trees in self.moved.plans():
             piece = plan.motion_of_all
-            values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+            values = piece.kernel.values(W[:, self.moved.gather(nb, piece, trees)])
             for i, tree in enumerate(trees):
                 for o, (head, j, component) in enumerate(piece.targets):
                     out[head][:, _first(tree.node(j), head) + component] = values[:, i, o]
@@ -71,29 +71,21 @@ class Expansion:
 
     def _share(self, out: dict[str, Array]) -> None:
         """Displacements and rotations that nodes share, and those that are fixed."""
-        sharing, by_name = self.carried.sharing, {n.name: n for n in self.model.nodes}
-        for name, position in sharing.fixed.items():
-            node = by_name[name]
-            out["q"][:, node.q : node.q + node.kind.translations] = position[: node.kind.translations]
-        for name, owner in sharing.owner.items():
-            node = by_name[name]
-            for head, values in out.items():
-                a, b, n = _first(node, head), _first(owner, head), node.kind.translations
-                values[:, a : a + n] = values[:, b : b + n]
-        for name, rotation in sharing.upright.items():
-            node = by_name[name]
-            out["q"][:, node.q + node.kind.translations : node.q + node.kind.sizes[0]] = rotation
-        for name, turner in sharing.turner.items():
-            node, n = by_name[name], by_name[name].kind.translations
-            for head, values in out.items():
-                a, b, size = _first(node, head), _first(turner, head), node.kind.sizes[0 if head == "q" else 1]
-                values[:, a + n : a + size] = values[:, b + n : b + size]
+        sharing, nodes = self.moved.sharing, {n.name: n for n in self.model.nodes}
+        for turning, fixed in enumerate((sharing.fixed_position, sharing.fixed_rotation)):
+            for name, value in fixed.items():
+                part = _part(nodes[name], "q", turning)
+                out["q"][:, part] = value[: part.stop - part.start]
+        for turning, leaders in enumerate((sharing.displacement_of, sharing.rotation_of)):
+            for name, leader in leaders.items():
+                for head, values in out.items():
+                    values[:, _part(nodes[name], head, turning)] = values[:, _part(leader, head, turning)]
 
     def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
         for j, link in enumerate(tree.structure.links, start=1):
             if link.prescribed:
                 for order, head in enumerate(("q", "u", "up")):
-                    slot = self.carried.slot(self.numbering, tree, ("clock", j, order))
+                    slot = self.moved.slot(self.numbering, tree, ("clock", j, order))
                     out[head][:, _first(tree.node(-j), head)] = W[:, slot]
 
     def velocity_map(self, W: Array) -> Array:
@@ -101,9 +93,9 @@ class Expansion:
         nb = self.numbering
         T = np.zeros((len(W), self.model.nu, self.nu))
         T[:, nb.of_velocities, np.arange(self.nu)] = 1.0
-        for plan, trees in self.carried.plans():
+        for plan, trees in self.moved.plans():
             for piece in plan.velocities:
-                values = piece.kernel.values(W[:, self.carried.gather(nb, piece, trees)])
+                values = piece.kernel.values(W[:, self.moved.gather(nb, piece, trees)])
                 for i, tree in enumerate(trees):
                     for o, ((head, j, component), place) in enumerate(piece.targets):
                         column = slot_of(nb, tree, place) - nb.nq
@@ -115,16 +107,22 @@ def _first(node: Node, head: str) -> int:
     return node.q if head == "q" else node.u
 
 
+def _part(node: Node, head: str, turning: int) -> slice:
+    """Translations of a node (0), or its rotation (1), among all q or u."""
+    first, n = _first(node, head), node.kind.translations
+    return slice(first + n, first + node.kind.sizes[0 if head == "q" else 1]) if turning else slice(first, first + n)
+
+
 class TreeMechanics(Mechanics):
     """Mechanics of a model with recursive joints: accelerations from the joint coordinates, reactions from leaf to root."""
 
-    def __init__(self, model: Model, rows: list[Row], expansion: Expansion, redundant: int = 0) -> None:
+    def __init__(self, model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> None:
         super().__init__(model, rows, redundant)
-        self.expansion = expansion
+        self.all_bodies = all_bodies
 
     def _constrained(self, t: Array, q: Array, u: Array) -> Solve:
         """u' (nt, nu) and lambda (nt, m) of all nodes and rows, those of recursive joints included."""
-        e = self.expansion
+        e = self.all_bodies
         qr, ur = e.reduced(q, u)
         T = e.velocity_map(e.workspace(t, qr, ur))
         bias = e.accelerations(t, qr, ur, np.zeros_like(ur))
@@ -139,7 +137,7 @@ class TreeMechanics(Mechanics):
             reduced = mass, np.einsum("tij,tj->ti", Tt, f - bias @ M), rows, right, units
             ud, lam = solve_constrained(*reduced, None if inner is None else Tt @ inner, E)
             acceleration = np.einsum("tij,tj->ti", T, ud) + bias
-            left = f - acceleration @ M  # what all rows together have to give
+            left = f - acceleration @ M  # force that all reactions together exert
             if inner is not None:
                 left += np.einsum("tij,tj->ti", inner, lam)
             if self.redundant:
@@ -153,14 +151,14 @@ class TreeMechanics(Mechanics):
 
     @cached_property
     def closing(self) -> Any:
-        """(m,) numbers of the rows that recursive joints leave."""
-        inside = self.expansion.carried.dropped
+        """(m,) numbers of the rows of joints that are not recursive: those that close loops."""
+        inside = self.all_bodies.moved.replaced
         return np.array([n for n, r in enumerate(self.rows) if (r.group, r.instance) not in inside], dtype=int)
 
     def _leaf_to_root(self, left: Array, G: Array, multipliers: Array) -> None:
-        """G^T lambda = left joint by joint from the leaves: each balances what is left on the body it carries."""
+        """G^T lambda = left joint by joint from the leaves: each joint balances the force that is left on the body it moves."""
         numbers = {(r.group, r.instance, r.row): n for n, r in enumerate(self.rows)}
-        for tree in self.expansion.carried.trees:
+        for tree in self.all_bodies.moved.trees:
             for j in range(len(tree.joints), 0, -1):
                 g, i = tree.joints[j - 1]
                 names = self.model.groups[g].derived.rows
@@ -170,5 +168,5 @@ class TreeMechanics(Mechanics):
                 on_body = G[:, own, body].transpose(0, 2, 1)
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
-                if len(own) < len(rows):  # a drive takes what is left on its coordinate
+                if len(own) < len(rows):  # a drive balances the force that is left on its coordinate
                     multipliers[:, rows[-1]] = left[:, tree.node(-j).u] / G[:, rows[-1], tree.node(-j).u]

@@ -7,7 +7,13 @@ import numpy as np
 from mbdae.system.base import Array
 
 AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
-ROUND_OFF = 1e-12  #: part of a row below which what joint coordinates leave of it is rounding
+ROUND_OFF = 1e-12  #: length of a row in joint coordinates over that in all coordinates, below which it is rounding
+
+
+def row_lengths(B: Array) -> Array:
+    """(..., m, 1) lengths of rows (..., m, n); 1 where a row is zero."""
+    lengths = np.linalg.norm(B, axis=-1, keepdims=True)
+    return np.where(lengths > 0, lengths, 1.0)
 
 
 def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> Array:
@@ -26,11 +32,9 @@ def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> A
 def least_norm(B: Array, force: Array) -> Array:
     """Multipliers lambda (nt, m) of least norm, as in `unique_multipliers`, with B^T lambda = force (nt, nu); B (nt, m, nu): G
     over unit displacements, force: times them."""
-    lengths = np.linalg.norm(B, axis=2)
-    lengths[lengths == 0] = 1.0
-    rows = B / lengths[:, :, None]
-    found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(rows, force, strict=True)]
-    return np.asarray(np.array(found).reshape(lengths.shape) / lengths)
+    lengths = row_lengths(B)
+    found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
+    return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,

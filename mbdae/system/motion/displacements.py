@@ -1,4 +1,4 @@
-"""Positions moved by virtual displacements, for unknowns of any numbering: quaternions compose, everything else adds."""
+"""Positions moved by virtual displacements, for unknowns of any numbering: rotations compose, all other entries add."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which constraint rows say nothing new, by the rank of all in several consistent positions and beside the start."""
+"""Which constraint rows follow from the others, by the rank of all in several consistent positions and beside the start."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ import numpy as np
 from mbdae.errors import StartError
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
+from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.rank.rows import DEPENDENT, chosen_rows, in_order, novelty, smallest, unit_rows
+from mbdae.system.rank.rows import DEPENDENT, chosen_rows, independent_parts, rows_in_order, smallest, unit_rows
 from mbdae.system.start.start import Starter
 
 CERTAIN, DOUBTFUL = 1e-8, 1e-3  #: between the two: nearly redundant, reported whether kept or left out
 SAMPLES = 3
 STEPS = (0.3, 0.1, 0.03)  #: rad, or parts of the scene's length, by which other positions are tried
 ASIDE = 1e-4  #: rad, or parts of the scene's length, by which rows are differentiated
-NEARBY = 1e-3  #: of the scene's length: rows that were released and are off by more belong to another motion
+NEARBY = 1e-3  #: of the scene's length: violation of released rows above which a position belongs to another motion
 CHANGING = 2e-6  #: change of a unit row per rad, or scene's length, from which rows depend on each other in one position alone
 
 
 @dataclass
 class RankReport:
-    """Rank of all constraint rows, and what follows from it.
+    """Rank of all constraint rows, and which of them are redundant.
 
     kept and dropped rows, rows nearly redundant (among either), rows dependent at the start only, and the freedoms. Which of
-    the rows are kept holds for the start: a run chooses others where these go bad (`RowsInForce`)."""
+    the rows are kept holds for the start: a run chooses others before these become dependent (`RowsInForce`)."""
 
     kept: list[Row]
     dropped: list[Row] = field(default_factory=list)
@@ -39,7 +40,7 @@ class RankReport:
 
 
 def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[Row] = ()) -> RankReport:
-    """Rank of all constraint rows: the largest at the start, beside it (`_lost_here`) and in other consistent positions.
+    """Rank of all constraint rows: the largest at the start, beside it (`_rank_lost_here`) and in other consistent positions.
 
     always: rows that recursive joints and shared displacements satisfy; they are kept."""
     if not mechanics.m:
@@ -49,40 +50,38 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
                                                       mechanics.rows[i].name.rsplit(".", 1)[0] in closing))  # fmt: skip
     rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
     here = _rows_at(mechanics, starter.t, q)[order]
-    new = novelty(here)
+    new = independent_parts(here)
     dependent = {row.name for row, part in zip(rows, new, strict=True) if part <= DEPENDENT}
     elsewhere = _other_positions(mechanics, starter, q) if dependent and closing else []
     places = [here, *(_rows_at(mechanics, starter.t, p)[order] for p in elsewhere)]
     freed = _other_positions(mechanics, starter, q, dependent) if dependent and closing else []
     nearby = [_rows_at(mechanics, starter.t, p)[order] for p in freed
               if np.max(np.abs(mechanics.position_residual(starter.t, p[None]))) < NEARBY * mechanics.model.length]  # fmt: skip
-    ranks = [int(np.sum(novelty(B) > DEPENDENT)) for B in places]
+    ranks = [int(np.sum(independent_parts(B) > DEPENDENT)) for B in places]
     at_start = ranks[0]
-    lost, beside = _lost_here(mechanics, starter.t, q, at_start) if dependent else (0, here)
+    lost, beside = _rank_lost_here(mechanics, starter.t, q, at_start) if dependent else (0, here)
     rank = max(at_start + lost, *ranks)
     chosen = chosen_rows(here, at_start, first) if at_start < len(rows) else list(range(len(rows)))
     singular = set[int]()
     if at_start < rank:  # the start is a singular position: rows that are new beside it make up for those that are not here
         best_place = beside[order] if at_start + lost == rank else places[int(np.argmax(ranks))]
-        chosen = in_order(best_place, rank, chosen)
+        chosen = rows_in_order(best_place, rank, chosen)
         singular = set(chosen[at_start:])
-    report = RankReport([row for row in mechanics.rows if row in {rows[i] for i in chosen}])
-    report.degrees_of_freedom, report.smallest = mechanics.nu - rank, smallest(here, rank)
-    report.dropped = [row for i, row in enumerate(rows) if i not in set(chosen)]
-    report.singular_here = [rows[i] for i in sorted(singular)]
-    report.doubtful = _nearly(rows, chosen, singular, [*places, *nearby])
-    report.not_unique = [rows[i] for i in _dependent_on_others(here)] if report.dropped else []
-    return report
+    kept, dropped = {rows[i] for i in chosen}, [row for i, row in enumerate(rows) if i not in set(chosen)]
+    doubtful = _nearly_redundant(rows, chosen, singular, [*places, *nearby])
+    not_unique = [rows[i] for i in _dependent_on_others(here)] if dropped else []
+    return RankReport([row for row in mechanics.rows if row in kept], dropped, doubtful, [rows[i] for i in sorted(singular)],
+                      not_unique, mechanics.nu - rank, smallest(here, rank))  # fmt: skip
 
 
-def _nearly(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
+def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
     """Rows that are left out although they are not quite dependent, and rows that are kept although they nearly are."""
     kept, left = sorted(set(chosen) - singular), [i for i in range(len(rows)) if i not in set(chosen)]
-    parts = novelty(places[0][kept])
+    parts = independent_parts(places[0][kept])
     found = [(rows[i], float(part)) for i, part in zip(kept, parts, strict=True) if DEPENDENT < part < DOUBTFUL]
     sound = [B for B in places if smallest(B[chosen], len(chosen)) > DOUBTFUL]
     for i in left if sound else ():
-        part = max(float(novelty(np.vstack([B[chosen], B[i]]))[-1]) for B in sound)
+        part = max(float(independent_parts(np.vstack([B[chosen], B[i]]))[-1]) for B in sound)
         if part > CERTAIN:
             found.append((rows[i], part))
     return found
@@ -99,15 +98,14 @@ def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
     return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
 
 
-def _lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
+def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:
     """How many rows depend on the others in this position alone, and the unit rows (m, nu) beside it.
 
     Along a motion v that the rows allow, G changes by G'(v). Rows W that depend on each other here (W^T G = 0) go on doing so if
     W^T G'(v) N = 0, where N are the motions that all rows allow; else the rank rises by the rank of this matrix. That holds at
     a position that cannot be left too: a stretched chain between two fixed points moves to first order only."""
     units, G = mechanics.velocity_units, mechanics.constraint_jacobian(t, q[None])[0]
-    lengths = np.linalg.norm(G * units, axis=1, keepdims=True)
-    lengths[lengths == 0] = 1.0
+    lengths = row_lengths(G * units)
     B = G * units / lengths
     left, _, right = np.linalg.svd(B)
     W, N = left[:, rank:], right[rank:].T

@@ -2,7 +2,7 @@
 
 An over-constrained mechanism has more rows than its motion needs. Which of them can be left out depends on the position: rows
 that determine the motion here may depend on each other there, although all rows together never lose their rank. So the rows
-in force are chosen from the geometry of the present position, and chosen again before they go bad (`RowsInForce`).
+in force are chosen from the geometry of the present position, and chosen again before they become dependent (`RowsInForce`).
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ from scipy.linalg import qr
 
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
+from mbdae.system.motion.constrained import row_lengths
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.rank.scaling import position_scale
 
-DEPENDENT = 2e-6  #: part of a row of unit length that is new, beside the rows before it: it depends on them below
+DEPENDENT = 2e-6  #: independent part of a row of unit length below which it counts as dependent on the rows before it
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
 Rows = tuple[Row, ...]
-GOOD = 0.5  #: smallest singular value of a choice over that of the best one, from which it is taken again
+GOOD = 0.5  #: smallest singular value of an earlier choice over that of the best one, above which it is taken again
 WORN = 0.2  #: smallest singular value of the rows in force over that of the best choice, below which they are chosen again
-SHARE = 0.5  #: of the slack until then by which the motion may go on before the rows are looked at again
+SHARE = 0.5  #: distance moved, over the margin to `WORN` at the last look, at which the rows are looked at again
 
 
 def unit_rows(mechanics: Mechanics, G: Array) -> Array:
     """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
     B = G * mechanics.velocity_units
-    norms = np.linalg.norm(B, axis=1, keepdims=True)
-    return np.asarray(B / np.where(norms > 0, norms, 1.0))
+    return np.asarray(B / row_lengths(B))
 
 
 def smallest(B: Array, rank: int) -> float:
@@ -37,7 +36,7 @@ def smallest(B: Array, rank: int) -> float:
     return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
 
 
-def novelty(B: Array) -> Array:
+def independent_parts(B: Array) -> Array:
     """(m,) distance of every row (unit length) from the span of the rows before it that are new themselves."""
     basis = np.zeros((0, B.shape[1]))
     out = np.zeros(len(B))
@@ -49,7 +48,7 @@ def novelty(B: Array) -> Array:
     return out
 
 
-def in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
+def rows_in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
     """Numbers (rank,) of rows that span all: those in `always`, in their order those that are clearly new, then the newest."""
     chosen, basis = list[int](), np.zeros((0, B.shape[1]))
     left = B.copy()
@@ -73,7 +72,7 @@ def in_order(B: Array, rank: int, always: Sequence[int]) -> list[int]:
     return chosen
 
 
-def best(B: Array, rank: int, always: Sequence[int]) -> list[int]:
+def best_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
     """Numbers (rank,) of rows that span all as well as any: those in `always`, then by QR with pivots."""
     basis = np.linalg.qr(B[list(always)].T)[0] if len(always) else np.zeros((B.shape[1], 0))
     others = np.array([i for i in range(len(B)) if i not in set(always)], dtype=int)
@@ -84,7 +83,7 @@ def best(B: Array, rank: int, always: Sequence[int]) -> list[int]:
 
 def chosen_rows(B: Array, rank: int, always: Sequence[int]) -> list[int]:
     """Numbers (rank,) of the rows to begin with: in their order where that is good enough."""
-    ordered, other = in_order(B, rank, always), best(B, rank, always)
+    ordered, other = rows_in_order(B, rank, always), best_rows(B, rank, always)
     return ordered if smallest(B[ordered], rank) >= WORN * smallest(B[other], rank) else other
 
 
@@ -98,15 +97,15 @@ def _without(row: Array, basis: Array) -> Array:
 class RowsInForce:
     """The rows that are integrated of an over-constrained mechanism, and when others have to be.
 
-    everything: all rows; rank: of all of them; always: numbers of the rows that recursive joints and shared displacements
+    all_rows: all rows; rank: of all of them; always: numbers of the rows that recursive joints and shared displacements
     satisfy, which stay; rows: those in force; known: choices that were made before and are taken again where they are good,
     because equations are at hand for them."""
 
-    def __init__(self, everything: Mechanics, rank: int, always: Sequence[int], rows: Rows, known: Iterable[Rows] = ()) -> None:
-        self.everything, self.rank, self.always, self.known = everything, rank, list(always), known
-        self._number = {row: i for i, row in enumerate(everything.rows)}
+    def __init__(self, all_rows: Mechanics, rank: int, always: Sequence[int], rows: Rows, known: Iterable[Rows] = ()) -> None:
+        self.all_rows, self.rank, self.always, self.known = all_rows, rank, list(always), known
+        self._number = {row: i for i, row in enumerate(all_rows.rows)}
         self.numbers = self._numbers(rows)
-        self._units = position_scale(everything)
+        self._units = all_rows.position_units
         self._seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
 
     def smallest(self, t: float, q: Array) -> float:
@@ -121,7 +120,7 @@ class RowsInForce:
         if self._seen is not None and self._distance(q) < SHARE * self._seen[1]:
             return None
         B = self._unit_rows(t, q)
-        others = best(B, self.rank, self.always)
+        others = best_rows(B, self.rank, self.always)
         reached = smallest(B[others], self.rank)
         slack = smallest(B[self.numbers], self.rank) - WORN * reached
         if slack >= 0 or reached <= DEPENDENT:  # the second: a singular position, where no choice is good
@@ -130,10 +129,10 @@ class RowsInForce:
         for rows in self.known:
             if smallest(B[self._numbers(rows)], self.rank) >= GOOD * reached:
                 return rows
-        return tuple(self.everything.rows[i] for i in sorted(others))
+        return tuple(self.all_rows.rows[i] for i in sorted(others))
 
     def _unit_rows(self, t: float, q: Array) -> Array:
-        return unit_rows(self.everything, self.everything.constraint_jacobian(np.array([t]), q[None])[0])
+        return unit_rows(self.all_rows, self.all_rows.constraint_jacobian(np.array([t]), q[None])[0])
 
     def _distance(self, q: Array) -> float:
         """How far positions are from those looked at last, over the scene's length, or rad."""

@@ -16,11 +16,12 @@ from scipy.sparse.linalg import splu
 
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.start.least_change import largest_violation
 
-SLOW = 0.01  #: a motion slow beside the lowest bending frequency: the inertia that counts, by its square
+SLOW = 0.01  #: frequency of the slow motion assumed, over the lowest bending frequency: its square weighs the inertia
 CORRECTIONS, STEPS = 5, 50
 CONVERGED = 1e-9  #: last displacement of Newton's method, over the scene's length, or rad
-GIVEN = 1e-10  #: share of the smallest pivot by which rows that depend on each other give way before they are corrected
+GIVEN = 1e-10  #: compliance of the constraints over that of the stiffest unknown, against singular matrices; then corrected
 
 
 def can_bend(mechanics: Mechanics) -> bool:
@@ -30,7 +31,7 @@ def can_bend(mechanics: Mechanics) -> bool:
 
 
 class Bending:
-    """The beams of a scene at positions q (nq,): what displacements and velocities they oppose."""
+    """Stiffness, elastic forces and weighted inertia of the beams of a scene at positions q (nq,)."""
 
     def __init__(self, mechanics: Mechanics, q: Array) -> None:
         self.units = mechanics.velocity_units
@@ -67,13 +68,13 @@ def stiffness(mechanics: Mechanics, q: Array) -> sp.csc_matrix:
     return sp.csc_matrix((values, (rows, columns)), shape=(mechanics.nu,) * 2)
 
 
-def closed(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
+def closed_by_bending(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], jacobian: Callable[[Array], Array],
            within: float) -> Array | None:  # fmt: skip
     """Positions (nq,) of least elastic energy that satisfy closure(q) = 0 (m,), whose derivative by displacements is jacobian(q)
     (m, nu), to `within` (over the scene's length, or rad); None where none is found."""
     for _ in range(STEPS):
         bending, A, g = Bending(mechanics, q), jacobian(q), closure(q)
-        off = _largest(g, A * mechanics.velocity_units)
+        off = largest_violation(g, A * mechanics.velocity_units)
         x = bending.least(A, -g, bending.force)
         step = float(np.max(np.abs(x) / mechanics.velocity_units))
         if off <= within and step <= CONVERGED:
@@ -81,7 +82,7 @@ def closed(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], ja
         factor = min(1.0, 0.5 / max(step, 1e-300))
         while factor > 1e-4:
             moved = mechanics.integrate_positions(q, factor * x)
-            if _largest(closure(moved), A * mechanics.velocity_units) < max(off, within) * (1 + 1e-9) or off <= 1e-6:
+            if largest_violation(closure(moved), A * mechanics.velocity_units) < max(off, within) * (1 + 1e-9) or off <= 1e-6:
                 break
             factor /= 2
         else:
@@ -92,13 +93,7 @@ def closed(mechanics: Mechanics, q: Array, closure: Callable[[Array], Array], ja
 
 def _lowest(mechanics: Mechanics) -> float:
     """Square of the lowest bending frequency of a beam by its own length, (rad/s)^2."""
-    found = []
-    for line in mechanics.model.lines:
-        section, length = line.beam.section, float(np.sum(np.linalg.norm(np.diff(line.beam.outline, axis=0), axis=1)))
-        found.append(min(section.EI2, section.EI3) / section.mass_per_length / length**4)
-    return float(min(found))
-
-
-def _largest(g: Array, B: Array) -> float:
-    size = np.max(np.abs(B), axis=1, initial=0.0)
-    return float(np.max(np.abs(g) / np.where(size > 0, size, 1.0), initial=0.0))
+    beams = [line.beam for line in mechanics.model.lines]
+    lengths = [float(np.sum(np.linalg.norm(np.diff(beam.outline, axis=0), axis=1))) for beam in beams]
+    sections = [beam.section for beam in beams]
+    return float(min(min(s.EI2, s.EI3) / s.mass_per_length / l**4 for s, l in zip(sections, lengths, strict=True)))

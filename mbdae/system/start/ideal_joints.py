@@ -1,4 +1,4 @@
-"""Joints with clearance as ideal joints: where their scene starts, and the forces they would carry."""
+"""Joints with clearance taken as ideal joints: the start of their scene, and the forces they would transmit."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def ideal_start(scene: SceneData, kept: dict[str, str], t0: float) -> IdealStart
     A mass point drawn off the centre stays where it is, and so does the velocity of a body where one is stated: such
     joints are left open in positions, or in velocities."""
     closed = {c.name: "clearance" for c in scene.joints if c.loose and not _off_centre(c, scene)}
-    everything = _mechanics(scene, kept | closed)
-    starter = Starter(everything, t0)
+    mechanics = _mechanics(scene, kept | closed)
+    starter = Starter(mechanics, t0)
     q = starter.close_or_bend(starter.placed())
     starter.check_branches(q)
     moving = {name: why for name, why in closed.items() if not _has_velocity(scene[name])}
     together = starter if moving == closed else Starter(_mechanics(scene, kept | moving), t0, changes=starter.changes)
-    u = together.project_velocities(q, together.carried(q))
+    u = together.project_velocities(q, together.velocities_of_tree(q))
     return IdealStart(q, u, starter.changes, _reactions(together, q, u, moving))
 
 
@@ -56,7 +56,7 @@ def _has_velocity(c: Connection) -> bool:
 
 
 def _reactions(starter: Starter, q: Array, u: Array, joints: dict[str, str]) -> dict[str, float]:
-    """Size (N) of the force every ideal joint would carry at the start."""
+    """Size (N) of the force every ideal joint would transmit at the start."""
     mechanics = starter.mechanics
     if not mechanics.m or not joints:
         return {}

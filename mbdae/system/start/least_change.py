@@ -1,4 +1,4 @@
-"""The smallest mass-weighted change of a motion that satisfies linear conditions: what the start closes loops with."""
+"""The smallest mass-weighted change of a motion that satisfies linear conditions, by which the start closes loops."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.system.base import Array
+from mbdae.system.motion.constrained import row_lengths
 
 DEPENDENT = 1e-9  #: singular values of rows of unit length below which they depend on each other
 
@@ -19,16 +20,28 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     heavy, x = ~massless, np.zeros(len(massless))
     rows, values, pivots = _without(A, right, np.flatnonzero(massless))
     left = np.setdiff1d(np.arange(len(A)), list(pivots.values()))
-    scaled, sizes = _unit_rows(np.asarray(np.linalg.solve(root, rows[np.ix_(left, heavy)].T).T))
-    wanted, lengths = _unit_rows(np.asarray(np.linalg.solve(root, stated[:, heavy].T).T))
+    scaled, wanted = (np.asarray(np.linalg.solve(root, part.T).T) for part in (rows[np.ix_(left, heavy)], stated[:, heavy]))
+    sizes, lengths = row_lengths(scaled), row_lengths(wanted)
+    scaled, wanted = scaled / sizes, wanted / lengths
     # y = root^T x: its length is the size of the change. The stated rows without what the conditions fix leave free motions
-    found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes, scaled @ wanted.T]), rcond=DEPENDENT)[0]
+    found = np.linalg.lstsq(scaled, np.column_stack([values[left] / sizes[:, 0], scaled @ wanted.T]), rcond=DEPENDENT)[0]
     y, free = found[:, 0], wanted - found[:, 1:].T
-    y = y + _pseudo_inverse(free) @ (off / lengths - wanted @ y)
+    y = y + _pseudo_inverse(free) @ (off / lengths[:, 0] - wanted @ y)
     x[heavy] = np.linalg.solve(root.T, y)
     for column, p in pivots.items():
         x[column] = (values[p] - rows[p, heavy] @ x[heavy]) / rows[p, column]
     return x
+
+
+def violations(g: Array, B: Array) -> Array:
+    """(m,) |g| over the largest entry of every row of B (m, n)."""
+    size = np.max(np.abs(B), axis=1, initial=0.0)
+    return np.asarray(np.abs(g) / np.where(size > 0, size, 1.0))
+
+
+def largest_violation(g: Array, B: Array) -> float:
+    """The largest of them; 0 where there are no rows."""
+    return float(np.max(violations(g, B), initial=0.0))
 
 
 def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[int, int]]:
@@ -48,13 +61,6 @@ def _without(A: Array, right: Array, columns: Any) -> tuple[Array, Array, dict[i
         right -= factor * right[p]
         pivots[int(column)] = p
     return A, right, pivots
-
-
-def _unit_rows(A: Array) -> tuple[Array, Array]:
-    """Rows of unit length, and the lengths they had (1 where a row is zero)."""
-    sizes = np.linalg.norm(A, axis=1)
-    sizes[sizes == 0] = 1.0
-    return A / sizes[:, None], sizes
 
 
 def _pseudo_inverse(A: Array) -> Array:

@@ -19,8 +19,8 @@ from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.motion.mechanics import Mechanics
-from mbdae.system.start import bent_beams as bent
-from mbdae.system.start.least_change import least_change
+from mbdae.system.start.bent_beams import can_bend, closed_by_bending
+from mbdae.system.start.least_change import largest_violation, least_change, violations
 from mbdae.system.start.rigid_beams import RigidMotions
 
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
@@ -42,8 +42,10 @@ def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.sides).items()]
 
 
-class Closing:
-    """Finds consistent positions of a model by mass-weighted Gauss-Newton."""
+class ConsistentPositions:
+    """Finds consistent positions of a model by mass-weighted Gauss-Newton.
+
+    holding: whether start values that the user holds are conditions too; changes: sentences on what was changed."""
 
     def __init__(self, mechanics: Mechanics, t0: float = 0.0, holding: bool = True,
                  changes: list[str] | None = None) -> None:  # fmt: skip
@@ -89,9 +91,7 @@ class Closing:
         """Start value of a joint's coordinate, if the user fixed it."""
         if joint.prescribed is not None:
             return timed.value_at(joint.prescribed, self.t[0])
-        if joint.hold is not None:
-            return float(joint.hold)
-        return None
+        return None if joint.hold is None else float(joint.hold)
 
     def held_rate(self, joint: Connection) -> float | None:
         """Start rate of a joint's coordinate, if the user fixed it."""
@@ -105,36 +105,36 @@ class Closing:
         before, g = q, self._closure(q)
         for _ in range(50):
             A = self._closure_jacobian(q)
-            units = self._row_units(A)
-            size = _largest(g, units)
+            B = A * self.mechanics.velocity_units
+            size = largest_violation(g, B)
             if size <= CLOSED:
                 break
             step, factor = self._least_change(A, -g, q), 1.0
             while factor > 1e-4:
                 candidate = self.moved(q, factor * step)
                 g_new = self._closure(candidate)
-                if _largest(g_new, units) < size:
+                if largest_violation(g_new, B) < size:
                     break
                 factor /= 2
             if factor <= 1e-4:
                 break
             q, g = candidate, g_new
         if size > 1e-9:
-            raise StartError([self._cannot_close(int(np.argmax(np.abs(g) / units)), g, A)])
+            raise StartError([self._cannot_close(int(np.argmax(violations(g, B))), g, A)])
         self._report_positions(before, q)
         return q
 
-    def off(self, q: Array) -> float:
-        """How far the loops are from closed, over the scene's length, or rad."""
-        return _largest(self._closure(q), self._row_units(self._closure_jacobian(q)))
+    def closing_error(self, q: Array) -> float:
+        """Largest distance by which loops are open, over the scene's length, or rad."""
+        return largest_violation(self._closure(q), self._closure_jacobian(q) * self.mechanics.velocity_units)
 
     def close_or_bend(self, q: Array) -> Array:
         """Close loops by rigid motions of the beams, or, where these do not suffice, by bending them as little as possible."""
         try:
             return self.close(q)
         except StartError:
-            can = bent.can_bend(self.mechanics)
-            found = bent.closed(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
+            can = can_bend(self.mechanics)
+            found = closed_by_bending(self.mechanics, q, self._closure, self._closure_jacobian, CLOSED) if can else None
             if found is None:
                 raise
         energy = sum(float(line.energy(found[None], np.zeros((1, self.model.nu)))[0][0]) for line in self.model.lines)
@@ -155,7 +155,7 @@ class Closing:
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
     def _held_joints(self, value: Any) -> list[Connection]:
-        """Held joints whose value is not a constraint row already; none where the starter does not hold."""
+        """Held joints whose value is not a constraint row already; none without `holding`."""
         return [] if not self.holding else [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
 
     def _coordinates(self, q: Array, u: Array, joints: list[Connection]) -> tuple[Array, Array, Array]:
@@ -183,11 +183,6 @@ class Closing:
     def _closure_jacobian(self, q: Array) -> Array:
         _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
         return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
-
-    def _row_units(self, A: Array) -> Array:
-        """(rows,) what a row changes by over unit displacements: about the scene's length, or 1 rad."""
-        size = np.max(np.abs(A) * self.mechanics.velocity_units, axis=1, initial=0.0)
-        return np.asarray(np.where(size > 0, size, 1.0))
 
     def _least_change(self, A: Array, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
         """x in the coordinates of rigid motions with A B x = right (least squares) of least mass-weighted size; where
@@ -245,10 +240,6 @@ class Closing:
                                         f"draw the bodies nearer to their start")  # fmt: skip
         if problems:
             raise StartError(problems)
-
-
-def _largest(g: Array, units: Array) -> float:
-    return float(np.max(np.abs(g) / units, initial=0.0))
 
 
 def _motion(joint: Connection, value: float) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Motions that keep beams rigid: what the start closes loops with."""
+"""Motions that keep beams rigid, by which the start closes loops."""
 
 from __future__ import annotations
 

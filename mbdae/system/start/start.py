@@ -20,8 +20,8 @@ from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_of
-from mbdae.system.start import bent_beams as bent
-from mbdae.system.start.positions import Closing
+from mbdae.system.start.bent_beams import Bending, can_bend
+from mbdae.system.start.positions import ConsistentPositions
 
 
 @dataclass
@@ -45,18 +45,18 @@ def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [] if isinstance(d.law, Element) else [(("s", j), e) for j, e in enumerate(d.state_starts)]
 
 
-class Starter(Closing):
+class Starter(ConsistentPositions):
     """Finds the start of a model: consistent positions, and velocities by projection."""
 
     def run(self, q: Array, u: Array | None = None) -> Start:
         """From closed positions and velocities, by default those of the tree: states, accelerations and multipliers."""
         self.check_branches(q)
-        u = self.project_velocities(q, self.carried(q) if u is None else u)
+        u = self.project_velocities(q, self.velocities_of_tree(q) if u is None else u)
         s = self.states(q, u)
         a, multipliers = self.mechanics.accelerations(self.t, q[None], u[None], s[None])
         return Start(float(self.t[0]), q, u, s, a[0], multipliers[0], self.changes)
 
-    def carried(self, q: Array) -> Array:
+    def velocities_of_tree(self, q: Array) -> Array:
         """Velocities (nu,) of the tree: given ones, held rates, relative rest elsewhere."""
         twist: dict[Body, tuple[Array, Array]] = {}  # velocity of the centre of mass, angular velocity
         place = self._poses(q)
@@ -65,7 +65,7 @@ class Starter(Closing):
         for parent, joint, child in self.tree.edges:
             by_itself = joint.loose and child.given_velocity
             twist[child] = (child.velocity, child.angular_velocity) if by_itself else (
-                self._carry(twist[parent], parent, joint, child, place))  # fmt: skip
+                self._twist_of(twist[parent], parent, joint, child, place))  # fmt: skip
         u = np.zeros(self.mechanics.nu)
         for node, body in self.model.bodies:
             v, w = twist[body.owner]
@@ -81,7 +81,7 @@ class Starter(Closing):
             u[node.u] = self.held_rate(self.scene[node.name]) or 0.0
         return u
 
-    def _carry(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
+    def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
         law: Any = joint.joint
@@ -109,8 +109,8 @@ class Starter(Closing):
         return poses
 
     def project_velocities(self, q: Array, u: Array) -> Array:
-        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. What the user states of a body
-        stays where they allow it, whatever else has to move; where they do not, it counts like any other velocity."""
+        """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
+        body stay where joints and held rates allow it; where they do not, they are changed like all others."""
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
@@ -144,8 +144,8 @@ class Starter(Closing):
         left = off(projected)
         if not self._far(left, projected):
             return projected, change
-        if bent.can_bend(self.mechanics):
-            bending = bent.Bending(self.mechanics, q)
+        if can_bend(self.mechanics):
+            bending = Bending(self.mechanics, q)
             slow = bending.least(A, -off(np.zeros_like(u)), bending.inertia @ u)
             if not self._far(off(slow), slow):
                 self.changes.append("the beams start bending, because no rigid motion of them has the rates given: they begin "
@@ -157,7 +157,7 @@ class Starter(Closing):
                           f"release one of the prescribed or held rates"])  # fmt: skip
 
     def _far(self, left: Array, u: Array) -> bool:
-        """Whether velocities u leave more of the constraints than rounding."""
+        """Whether velocities u violate the constraints by more than rounding."""
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0)) + 1.0
         return bool(np.max(np.abs(left), initial=0.0) > 1e-8 * speed * max(1.0, self.model.length))
 

@@ -1,39 +1,32 @@
-"""Forces that depend on multipliers: friction pressed by the joint's own reaction.
+"""Forces that depend on multipliers: friction of joints, which grows with their own reaction forces.
 
-M u' + G^T lambda = f + R(lambda), G u' = -gamma is solved by Newton's method with the exact dR/dlambda, from the
-multipliers without friction; where that fails, with friction brought in by steps.
+M u' + G^T lambda = f + R(lambda), G u' = -gamma, with friction R, is solved by Newton's method with the exact dR/dlambda, from
+the multipliers without friction; where that fails, with friction increased in steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
-import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import SolverError
-from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.outputs import Target, slopes
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.outputs import slopes
 from mbdae.system.base import Array
-
-if TYPE_CHECKING:
-    from mbdae.system.motion.mechanics import Mechanics
-    from mbdae.system.rank.redundancy import RankReport
+from mbdae.system.motion.states import States
 
 ITERATIONS = 30
-SETTLED = 1e-10  #: change of the multipliers over the largest of them and of the loads: the next one would be its square
+SETTLED = 1e-10  #: change of the multipliers, over the largest of them and of the loads, at which Newton's method stops
 SMALLEST = 1e-6  #: N or N m, of what counts as a load
-STEPS = 8  #: in which friction is brought in where Newton's method fails at once
+STEPS = 8  #: equal steps in which friction is increased from 0 where Newton's method fails at once
 
 State = tuple[Array, Array, Array, Array | None]  #: t, q, u, s of many states
 #: (f, dR/dlambda (nt, nu, m) or None) -> u', lambda of M u' + (G^T - dR/dlambda) lambda = f, G u' = -gamma
 Solve = Callable[[Array, Array | None], tuple[Array, Array]]
 
 
-def of_reactions(mechanics: Mechanics, state: State, multipliers: Array) -> tuple[Array, Array]:
+def friction_of(mechanics: States, state: State, multipliers: Array) -> tuple[Array, Array]:
     """R (nt, nu) and dR/dlambda (nt, nu, m) of multipliers (nt, m)."""
     nb, scaling = mechanics.numbering, mechanics.numbering.scaling()
     R, slope = np.zeros((len(multipliers), mechanics.nu)), np.zeros((len(multipliers), mechanics.nu, mechanics.m))
@@ -50,9 +43,9 @@ def of_reactions(mechanics: Mechanics, state: State, multipliers: Array) -> tupl
     return R, slope
 
 
-def solved(mechanics: Mechanics, state: State, f: Array, solve: Solve) -> tuple[Array, Array]:
+def solve_with_friction(mechanics: States, state: State, f: Array, solve: Solve) -> tuple[Array, Array]:
     """u' (nt, nu) and lambda (nt, m); f (nt, nu): the loads at multipliers 0. Raises SolverError where there is no solution."""
-    f = f - of_reactions(mechanics, state, np.zeros((len(f), mechanics.m)))[0]
+    f = f - friction_of(mechanics, state, np.zeros((len(f), mechanics.m)))[0]
     _, start = solve(f, None)
     acceleration, multipliers, left = _newton(mechanics, state, f, solve, start, 1.0)
     if np.any(left):
@@ -64,11 +57,11 @@ def solved(mechanics: Mechanics, state: State, f: Array, solve: Solve) -> tuple[
     return acceleration, multipliers
 
 
-def _newton(mechanics: Mechanics, state: State, f: Array, solve: Solve, multipliers: Array,
+def _newton(mechanics: States, state: State, f: Array, solve: Solve, multipliers: Array,
             share: float) -> tuple[Array, Array, NDArray[np.bool_]]:  # fmt: skip
     """u', lambda and which multipliers (nt, m) have not settled, with a share of the friction."""
     for _ in range(ITERATIONS):
-        R, slope = of_reactions(mechanics, state, multipliers)
+        R, slope = friction_of(mechanics, state, multipliers)
         acceleration, new = solve(f + share * (R - np.einsum("tij,tj->ti", slope, multipliers)), share * slope)
         size = np.maximum(np.max(np.abs(new), axis=1, keepdims=True, initial=SMALLEST), np.max(np.abs(f), axis=1, keepdims=True))
         left, multipliers = ~(np.abs(new - multipliers) <= SETTLED * size), new
@@ -77,8 +70,8 @@ def _newton(mechanics: Mechanics, state: State, f: Array, solve: Solve, multipli
     return acceleration, multipliers, left
 
 
-def _refusal(mechanics: Mechanics, left: NDArray[np.bool_]) -> str:
-    """Which joints find no reaction."""
+def _refusal(mechanics: States, left: NDArray[np.bool_]) -> str:
+    """The message that names the joints whose reactions have not settled."""
     places = {(g, i): mechanics.model.groups[g].instances[i].item
               for g in mechanics.reactive for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip
     unsettled = [(r.group, r.instance) for r, found in zip(mechanics.rows, np.any(left, axis=0), strict=True) if found]
@@ -87,31 +80,3 @@ def _refusal(mechanics: Mechanics, left: NDArray[np.bool_]) -> str:
     return (f"friction and reaction of joint {listed} find no balance: friction raises the reaction that presses it by more than "
             f"itself (self-locking); take a smaller friction coefficient or radius, another place of the joint, or for a "
             f"prismatic joint a given normal_force")  # fmt: skip
-
-
-def pressing_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """How much each multiplier of a joint with friction counts for the force that presses it: |d pressing / d lambda|."""
-    if not d.reactive:
-        return []
-    v = d.variation
-    if not hasattr(d.law, "pressing"):  # a law of one's own: all its reactions count
-        return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
-    pressing = [v.name(c) for c in d.law.pressing(*d.sides, d.reactions)]
-    return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]
-
-
-def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> list[str]:
-    """Joints whose friction needs a reaction that redundant constraints share, one sentence each."""
-    if not (mechanics.reactive and rank.not_unique):
-        return []
-    shared = {(r.group, r.instance, r.row): r.name for r in rank.not_unique}
-    found = []
-    for g, p, values in mechanics.evaluate(pressing_outputs, t, q[None], np.zeros((1, mechanics.nu)), groups=mechanics.reactive):
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            rows = [shared[g, i, target[1]] for o, target in enumerate(p.targets)
-                    if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip
-            if rows:
-                found.append(f"joint '{instance.item}': its friction follows from its reaction, but redundant constraints share "
-                             f"that ({', '.join(rows)}); state a scene that is planar in the plane z = 0, replace joints of the "
-                             f"loop by spherical ones, or for a prismatic joint give normal_force")  # fmt: skip
-    return found

@@ -1,8 +1,8 @@
-"""Trees of recursive joints in the equations: slots of their kernels, and the stage for nodes that other laws act on.
+"""Bodies moved by joint coordinates: the trees of recursive joints in the equations, with the slots of their kernels.
 
-Where nothing outside a tree acts on the bodies it carries, its kernels are evaluated like those of any law. Otherwise
-the motion of those bodies is evaluated first, laws outside read it, and what they add to the bodies' rows is pulled
-back into the rows of the joint coordinates by the tree's kernel.
+Where no law outside a tree acts on its bodies, its kernels are evaluated like those of any law. Otherwise the motion of those
+bodies is evaluated first, the laws outside read it, and their forces on the bodies are projected on the joint coordinates by
+the tree's kernel. Nodes on which laws outside act are called loaded.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ def acting_on(instance: Instance) -> list[Node]:
     return [n for n in (instance.nodes[2:] if own else instance.nodes) if n is not None]
 
 
-class Carried:
-    """The trees of a model: which instances they replace, which of their nodes other laws act on, their kernels."""
+class MovedBodies:
+    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
-        self.nodes = tuple(n for tree in trees for n in tree.carried)
-        carried = set(self.nodes)
+        self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
+        moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
         outside = [(g, i, acting_on(inst)) for g, i, inst in model.instances() if (g, i) not in inside]
-        idle = {(g, i) for g, i, nodes in outside if nodes and all(n in carried and n.body is None for n in nodes)}
-        loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in carried}
-        loaded |= {n for line in model.lines for n in line.nodes if n in carried}
-        self.dropped = frozenset(inside | idle)
+        idle = {(g, i) for g, i, nodes in outside if nodes and all(n in moved and n.body is None for n in nodes)}
+        loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
+        loaded |= {n for line in model.lines for n in line.nodes if n in moved}
+        self.replaced = frozenset(inside | idle)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
-        moved = carried | {n for tree in trees for n in tree.nodes[1:] if n}
-        self.sharing = shared_displacements(model, moved, self.dropped) if share else Sharing()
+        not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
+        self.sharing = shared_displacements(model, not_shared, self.replaced) if share else Sharing()
         self._constants: dict[Any, int] = {}
         self.constants: list[float] = []  #: quaternions of the joints' axes, which no law has among its numbers
         for tree in self.trees:
@@ -58,12 +58,12 @@ class Carried:
 
     def keeps(self, row: Row) -> bool:
         """Whether a constraint row is left: not that of a recursive joint, not met by shared displacements."""
-        return (row.group, row.instance) not in self.dropped and (row.group, row.instance, row.row) not in self.sharing.rows
+        return (row.group, row.instance) not in self.replaced and (row.group, row.instance, row.row) not in self.sharing.rows
 
     def numbering(self, model: Model, rows: list[Row], blocks: tuple[str, ...], derivatives: bool = False,
                   loaded: bool = True, numbers: Mapping[str, float] | None = None) -> Numbering:  # fmt: skip
-        """The numbering of what is left; without `loaded` carried nodes have no slots. numbers: parameters of the form."""
-        return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.dropped,
+        """The numbering of all other unknowns; without `loaded` no moved node has slots. numbers: parameters of the form."""
+        return Numbering(model, rows, blocks, derivatives, self.nodes, self.loaded if loaded else (), self.replaced,
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
@@ -90,10 +90,10 @@ class Carried:
         return numbering.slot(g, i, name)
 
 
-def too_large(carried: Carried) -> dict[str, str]:
+def too_large(moved: MovedBodies) -> dict[str, str]:
     """Joints of trees whose equations take more operations than are worth compiling at once, and why."""
     found: dict[str, str] = {}
-    for tree in carried.trees:
+    for tree in moved.trees:
         try:
             tree_plan(tree.structure)
         except OverflowError:

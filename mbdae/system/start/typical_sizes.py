@@ -1,4 +1,4 @@
-"""Typical magnitudes of the unknowns: what a tolerance is relative to."""
+"""Typical magnitudes of the unknowns, to which tolerances are relative."""
 
 from __future__ import annotations
 
@@ -27,15 +27,6 @@ def characteristic_time(mechanics: Mechanics, start: Start) -> float:
     return 1 / fastest if fastest > 1e-9 else 1.0
 
 
-def position_scale(mechanics: Mechanics) -> Array:
-    """(nq,) the scene's length for positions and displacements, 1 for quaternions and angles."""
-    scale = np.ones(mechanics.nq)
-    for node in mechanics.model.nodes:
-        if node.unit == "m":
-            scale[node.q : node.q + node.kind.translations] = mechanics.model.length
-    return scale
-
-
 def state_scale(mechanics: Mechanics) -> Array:
     """(ns,) typical magnitude of the internal states, as their laws say; 1 where they do not."""
     groups = mechanics.model.groups
@@ -48,8 +39,7 @@ def multiplier_scales(mechanics: Mechanics, start: Start, T: float) -> tuple[Arr
 
     The largest power (constraint force of a characteristic acceleration, at least its start value, times the row's
     speed) holds for all rows: a direction unloaded at the start carries the load after a quarter turn, and a tolerance
-    relative to its start value would stop IDA there.
-    """
+    relative to its start value would stop IDA there."""
     if not mechanics.m:
         return np.zeros(0), np.zeros(0)
     G = mechanics.constraint_jacobian(np.array([start.t]), start.q[None])[0]

@@ -1,33 +1,38 @@
-"""Motions that have no inertia, named by the body or joint that makes them: no equations of motion determine them."""
+"""What the equations of motion do not determine: motions without inertia, and friction by a reaction that redundant constraints
+share."""
 
 from __future__ import annotations
 
 import numpy as np
+import symengine as se
 from scipy.linalg import eigh
 
 from mbdae.errors import SceneError
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.motion.all_bodies import Expansion
+from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
 NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
 
 
-def massless_coordinates(expansion: Expansion, mass: Array, t: Array, q: Array) -> list[str]:
+def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array) -> list[str]:
     """Unknowns of trees of recursive joints whose motion has no inertia, by the condition of the reduced mass matrix with
     a unit diagonal, one sentence each."""
-    u = np.zeros((1, expansion.model.nu))
-    T = expansion.velocity_map(expansion.workspace(t, *expansion.reduced(q[None], u)))[0]
+    u = np.zeros((1, all_bodies.model.nu))
+    T = all_bodies.velocity_map(all_bodies.workspace(t, *all_bodies.reduced(q[None], u)))[0]
     reduced = T.T @ mass @ T
     size = np.sqrt(np.diag(reduced))
     largest = float(np.max(size, initial=0.0))
-    names = expansion.numbering.names()[expansion.nq :]
+    names = all_bodies.numbering.names()[all_bodies.nq :]
     lost = [int(i) for i in np.flatnonzero(size <= 1e-12 * largest)]
     if not lost and len(size):
         values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
         lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
-    joints = {n.name for n in expansion.model.joint_coordinates}
+    joints = {n.name for n in all_bodies.model.joint_coordinates}
     return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
 
 
@@ -63,8 +68,8 @@ def _own_inertia(diagonal: Array) -> Array:
 
 
 def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
-    """Inertia of motions over what their parts have by themselves, and the motions (columns): bodies may differ in size as much
-    as they like, a motion has no inertia where none of its parts has."""
+    """Inertia of motions over the inertia of their parts, each by itself, and the motions (columns): however much bodies differ
+    in size, a motion has no inertia where none of its parts has."""
     scale = 1 / np.sqrt(np.diag(own))
     found: tuple[Array, Array] = eigh(scale[:, None] * reduced * scale, scale[:, None] * own * scale)
     return found[0], scale[:, None] * found[1]
@@ -88,3 +93,32 @@ def _motion_in_words(motion: Array, worst: int, n: int) -> str:
     if worst < n:
         return f"move along ({direction})"
     return "turn" if len(part) == 1 else f"turn about ({direction}) in body axes"
+
+
+def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Derivative of the normal force of a joint with friction by each of its multipliers, as a magnitude."""
+    if not d.reactive:
+        return []
+    v = d.variation
+    if not hasattr(d.law, "pressing"):  # a law of one's own: all its reactions count
+        return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
+    pressing = [v.name(c) for c in d.law.pressing(*d.sides, d.reactions)]
+    return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]
+
+
+def undecided(mechanics: Mechanics, rank: RankReport, t: Array, q: Array) -> list[str]:
+    """Joints whose friction needs a reaction that redundant constraints share, one sentence each."""
+    if not (mechanics.reactive and rank.not_unique):
+        return []
+    shared = {(r.group, r.instance, r.row): r.name for r in rank.not_unique}
+    found = []
+    state = t, q[None], np.zeros((1, mechanics.nu))
+    for g, p, values in mechanics.evaluate(normal_force_outputs, *state, groups=mechanics.reactive):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            rows = [shared[g, i, target[1]] for o, target in enumerate(p.targets)
+                    if values[0, i, o] > 1e-9 and (g, i, target[1]) in shared]  # fmt: skip
+            if rows:
+                found.append(f"joint '{instance.item}': its friction follows from its reaction, but redundant constraints share "
+                             f"that ({', '.join(rows)}); state a scene that is planar in the plane z = 0, replace joints of the "
+                             f"loop by spherical ones, or for a prismatic joint give normal_force")  # fmt: skip
+    return found

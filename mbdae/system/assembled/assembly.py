@@ -1,4 +1,4 @@
-"""Pointwise kernels between constant operators: residual and Jacobian of a whole scene in a given form.
+"""Residual and Jacobian of a whole model in a given form, by compiled kernels.
 
 Residual = constants + linear terms + kernel values, summed by one bincount. Jacobian data = c0 + cj c1 + kernel
 values, those taken with respect to y' weighted by cj. All instances of a law, and all stages of a Radau step, are
@@ -7,9 +7,7 @@ evaluated in one kernel call.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -19,17 +17,16 @@ from numpy.typing import NDArray
 
 from mbdae.kernels import LinearisedPlan, linearised_plan
 from mbdae.kernels.element import ElementJacobian
-from mbdae.kernels.plan import Outputs
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
-from mbdae.system.assembled.evaluation import Batch, Evaluation, Scatter
+from mbdae.system.assembled.evaluation import Evaluation, ResidualBatch, Scatter
+from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.base import Array, System
-from mbdae.system.model import beams as lines
-from mbdae.system.model.beams import batches
-from mbdae.system.model.carried_bodies import Carried, slot_of
+from mbdae.system.base import Array
+from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
@@ -41,52 +38,25 @@ RESOLVED = {"z": 3}
 SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 150-200)
 
 
-@dataclass(frozen=True)
-class FormSpec:
-    """What a form asks of the assembly.
-
-    outputs: which outputs of every law; rows: to which block of rows each kind of output belongs; blocks:
-    multiplier blocks of y; derivatives: multipliers are read from y'; index: index of each kind of unknown; mixed: beams
-    keep their stresses as unknowns (kind "z"); waves: elastic vibrations are resolved (velocities in the error test);
-    loads_only: of beams only gravity and loads along them; numbers: parameters of the form itself, by name; eliminated: the
-    multipliers are solved for at every state, y = (q, u, s).
-    """
-
-    label: str
-    outputs: Outputs
-    rows: Mapping[str, str]
-    blocks: tuple[str, ...]
-    derivatives: bool
-    index: Mapping[str, int]
-    mixed: bool = False
-    waves: bool = False
-    loads_only: bool = False
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    eliminated: bool = False
-
-
-class SceneSystem(System):
-    """A scene in a form: F(t, y, y') = 0 with its exact Jacobian. restarted: (t, y) -> consistent y and y' to go on with.
-    determined: (t, y) -> smallest singular value that counts of all rows of unit length, where some are redundant; else None."""
-
-    restarted: Callable[[float, Array], tuple[Array, Array]]
-    determined: Callable[[float, Array], float] | None = None
+class Assembly:
+    """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`."""
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
-                 carried: Carried | None = None) -> None:  # fmt: skip
+                 moved: MovedBodies | None = None) -> None:  # fmt: skip
         self.model, self.spec, self.label = model, spec, spec.label
-        self.carried = carried = carried if carried is not None else Carried(model, [])
-        rows = [row for row in rows if carried.keeps(row)]
+        self.moved = moved = moved if moved is not None else MovedBodies(model, [])
+        rows = [row for row in rows if moved.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
-        self.numbering = carried.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
+        self.numbering = moved.numbering(model, rows, blocks, spec.derivatives, numbers=spec.numbers)
         nb = self.numbering
         self.n, self.names = nb.n, nb.names()
         self.kinds = self._kinds()
         index = dict(spec.index) | ((RESOLVED if spec.waves else ELASTIC) if nb.stresses else {})
         self.index = np.array([index[k] for k in self.kinds], dtype=int)
         self.equations = self._equations()
-        self._offset = np.zeros(1 + nb.carried - self.n)  # rows of F, a spare one, rows of loaded nodes
+        self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._batches: dict[int, ResidualBatch] = {}
         self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -94,7 +64,7 @@ class SceneSystem(System):
             d = group.derived
             idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
             active = [i for i in range(len(group.instances))
-                      if (g, i) not in carried.dropped and not (idle and (g, i) not in live)]  # fmt: skip
+                      if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
                 self._add(g, active, linearised_plan(d, spec.outputs), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
@@ -102,10 +72,9 @@ class SceneSystem(System):
                 self._add_elements(batch, entries)
         for line in model.lines:
             self._add_inertia(line, entries)
-        for plan, equal in carried.plans():
+        for plan, equal in moved.plans():
             self._add_tree(plan, equal, entries)
         self._finish(entries.finish(), sparse if sparse is not None else self.n > SPARSE_FROM)
-        self.scale, self.y0, self.yp0, self.t0 = np.ones(self.n), np.zeros(self.n), np.zeros(self.n), 0.0
 
     # -- construction
 
@@ -126,8 +95,8 @@ class SceneSystem(System):
             names += [f"{row.name} ({meaning[by_block[block]]} constraint)" for row in nb.rows]
         return tuple(names)
 
-    def _row_of(self, target: Target, g: int, i: int) -> int:
-        """Row of F a target belongs to; n (a spare row) for what is dropped, above it the rows of loaded nodes."""
+    def row_of(self, target: Target, g: int, i: int) -> int:
+        """Row of F a target belongs to; n (a spare row) for rows left out, above it the rows of loaded nodes."""
         block, nb = self.spec.rows[target[0]], self.numbering
         if block in ("q", "u"):
             own = isinstance(self.model.groups[g].instances[i].law, Element)  # shared displacements are moved by their owner
@@ -141,14 +110,14 @@ class SceneSystem(System):
 
     def _row_at(self, block: str, node: Node, component: int) -> int:
         """Row of F of an entry of a node; of a loaded node its own row, n where it has none."""
-        place = self.numbering.node_place(block if node not in self.carried.nodes else "w" + block, node, component)
+        place = self.numbering.node_place(block if node not in self.moved.nodes else "w" + block, node, component)
         if place < self.n:
             return place
-        return place - self.n + 1 if place < self.numbering.carried else self.n
+        return place - self.n + 1 if place < self.numbering.first_input else self.n
 
     def _add(self, g: int, active: list[int], plan: LinearisedPlan, entries: Entries) -> None:
         nb, count = self.numbering, len(active)
-        rows = np.array([[self._row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
+        rows = np.array([[self.row_of(t, g, i) for t in plan.targets] for i in active], dtype=np.intp).reshape(count, -1)
         constants = plan.constants.once(nb.numbers(g, plan.constant_inputs)[active])
         split = len(plan.constant_places)
         np.add.at(self._offset, rows[:, plan.offset_places], constants[:, split:])
@@ -176,7 +145,7 @@ class SceneSystem(System):
         """(elements,) row of F of a momentum row; of a loaded node its own row."""
         return np.array([self._row_at("u", e[target[1]], target[2]) for e in nodes], dtype=np.intp)
 
-    def _add_elements(self, batch: lines.Batch, entries: Entries) -> None:
+    def _add_elements(self, batch: ElementBatch, entries: Entries) -> None:
         """A kernel over the elements of beams."""
         kernel, nodes, z = batch.kernel, batch.nodes, self.numbering.start["z"] + batch.stresses
         timed = iter([self.numbering.slot(-1, *place) for place in batch.timed])
@@ -190,7 +159,7 @@ class SceneSystem(System):
             self._jacobian.kernel(gather, at, ElementJacobian(kernel))
             entries.varying(at, np.stack([slots[t] for _, t in kernel.jacobian_places], axis=1))
 
-    def _add_inertia(self, line: lines.Line, entries: Entries) -> None:
+    def _add_inertia(self, line: Line, entries: Entries) -> None:
         """Consistent mass and dead loads of a beam."""
         nodes = [[line.nodes[a] for a in element] for element in line.mesh.elements]
         entries_of = [(a, i) for a in range(line.mesh.order + 1) for i in range(line.kind.sizes[1])]
@@ -213,16 +182,16 @@ class SceneSystem(System):
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
         """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
-        nb, carried = self.numbering, self.carried
+        nb, moved = self.numbering, self.moved
 
         def slots(targets: Sequence[Any]) -> NDArray[np.intp]:
             return np.array([[slot_of(nb, tree, t) for t in targets] for tree in trees], dtype=np.intp)
 
         for piece in plan.mass:
             cells = (slots([t for t, _ in piece.targets]) - nb.nq) * nb.nu + slots([p for _, p in piece.targets]) - self.n - nb.nq
-            self._mass.kernel(carried.gather(nb, piece, trees), cells, piece.kernel)
+            self._mass.kernel(moved.gather(nb, piece, trees), cells, piece.kernel)
         pieces = [plan.forward, plan.residual, *plan.jacobian]
-        gathers = [carried.gather(nb, piece, trees) for piece in pieces]
+        gathers = [moved.gather(nb, piece, trees) for piece in pieces]
         if plan.structure.loaded:
             for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
                 store.append((piece, gather, slots(piece.targets)))
@@ -254,39 +223,12 @@ class SceneSystem(System):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
         self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
 
-    # -- breaks of inputs of time
-
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        self.model.conditions.time = side
-        return self.restarted(t, y)
-
-    def go_on_from(self, other: SceneSystem, t: float, y: Array) -> None:
-        """Begin at a state y (n,) of another system of the same scene and form."""
-        self.t0, (self.y0, self.yp0) = t, self.restarted(t, y)
-        self.longest_step = other.longest_step
-
-    def leave(self) -> None:
-        self.model.conditions.time = None
-
-    @contextmanager
-    def within(self, time: float) -> Iterator[None]:
-        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
-        self.model.conditions.time = time
-        try:
-            yield
-        finally:
-            self.leave()
-
     # -- evaluation
 
-    @cached_property
-    def _batches(self) -> dict[int, Batch]:
-        return {}
-
-    def batch(self, count: int) -> Batch:
+    def batch(self, count: int) -> ResidualBatch:
         """The evaluation of the residual at so many points."""
         if count not in self._batches:
-            self._batches[count] = Batch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
+            self._batches[count] = ResidualBatch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
         return self._batches[count]
 
     @cached_property
@@ -298,9 +240,11 @@ class SceneSystem(System):
         return Evaluation(self.batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """As `System.residual`."""
         out[:] = self.batch(1).residual(np.array([t]), y, yp)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        """As `System.residual_stages`."""
         out[:] = self.batch(len(t)).residual(t, y, yp)
 
     def _values(self, t: float, y: Array, yp: Array) -> Array:
@@ -314,14 +258,15 @@ class SceneSystem(System):
 
     def mass_here(self) -> Array:
         """M (nu, nu) at the point of the last residual, a new array."""
-        nu, M = self.numbering.nu, self._constant_mass
+        nu, M = self.numbering.nu, self.constant_mass
         if not self._mass.kernels:
             return M.copy()
         values = self._mass_values.values()
         return M + np.bincount(self._mass_place, values, nu * nu).reshape(nu, nu)
 
     @cached_property
-    def _constant_mass(self) -> Array:
+    def constant_mass(self) -> Array:
+        """(nu, nu) entries of the mass matrix that do not vary."""
         nq, nu = self.numbering.nq, self.numbering.nu
         M = np.zeros((nu, nu))
         p, n = self._pattern, self.n
@@ -340,6 +285,7 @@ class SceneSystem(System):
         return np.concatenate([p.ravel() for p in self._mass.places])
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        """As `System.jacobian`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         self._write(fy + cj * fyp, out)
 
@@ -352,6 +298,7 @@ class SceneSystem(System):
         out.reshape(-1)[self._dense] = data
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """As `System.jacobian_values`."""
         values, size = self._values(t, y, yp), len(self._dense) + 1
         fy, fyp = (
             np.bincount(self._place.take(part), values.take(part), size)[:-1] + c[:-1] if len(part) else c[:-1].copy()
@@ -360,6 +307,7 @@ class SceneSystem(System):
         return fy, fyp
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """As `System.jacobian_parts`."""
         fy, fyp = self.jacobian_values(t, y, yp)
         if self.sparsity is not None:
             return fy, fyp

@@ -1,0 +1,204 @@
+"""A model at any states, many at once: outputs of its laws, constraint rows with their derivatives, moved positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.kernels import plan
+from mbdae.kernels.plan import Outputs
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.law import Force
+from mbdae.symbolic.outputs import Target, acceleration, jacobian_G, position, velocity
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.model.model import Model
+from mbdae.system.model.nodes import Node
+from mbdae.system.model.numbering import Numbering, Row
+from mbdae.system.model.rotations import quaternion_product, turned
+
+Index = NDArray[np.intp]
+
+
+class States:
+    """Evaluates a model at states t (nt,), q (nt, nq), u (nt, nu), s (nt, ns); rows: the constraint rows that count; redundant:
+    how many of them follow from the others (which ones differs from position to position)."""
+
+    def __init__(self, model: Model, rows: list[Row], redundant: int = 0) -> None:
+        self.model, self.rows, self.redundant = model, rows, redundant
+        self.numbering = Numbering(model, rows, ("lambda",))
+        self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
+        self._places: dict[int, tuple[Index, Index, Index]] = {}
+
+    @cached_property
+    def reactive(self) -> list[int]:
+        """Groups of joints whose friction follows from their own reactions."""
+        return [g for g, group in enumerate(self.model.groups) if group.derived.reactive]
+
+    @cached_property
+    def followed(self) -> dict[str, int]:
+        """Number of the internal state that follows a joint's coordinate through whole turns, by the joint's name."""
+        found = {}
+        for n, (g, i, j) in enumerate(self.numbering.states):
+            group = self.model.groups[g]
+            if group.derived.states[j] == group.instances[i].law.follows:
+                found[group.instances[i].item] = n
+        return found
+
+    @cached_property
+    def rotational(self) -> Any:
+        """(nu,) bool: which velocities are angular."""
+        mask = np.zeros(self.nu, dtype=bool)
+        for node in self.model.nodes:
+            if node.kind is NodeKind.COORDINATE:
+                mask[node.u] = node.unit == "rad"
+            elif node.kind.turns:
+                mask[node.u + (2 if node.kind is NodeKind.PLANAR else 3) : node.u + node.kind.sizes[1]] = True
+        return mask
+
+    @cached_property
+    def velocity_units(self) -> Array:
+        """(nu,) size of each virtual displacement: the scene's length, or 1 rad."""
+        return np.where(self.rotational, 1.0, self.model.length)
+
+    @cached_property
+    def position_units(self) -> Array:
+        """(nq,) size of each position unknown: the scene's length, 1 for quaternions and angles."""
+        units = np.ones(self.nq)
+        for node in self.model.nodes:
+            if node.unit == "m":
+                units[node.q : node.q + node.kind.translations] = self.model.length
+        return units
+
+    def evaluate(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None,
+                 multipliers: Array | None = None, groups: Sequence[int] | None = None,
+                 ) -> list[tuple[int, Any, Array]]:  # fmt: skip
+        """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
+        W = self.workspace(t, q, u, s, multipliers)
+        out = []
+        for g in range(len(self.model.groups)) if groups is None else groups:
+            p = plan(self.model.groups[g].derived, outputs)
+            if p.targets:
+                out.append((g, p, p.kernel.values(W[:, self.numbering.gather(g, p.all_inputs)])))
+        return out
+
+    def workspace(self, t: Array, q: Array, u: Array, s: Array | None, multipliers: Array | None) -> Array:
+        """(nt, width) rows every kernel reads from."""
+        nb = self.numbering
+        W = nb.workspace(len(t))
+        W[:, : self.nq], W[:, self.nq : self.nq + self.nu] = q, u
+        if s is not None:
+            W[:, nb.start["s"] : nb.start["s"] + len(nb.states)] = s
+        if multipliers is not None:
+            W[:, nb.start["lambda"] : nb.start["lambda"] + self.m] = multipliers / nb.scaling()  # a form's unknowns
+        nb.fill_clock(W, t)
+        return W
+
+    def constraint_jacobian(self, t: Array, q: Array) -> Array:
+        """G (nt, m, nu)."""
+        G = np.zeros((len(t), self.m, self.nu))
+        for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu))):
+            taken, rows, columns = self._places_in_G(g, p)
+            places: Any = slice(None), rows, columns
+            np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
+        return G
+
+    def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
+        """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
+        if g not in self._places:
+            found = []
+            for n, (i, (_, r, side, column)) in enumerate(product(range(len(self.model.groups[g].instances)), p.targets)):
+                row = self.numbering.row(g, i, r)
+                if row is not None:
+                    found.append((n, row, self.numbering.velocity(("u", side, column), g, i)))
+            self._places[g] = tuple(np.array(found, dtype=np.intp).reshape(-1, 3).T)  # type: ignore[assignment]
+        return self._places[g]
+
+    def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
+        out = np.zeros((len(t), self.m))
+        for g, p, values in self.evaluate(outputs, t, q, u):
+            for i in range(values.shape[1]):
+                for o, target in enumerate(p.targets):
+                    row = self.numbering.row(g, i, target[1])
+                    if row is not None:
+                        out[:, row] = values[:, i, o]
+        return out
+
+    def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
+        """(nt, ns) outputs that belong to internal states: their start values, or their rates."""
+        nb = self.numbering
+        out = np.zeros((len(t), len(nb.states)))
+        for g, p, values in self.evaluate(outputs, t, q, u, s):
+            for i in range(values.shape[1]):
+                for o, target in enumerate(p.targets):
+                    out[:, nb.place(target, g, i) - nb.start["s"]] = values[:, i, o]
+        return out
+
+    def position_residual(self, t: Array, q: Array) -> Array:
+        """g (nt, m)."""
+        return self._rows(position, t, q, np.zeros((len(t), self.nu)))
+
+    def velocity_residual(self, t: Array, q: Array, u: Array) -> Array:
+        """G u + g_t (nt, m)."""
+        return self._rows(velocity, t, q, u)
+
+    def acceleration_bias(self, t: Array, q: Array, u: Array) -> Array:
+        """gamma (nt, m): d2g/dt2 = G u' + gamma."""
+        return self._rows(acceleration, t, q, u)
+
+    @cached_property
+    def _kinds(self) -> list[tuple[NodeKind, Any, Any]]:
+        """Kinds of nodes with the places in q and u of all their nodes, (k, nq) and (k, nu)."""
+        found: dict[NodeKind, list[Node]] = {}
+        for node in self.model.nodes:
+            found.setdefault(node.kind, []).append(node)
+        first = {kind: np.array([(n.q, n.u) for n in nodes]) for kind, nodes in found.items()}
+        return [(kind, at[:, :1] + np.arange(kind.sizes[0]), at[:, 1:] + np.arange(kind.sizes[1])) for kind, at in first.items()]
+
+    def integrate_positions(self, q: Array, displacement: Array) -> Array:
+        """q (nq,) moved by virtual displacements (nu,): translations add, rotations in body axes compose."""
+        q = q.copy()
+        for kind, at, by in self._kinds:
+            d = displacement[by]
+            if kind is NodeKind.SPATIAL:
+                q[at[:, :3]] += d[:, :3]
+                q[at[:, 3:]] = turned(q[at[:, 3:]], d[:, 3:])
+            else:
+                q[at] += d
+        return q
+
+    def rates(self, q: Array, u: Array) -> Array:
+        """q' (nq,) of velocities u (nu,)."""
+        qp = np.zeros(self.nq)
+        for kind, at, by in self._kinds:
+            d = u[by]
+            if kind is NodeKind.SPATIAL:
+                qp[at[:, :3]] = d[:, :3]
+                qp[at[:, 3:]] = quaternion_product(q[at[:, 3:]], np.hstack([np.zeros((len(d), 1)), d[:, 3:]])) / 2
+            else:
+                qp[at] = d
+        return qp
+
+
+def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
+    """Gap (m) and rate (m/s) of every place of contact."""
+    if not isinstance(d.law, Force):
+        return []
+    pairs = d.law.gaps(*d.sides)
+    resolve, name = d.variation.resolve, d.variation.name
+    return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
+
+
+def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[str, tuple[Array, Array]]:
+    """By item: gaps (m) and rates (m/s) of its places of contact at states (nt,), (nt, places) each."""
+    found = {}
+    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u):
+        for i, instance in enumerate(mechanics.model.groups[g].instances):
+            found[instance.item] = values[:, i, ::2], values[:, i, 1::2]
+    return found

@@ -1,0 +1,182 @@
+"""The System of a prepared scene in a form: its start and scales, where it restarts, and which rows it goes on with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+import numpy as np
+
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.contact_guards import ContactGuards
+from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
+from mbdae.system.assembled.switches import switches_of_model
+from mbdae.system.base import Array, System
+from mbdae.system.model.inputs import timeline
+from mbdae.system.motion.displacements import Displacements
+from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.prepare import Prepared
+from mbdae.system.rank.rows import Rows, RowsInForce
+from mbdae.system.start.start import Start
+from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
+from mbdae.threads import single_threaded
+from mbdae.ties import largest
+
+#: False: solvers watch neither inputs of time nor laws that switch; for tests of the checks after a run
+WATCH_INPUTS_AND_SWITCHES = True
+
+
+class SceneSystem(System):
+    """A prepared scene in a form: F(t, y, y') = 0 with its exact Jacobian, start and scales.
+
+    others: equations with other rows in force that a run had before, which it takes again where these rows are good;
+    assembly: the equations, by default those of the rows in force."""
+
+    @single_threaded
+    def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
+                 others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
+        self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
+        mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
+        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
+        self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
+        self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
+        self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
+        lines, stressed = prepared.model.lines, self.numbering.stresses
+        z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
+        self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
+        if not lines:  # of beams the step over a second was measured
+            self.time = prepared.time
+        else:
+            self.vibration = partial(_vibration, prepared)
+        self.partition = None if mechanics.reactive else partition_of(mechanics, all_bodies)
+        self.displaced = Displacements(self.numbering)
+        if self.rhs is None and not self.numbering.m:
+            self.rhs = rhs_of(made, (self.t0, self.y0, self.yp0))
+        if prepared.contacts:
+            self.guards = guards = ContactGuards(made, {contact.item: contact.mass for contact in prepared.contacts})
+            self.guard_names = guards.names
+        if WATCH_INPUTS_AND_SWITCHES:
+            self.switches = switches_of_model(prepared.model, all_bodies.moved)
+            self.timeline = partial(timeline, prepared.model)
+        self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        self.assembly.residual(t, y, yp, out)
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        self.assembly.residual_stages(t, y, yp, out)
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        self.assembly.jacobian(t, y, yp, cj, out)
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        return self.assembly.jacobian_parts(t, y, yp)
+
+    def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        return self.assembly.jacobian_values(t, y, yp)
+
+    # -- breaks of inputs of time
+
+    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
+        self.model.conditions.time = side
+        return self.restarted(t, y)
+
+    def leave(self) -> None:
+        self.model.conditions.time = None
+
+    @contextmanager
+    def within(self, time: float) -> Iterator[None]:
+        """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
+        self.model.conditions.time = time
+        try:
+            yield
+        finally:
+            self.leave()
+
+    def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
+        """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""
+        fresh, rates = _values(self._prepared, self.assembly, self._state(self._prepared.mechanics, t, y), self._stresses(y))
+        kept = self.n if self.spec.derivatives else self.numbering.start["lambda"]
+        return np.concatenate([y[:kept], fresh[kept:]]), rates
+
+    def _state(self, mechanics: Mechanics, t: float, y: Array) -> Start:
+        """The state y (n,) with accelerations and multipliers of the rows that a mechanics has in force."""
+        times, z = np.array([t]), self._stresses(y)
+        (q,), (u,), (s,) = self._prepared.states(times, y[None])
+        a, multipliers = mechanics.accelerations(times, q[None], u[None], s[None], z[None] if len(z) else None)
+        return Start(t, q, u, s, a[0], multipliers[0])
+
+    def _stresses(self, y: Array) -> Array:
+        first = self.numbering.start["z"]
+        return y[first : first + len(self.numbering.stresses)]
+
+    # -- other rows in force
+
+    def renewed(self, t: float, y: Array) -> SceneSystem | None:
+        rows = None if self._choice is None else self._choice.better(t, self._positions(t, y))
+        if rows is None:
+            return None
+        if rows not in self._others:
+            state = self._state(self._prepared.mechanics_with(list(rows)), t, y)
+            self._others[rows] = type(self)(self._prepared.with_rows(list(rows), state), *self._asked, self._others)
+        return self._others[rows].taking_over(self, t, y)
+
+    def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
+        """These equations from a state y (n,) of another system of the same scene and form."""
+        return self.starting(t, *self.restarted(t, y), other.longest_step)
+
+    def smallest(self, t: float, y: Array) -> float | None:
+        """Smallest singular value that counts of all rows of unit length: 0 in a singular position. None: none is redundant."""
+        return None if self._choice is None else self._choice.smallest(t, self._positions(t, y))
+
+    def _positions(self, t: float, y: Array) -> Array:
+        """q (nq,) of all nodes."""
+        return np.asarray(self._prepared.states(np.array([t]), y[None])[0][0])
+
+
+def _values(prepared: Prepared, system: Assembly, state: Start, z: Array) -> tuple[Array, Array]:
+    """y and y' (n,) of a form at a consistent state, with stresses z of beams; multipliers that are derivatives start at 0."""
+    mechanics, nb, spec = prepared.mechanics, system.numbering, system.spec
+    q, u = nb.of_positions, nb.of_velocities
+    rate = state_rates(mechanics, state.t, state.q, state.u, state.s)
+    blocks = {
+        "q": (state.q[q], mechanics.rates(state.q, state.u)[q]), "v": (state.u[u], state.acceleration[u]),
+        "s": (state.s, rate), "z": (z, np.zeros_like(z)),
+    }  # fmt: skip
+    if "lambda" in spec.blocks:
+        zero, multipliers = np.zeros(nb.m), state.multipliers[nb.rows_among(mechanics.rows)] / nb.scaling()
+        blocks["lambda"] = (zero, multipliers) if spec.derivatives else (multipliers, zero)
+        blocks["mu"] = (zero, zero)
+    parts = [blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _scales(prepared: Prepared, system: Assembly) -> Array:
+    """(n,) typical magnitude of every unknown."""
+    mechanics, T, nb, spec = prepared.mechanics, prepared.time, system.numbering, system.spec
+    q, u = nb.of_positions, nb.of_velocities
+    blocks = {
+        "q": mechanics.position_units[q], "v": mechanics.velocity_units[u] / T, "s": state_scale(mechanics),
+        "z": np.full(len(nb.stresses), stress_scale(mechanics, T)),
+    }  # fmt: skip
+    if "lambda" in spec.blocks:
+        kept = nb.rows_among(mechanics.rows)
+        force, reach = (scale[kept] for scale in multiplier_scales(mechanics, prepared.start, T))
+        force = force / nb.scaling()  # a scaled row reads scaling c = 0, its force is scaling lambda
+        blocks |= {"lambda": force * T, "mu": reach} if spec.derivatives else {"lambda": force, "mu": reach / T}
+    return np.concatenate([blocks[kind] for kind in ("q", "v", "s", "z", *spec.blocks)])
+
+
+def _rows_in_force(prepared: Prepared, others: dict[Rows, SceneSystem]) -> RowsInForce:
+    """The choice of rows of an over-constrained mechanism; others: choices for which equations are at hand."""
+    always = [i for i, row in enumerate(prepared.with_all_rows.rows) if not prepared.all_bodies.moved.keeps(row)]
+    return RowsInForce(prepared.with_all_rows, len(prepared.rank.kept), always, tuple(prepared.rank.kept), others)
+
+
+def _vibration(prepared: Prepared) -> tuple[str, float]:
+    """The beam that vibrates fastest, and how far in the characteristic time (rad)."""
+    found = {line.beam.name: line.fastest_vibration(prepared.start.q) for line in prepared.model.lines}
+    name = list(found)[largest(list(found.values()))]
+    return name, found[name] * prepared.time

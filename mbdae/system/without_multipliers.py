@@ -1,0 +1,136 @@
+"""Equations with their multipliers eliminated: y' = f(t, y), y = (q, u, s), of a scene with constraints.
+
+At every state M u' + G^T lambda = f and the constraints on the level of accelerations are solved for u' and lambda. Where the
+mass matrix is constant and the forces do not depend on lambda, one kernel call per law gives f, the constraints' right-hand side
+and G (`assembled/acceleration_kernel.py`); everywhere else Newton's method solves the full equations, which is exact after one
+step where they are linear (`assembled/right_hand_side.py`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from math import inf
+from typing import Self
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning
+from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.right_hand_side import Rates, singular
+from mbdae.system.base import Array, System
+from mbdae.system.prepare import Prepared
+from mbdae.system.rank.rows import Rows
+from mbdae.system.scene_system import SceneSystem
+
+NEAR = 1e-7  #: squared independent part of a constraint row below which reactions and accelerations are uncertain
+PASSED = 0.3  #: relative deviation from the straight line through a singular position, below which one was passed
+SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
+UNSEEN = ((-inf, 1.0), (-inf, 1.0))
+
+
+class Accelerations(Rates):
+    """The same of constrained bodies, by one kernel call where that is possible. start: a state (t, y)."""
+
+    def __init__(self, full: Assembly, differential: int, linear: bool, start: tuple[float, Array]) -> None:
+        super().__init__(full, differential, linear)
+        self._start = start
+
+    @cached_property
+    def kernel(self) -> AccelerationKernel | None:
+        """The kernel; None where the full equations are solved."""
+        return acceleration_kernel(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
+
+
+class WithoutMultipliers(SceneSystem):
+    """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
+
+    strict = False  #: whether a run stops at singular positions
+
+    def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
+                 others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
+        model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
+        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
+        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
+        self.pattern = None  # dy'/dy is full
+        linear = not any(group.derived.reactive for group in model.groups)
+        self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
+        self._rate = np.zeros(self.n)
+        self._seen, self._warned = UNSEEN, False
+
+    def strictly(self, strict: bool) -> Self:
+        """These equations, whose runs stop at singular positions, or only warn there."""
+        other = copy(self)
+        other.strict = strict
+        return other
+
+    def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
+        assert isinstance(other, WithoutMultipliers)
+        begun = self.strictly(other.strict).starting(t, *self.restarted(t, y), other.longest_step)
+        begun._warned, begun._seen = other._warned, UNSEEN
+        return begun
+
+    @property
+    def multipliers(self) -> Array:
+        """lambda (m,) of the last evaluation."""
+        return (self._rates.kernel or self._rates).multipliers
+
+    def rhs(self, t: float, y: Array, out: Array) -> None:
+        """out[:] = y'."""
+        kernel = self._rates.kernel
+        if kernel is None:
+            self._rates.solve(t, y, out)
+            return
+        row = kernel.rates(t, y, out)
+        if row >= 0:
+            raise singular(t, self.full.numbering.rows[row].name)
+
+    def rate_jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy (n, n)."""
+        self.rhs(t, y, self._rate)
+        self._rates.multipliers = self.multipliers
+        return self._rates.jacobian(t, y, self._rate)
+
+    def accept(self, t: float, y: Array) -> None:
+        """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
+        shares = (self._rates.kernel or self._rates).shares()
+        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
+        (t0, before), (t1, last) = self._seen
+        if t <= t1:  # another run
+            self._warned, t0, before, last = False, -inf, here, here
+        expected = last + (last - before) * (t - t1) / (t1 - t0) if t1 > t0 else last
+        self._seen = self._seen[1], (t, here)
+        if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
+            return
+        self._rates.matrices(t, y, self._rate)
+        weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
+        if (expected < 0 or self._rates.shares()[weakest] < NEAR) and not self._determined(t, y):
+            if self.strict:
+                raise singular(t, self.full.numbering.rows[weakest].name)
+            self._warned = True
+            name = self.full.numbering.rows[weakest].name
+            text = (f"a singular position is near or passed at t = {t:.6g} s: {name} depends on the other constraints there; the "
+                    f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
+            warnings.warn(text, AccuracyWarning, stacklevel=4)
+
+    def _determined(self, t: float, y: Array) -> bool:
+        """Whether the rows that were left out determine the motion where those in force are about to fail."""
+        here, at_start = self.smallest(t, y), self.smallest(self.t0, self.y0)
+        return here is not None and at_start is not None and here > SOUND * at_start
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        self.rhs(t, y, out)
+        np.subtract(yp, out, out=out)
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        System.residual_stages(self, t, y, yp, out)
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        return -self.rate_jacobian(t, y), np.eye(self.n)
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        out[...] = cj * np.eye(self.n) - self.rate_jacobian(t, y)
