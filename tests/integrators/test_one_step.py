@@ -172,8 +172,8 @@ def test_a_table_of_ones_own_that_is_not_stiffly_accurate(stages):
 
 def test_gauss_keeps_quadratic_invariants():
     """x^2 + y^2 of a harmonic oscillator; Radau damps it."""
-    system = mb.DAE(lambda t, y, yp, out: [yp[0] - y[1], yp[1] + y[0]], [1.0, 0.0], [0.0, -1.0])
-    system.rhs = lambda t, y, out: out.__setitem__(slice(None), [y[1], -y[0]])
+    system = mb.DAE(lambda t, y, yp, out: [yp[0] - y[1], yp[1] + y[0]], [1.0, 0.0], [0.0, -1.0],
+                    rhs=lambda t, y, out: [y[1], -y[0]])  # fmt: skip
     run = Gauss(2, step=0.5).solve(system, 100.0)
     assert np.abs(np.hypot(*run.y.T) - 1).max() < 1e-12
 
