@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from inspect import isabstract
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import sympy as sp
 
 import mbdae as mb
 from mbdae import integrators
+from mbdae.integrators.base import Solver
 from mbdae.results import archive, storage
 from mbdae.results.storage import SOLVERS
 from mbdae.scene.record import STATEMENTS, without_module
@@ -250,7 +252,12 @@ def test_solvers_come_back(solver: Any) -> None:
 
 def test_all_public_solvers_are_known() -> None:
     base = f"{integrators.__name__}."
-    assert {f"mbdae:{name}": home.removeprefix(base) for name, home in mb._HOME.items() if home.startswith(base)} == SOLVERS
+    solvers = [name for name, home in mb._HOME.items() if home.startswith(base) and is_solver(getattr(mb, name))]
+    assert {f"mbdae:{name}": mb._HOME[name].removeprefix(base) for name in solvers} == SOLVERS
+
+
+def is_solver(thing: Any) -> bool:
+    return isinstance(thing, type) and issubclass(thing, Solver) and not isabstract(thing)
 
 
 @pytest.mark.parametrize(("old", "new"), [

@@ -6,9 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from flapping_wing.check import multipliers
-from flexible_ground_resonance.check import fewer_unknowns
-from runner import Case, Claim, Found, Row, measure
+from runner import Case, Claim, Found, Row, measure, module_of
 
 import mbdae as mb
 from mbdae.audit import Audit
@@ -36,6 +34,7 @@ CORRECTED = {
     "52": "g = 1/sigma0*(muk + (mus - muk)*exp(-abs(v/vs)^gamma))",
     "55": "zi = (vi + zpdot + 2/hi*zp)/(2/hi + abs(vi)/g)",
 }
+WING, ROTOR = (module_of(Path(__file__).parents[1], name) for name in ("flapping_wing", "flexible_ground_resonance"))
 ROLES = "the roles of the races exchanged: k is the outer, l the inner one"
 
 
@@ -50,8 +49,8 @@ def clearance() -> tuple[int, str]:
 
 #: by the words of the paper: what counts it, the number found by hand, the verdict on that of the paper
 COUNTS = {
-    "unknowns fewer when the five revolutes of the rotor become recursive": (fewer_unknowns, 20, "RIGHT"),
-    "multipliers of the flapping wing with kinematic revolutes": (multipliers, 42, "RIGHT"),
+    "unknowns fewer when the five revolutes of the rotor become recursive": (ROTOR.fewer_unknowns, 20, "RIGHT"),
+    "multipliers of the flapping wing with kinematic revolutes": (WING.multipliers, 42, "RIGHT"),
     "constraints of the revolute joint with clearance": (clearance, 3, "MISPRINT"),
 }
 

@@ -6,6 +6,7 @@ import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from mbdae.errors import OptionError
 from runner.claim import Case, Claim, Row
@@ -25,8 +26,8 @@ def claims(folder: Path) -> list[str]:
     return sorted(path.parent.name for path in folder.glob("*/check.py"))
 
 
-def load(folder: Path, name: str) -> Check:
-    """The check of one claim; OptionError where there is none of that name."""
+def module_of(folder: Path, name: str) -> Any:
+    """The module check.py of one claim; OptionError where there is none of that name."""
     known = claims(folder)
     if name not in known:
         raise OptionError(f"there is no claim '{name}': choose from {', '.join(known)}")
@@ -35,6 +36,12 @@ def load(folder: Path, name: str) -> Check:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+def load(folder: Path, name: str) -> Check:
+    """What check.py of one claim states."""
+    module = module_of(folder, name)
     if module.claim.name != name:
         raise OptionError(f"validation/{name}/check.py states the claim '{module.claim.name}': give it the folder's name")
     return Check(module.claim, module.cases, module.run)
