@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import told_when_interrupted
+from mbdae.errors import with_text_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
@@ -73,7 +73,7 @@ class Scene(SceneData):
 
         return floquet(self, period, at, count, accuracy)
 
-    @told_when_interrupted
+    @with_text_when_interrupted
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,

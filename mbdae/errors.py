@@ -95,7 +95,7 @@ def keeping(solution: Any, text: str) -> Iterator[None]:
         raise
 
 
-def told_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
+def with_text_when_interrupted(function: Callable[P, T]) -> Callable[P, T]:
     """The function; a KeyboardInterrupt without a text gets the text that nothing was computed yet."""
 
     @wraps(function)
@@ -137,7 +137,7 @@ class AccuracyWarning(UserWarning):
     """A result does not, or may not, meet the accuracy asked for."""
 
 
-class Told:
+class ListsAttributes:
     """Base of results: the error for an attribute that does not exist lists those that do."""
 
     @property

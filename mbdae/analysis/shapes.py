@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from mbdae.analysis.frame import attitude
-from mbdae.errors import OptionError, Told
+from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.elements.line_shape import table
 from mbdae.results.beams import foot
 from mbdae.scene.components import Body, Place
@@ -42,7 +42,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Mode(Told):
+class Mode(ListsAttributes):
     """One mode: eigenvalue, 1/s (of a conjugate pair the one with the positive imaginary part), and its shape.
 
     `mode["body"]` is the motion of a body's node: virtual displacement and rotation along the frame's axes, scaled so
@@ -128,7 +128,7 @@ class Mode(Told):
 M = TypeVar("M", bound=Mode)
 
 
-class Modes(Told, Generic[M]):
+class Modes(ListsAttributes, Generic[M]):
     """The modes that an analysis found, and arrays over them."""
 
     modes: list[M]

@@ -9,13 +9,13 @@ from typing import Any
 from mbdae.compare.pairwise import Pairwise
 from mbdae.compare.reference import Reference
 from mbdae.compare.rows import Row, asked_for, cheapest
-from mbdae.errors import Told
+from mbdae.errors import ListsAttributes
 from mbdae.sweep.writing import as_json
 from mbdae.values import number, option
 
 
 @dataclass(frozen=True)
-class ComparisonData(Told):
+class ComparisonData(ListsAttributes):
     """Rows (one per solver run) with what they were measured against, and how far the runs are from each other."""
 
     scene: str

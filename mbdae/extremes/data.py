@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from mbdae.compare.environment import environment
-from mbdae.errors import Told
+from mbdae.errors import ListsAttributes
 from mbdae.extremes.cell import SILENT, VERDICTS, Cell
 from mbdae.sweep.writing import as_json
 from mbdae.values import number, option, text
@@ -36,7 +36,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class ExtremesData(Told):
+class ExtremesData(ListsAttributes):
     """All cells of a map; `silent` must be empty."""
 
     scene: str

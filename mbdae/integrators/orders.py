@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning, OptionError, SolverError, Told
+from mbdae.errors import AccuracyWarning, ListsAttributes, OptionError, SolverError
 from mbdae.formulations import default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Solver, end_after
@@ -33,7 +33,7 @@ AGREE, PART = 0.3, 0.1
 
 
 @dataclass(frozen=True)
-class Orders(Told):
+class Orders(ListsAttributes):
     """Observed orders of a method; print it for a table.
 
     orders  of every part of the unknowns ("positions", "velocities", "multipliers" ...): a number, or None where none is to be

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from mbdae.errors import OptionError, Told
+from mbdae.errors import ListsAttributes, OptionError
 from mbdae.system.base import Array, System
 from mbdae.values import array, option, shown
 
@@ -81,7 +81,7 @@ class Outputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Told):
+class Solution(ListsAttributes):
     """Result of one integration.
 
     t (m+1,) start and accepted times; y, yp (m+1, n) unknowns and their derivatives there;

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError, Told
+from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
@@ -53,7 +53,7 @@ class RunInfo:
     reliable: bool = True  #: see `Result.reliable`
 
 
-class Result(RunStates, Told):
+class Result(RunStates, ListsAttributes):
     """A simulated scene. `r["name"]` gives the sensors of a body, joint or force, `r["beam.at(0.5)"]` those of a place on a
     body or beam; `r(t)` the result at other times."""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import OptionError, SceneError, Told
+from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -56,7 +56,7 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     return item, where[0] if len(where) == 1 else where
 
 
-class BodySensor(Told):
+class BodySensor(ListsAttributes):
     """Motion of a body's centre of mass, or of a place on it: arrays over the result's times."""
 
     def __init__(self, result: RunStates, body: Body, point: Array | None = None) -> None:
@@ -131,7 +131,7 @@ def turned_about_z(angle: Array) -> Array:
     return found
 
 
-class ConnectionSensor(Told):
+class ConnectionSensor(ListsAttributes):
     """A joint or force element: coordinate, force and torque on body l, power; arrays over the result's times."""
 
     def __init__(self, result: RunStates, item: Connection) -> None:

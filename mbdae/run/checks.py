@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from mbdae.errors import Told
+from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
@@ -15,7 +15,7 @@ from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 
 @dataclass(frozen=True)
-class Check(Told):
+class Check(ListsAttributes):
     """Findings of `Scene.check`; `print` it."""
 
     prepared: Prepared

@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from mbdae.errors import OptionError, Told, interrupted
+from mbdae.errors import ListsAttributes, OptionError, interrupted
 from mbdae.files import write_file
 from mbdae.sweep.resume import check_same, damage_refused, interruption, resume_path
 from mbdae.sweep.workers import Job, Outcome, with_executor, with_processes
@@ -42,7 +42,7 @@ class SweepRow:
 
 
 @dataclass(frozen=True)
-class Sweep(Told):
+class Sweep(ListsAttributes):
     """Rows of a sweep in the order of its points; those of a sweep that was interrupted are fewer than `points`.
 
     axes: name -> values of the outer product, None where a list of points was given.

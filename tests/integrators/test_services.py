@@ -43,11 +43,11 @@ def test_outputs_do_not_change_the_steps(solver):
 def test_every_accepted_step_is_announced_once(solver):
     seen = []
 
-    class Told(Explicit):
+    class ListsAttributes(Explicit):
         def accept(self, t, y):
             seen.append((t, *y))
 
-    solution = solve(solver, decay(Told), 1.0)
+    solution = solve(solver, decay(ListsAttributes), 1.0)
     assert np.array_equal(np.array(seen), np.column_stack([solution.t, solution.y])[1:])
 
 
