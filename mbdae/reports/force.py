@@ -70,8 +70,7 @@ class ForceReport:
                 Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
                 Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
             ]
-        named = self.formulas.definitions(mark)
-        return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
+        return Section("Law", [*blocks, *self.formulas.explained(mark)])
 
     def total(self) -> dict[str, Pair]:
         """Forces and moments on both bodies at their points, as they stand on the left-hand side."""
@@ -105,8 +104,7 @@ class ForceReport:
         )
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
-        named = self.formulas.definitions(mark)
-        blocks = [Paragraph(text), *_equations(lines), *([Paragraph("with"), *named] if named else [])]
+        blocks = [Paragraph(text), *_equations(lines), *self.formulas.explained(mark)]
         if not external(self.s):
             blocks.append(Paragraph(self.balance(total)))
         return Section("Forces on both bodies", blocks)
@@ -143,8 +141,7 @@ class ForceReport:
             blocks.append(
                 Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}")
             )
-        named = self.formulas.definitions(mark)
-        return [Section("Internal states", [*blocks, *([Paragraph("with"), *named] if named else [])])]
+        return [Section("Internal states", [*blocks, *self.formulas.explained(mark)])]
 
     def one_sided(self) -> list[Section]:
         """Gaps of a law that acts where they are negative."""
@@ -154,14 +151,13 @@ class ForceReport:
         lines = [f"g = {w.scalar(g)} \\\\ \\dot g = {w.scalar(rate)}" for g, rate in self.gaps]
         self.formulas.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
         w.used.add("gap")
-        named = self.formulas.definitions(mark)
         return [
             Section(
                 "Gap",
                 [
                     Paragraph("The law acts where the gap is negative; no step of a solver passes over a change of its sign."),
                     *_equations(lines),
-                    *([Paragraph("with"), *named] if named else []),
+                    *self.formulas.explained(mark),
                 ],
             )
         ]
@@ -188,8 +184,7 @@ class ForceReport:
             blocks.append(
                 Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work.")
             )
-        named = self.formulas.definitions(mark)
-        return Section("Power", [*blocks, *_equations(lines), *([Paragraph("with"), *named] if named else [])])
+        return Section("Power", [*blocks, *_equations(lines), *self.formulas.explained(mark)])
 
     # -- checks
 
