@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,8 +16,8 @@ from mbdae.audit.verdicts import Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.errors import OptionError
-from mbdae.files import write_file
-from mbdae.values import file_to_write, of_class, option, optional, shown
+from mbdae.sweep.writing import as_json
+from mbdae.values import of_class, option, shown
 from mbdae.values import path as path_of
 
 VERDICTS = {
@@ -76,11 +75,7 @@ class Audit:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The same as JSON text, written to a file where one is named."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
-        if place is not None:
-            write_file(place, text + "\n")
-        return text
+        return as_json(self.to_dict(), path).removesuffix("\n")
 
     def document(self) -> Document:
         """A document with every formula as printed, its verdict and its repair."""
