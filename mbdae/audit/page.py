@@ -15,6 +15,7 @@ from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
+from mbdae.documents.formulas import escaped
 from mbdae.errors import OptionError
 from mbdae.sweep.writing import as_json
 from mbdae.values import of_class, option, shown
@@ -83,7 +84,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), _plain(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), escaped(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -114,16 +115,11 @@ def _shown(x: float | None) -> str:
     return "-" if x is None or not math.isfinite(x) else "0" if x == 0 else f"{x:.1e}"
 
 
-def _plain(text: str) -> str:
-    """Formulas in the notation, readable inside a text."""
-    return text.replace("$", r"\$")
-
-
 def _blocks(row: Row) -> list[Block]:
     how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        out.append(Paragraph(_plain(_repair_and_remark(row)) + "."))
+        out.append(Paragraph(escaped(_repair_and_remark(row)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))

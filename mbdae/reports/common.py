@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.formulas import escaped
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.evaluate import Numbers
@@ -138,7 +139,7 @@ def _base_row(base: Base, what: str) -> list[str]:
 def described(law: Any) -> list[Block]:
     """The docstring of a law in paragraphs."""
     text = inspect.getdoc(law) or ""
-    return [Paragraph(" ".join(part.split()).replace("$", r"\$")) for part in text.split("\n\n") if part.strip()]
+    return [Paragraph(escaped(" ".join(part.split()))) for part in text.split("\n\n") if part.strip()]
 
 
 def checks_table(checks: Sequence[Check], points: int) -> list[Block]:

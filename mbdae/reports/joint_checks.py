@@ -15,14 +15,12 @@ from mbdae.reports.calculus import Dual, Motion, Pair
 from mbdae.reports.common import Check, LawFormulas, row_name
 from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
-from mbdae.reports.states import POINTS, State, random_state, residual
+from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Joint, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
 from mbdae.symbolic.vectors import Expr, Vec
-
-STEP = 1e-30
 
 
 class LawChecks:

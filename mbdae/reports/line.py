@@ -14,8 +14,8 @@ from mbdae.documents.document import Document
 from mbdae.reports.common import Check, checks_table, described, title_of
 from mbdae.reports.evaluate import Numbers, value
 from mbdae.reports.letters import Letter, letters, name_vectors
-from mbdae.reports.line_states import STEP, LineState
-from mbdae.reports.states import POINTS, residual
+from mbdae.reports.line_states import LineState
+from mbdae.reports.states import POINTS, STEP, residual
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.fingerprint import canonical
