@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from mbdae.errors import EquilibriumError, OptionError, StartError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result, RunInfo
+from mbdae.results.states import Instant
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
@@ -42,33 +43,6 @@ SOLVED = "no error is estimated: the equations are solved to the residual that t
 CLAIMED = {"motion": SOLVED, "reactions": SOLVED,
            "mesh": "not measured: the same beams with one order more show it"}  #: what its accuracy says  # fmt: skip
 Progress = Callable[[float, int], None]  #: load factor reached, corrections so far
-
-
-@dataclass(frozen=True)
-class _Newton:
-    """Stands for the solver in the Result of an equilibrium."""
-
-    label: str = "Newton"
-
-    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Any:
-        """A state at rest has one instant."""
-        return _Instant(y, yp)
-
-
-@dataclass(frozen=True)
-class _Instant:
-    """The one state of a solution with one instant."""
-
-    y: Array
-    yp: Array
-
-    def value(self, t: Array) -> Array:
-        """y (k, n)."""
-        return np.repeat(self.y, len(t), axis=0)
-
-    def derivative(self, t: Array) -> Array:
-        """y' (k, n)."""
-        return np.repeat(self.yp, len(t), axis=0)
 
 
 class Equilibrium(Result):
@@ -179,10 +153,10 @@ def as_result(statics: Statics, point: Point) -> Equilibrium:
     up, multipliers = point.yp[m.nq : m.nq + m.nu], point.y[statics.kinds == "lambda"] * statics.system.numbering.scaling()
     start = Start(float(t[0]), q, u, s, up, multipliers)
     stats = Stats(steps=0, newton_iterations=point.iterations)
-    y, yp = point.y[None], point.yp[None]
-    solution = Solution(t, y, yp, None, stats, _Newton(), statics.system.names, True, _Instant(y, yp))
+    rest = Instant("Newton", point.y[None], point.yp[None])
+    solution = Solution(t, rest.y, rest.yp, None, stats, rest, statics.system.names, True, rest)
     known = Accuracy(None, None, has_mesh=bool(prepared.model.lines), unknown=CLAIMED)
-    info = RunInfo(_Newton(), "Index3", known, stats)
+    info = RunInfo(rest, "Index3", known, stats)
     result = Equilibrium(replace(prepared, start=start), solution, info, t)
     result.point, result.kinds = point, statics.kinds
     result.frame, result.load_factor, result.iterations = statics.rest.frame.name, point.load_factor, point.iterations

@@ -9,6 +9,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.notation import Node
+from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: of the complex step
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
@@ -68,14 +69,8 @@ def _length(v: Value) -> Value:
     return np.sqrt(np.sum(v * v) + 0j)
 
 
-def _atan2(y: Value, x: Value) -> Value:
-    y, x = _number(y), _number(x)
-    square = x.real**2 + y.real**2
-    return np.arctan2(y.real, x.real) + 1j * (x.real * y.imag - y.real * x.imag) / square
-
-
 _PLAIN: dict[str, Callable[..., Value]] = {
-    "norm": _length, "abs": lambda v: magnitude(_number(v)), "atan2": _atan2,
+    "norm": _length, "abs": lambda v: magnitude(_number(v)), "atan2": lambda y, x: complex_atan2(_number(y), _number(x)),
     "sqrt": lambda v: np.sqrt(_number(v) + 0j),
 }  # fmt: skip
 

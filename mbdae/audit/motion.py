@@ -13,6 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, cross
+from mbdae.symbolic.functions import complex_atan2
 
 KINDS = ("free", "revolute", "clearance")
 _E3 = np.array([[0.0], [0.0], [1.0]])
@@ -133,9 +134,7 @@ class Motion:
         if self.joined:
             return self.phi
         A = self.rotation("k").T @ self.rotation("l")
-        y, x = A[1, 0] - A[0, 1], A[0, 0] + A[1, 1]
-        angle, square = np.arctan2(y.real, x.real), x.real**2 + y.real**2
-        return angle + 1j * (x.real * y.imag - y.real * x.imag) / square
+        return complex_atan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])
 
     def relative_rate(self) -> Value:
         """Rate of the relative angle, rad/s."""

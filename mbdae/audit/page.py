@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,9 +15,10 @@ from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
+from mbdae.documents.formulas import escaped
 from mbdae.errors import OptionError
-from mbdae.files import write_file
-from mbdae.values import file_to_write, of_class, option, optional, shown
+from mbdae.sweep.writing import as_json
+from mbdae.values import of_class, option, shown
 from mbdae.values import path as path_of
 
 VERDICTS = {
@@ -76,11 +76,7 @@ class Audit:
 
     def to_json(self, path: str | Path | None = None) -> str:
         """The same as JSON text, written to a file where one is named."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-        place = optional("path", path, file_to_write, "give the path of a file in a folder that exists, or None")
-        if place is not None:
-            write_file(place, text + "\n")
-        return text
+        return as_json(self.to_dict(), path).removesuffix("\n")
 
     def document(self) -> Document:
         """A document with every formula as printed, its verdict and its repair."""
@@ -88,7 +84,7 @@ class Audit:
         rows = [[v, str(n), VERDICTS[v]] for v, n in counts.items() if n]
         blocks: list[Block] = [Paragraph(HOW), Table(["verdict", "equations", "meaning"], rows)]
         blocks.append(Section("Overview", [Table(["equation", "verdict", "residual", "repair or remark"], [
-            [r.equation, r.verdict, _shown(r.residual), _plain(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
+            [r.equation, r.verdict, _shown(r.residual), escaped(_repair_and_remark(r))] for r in self.equations])]))  # fmt: skip
         for section in dict.fromkeys(r.printed.section for r in self.equations):
             rows_in = [r for r in self.equations if r.printed.section == section]
             inside = [b for r in rows_in for b in _blocks(r)]
@@ -119,16 +115,11 @@ def _shown(x: float | None) -> str:
     return "-" if x is None or not math.isfinite(x) else "0" if x == 0 else f"{x:.1e}"
 
 
-def _plain(text: str) -> str:
-    """Formulas in the notation, readable inside a text."""
-    return text.replace("$", r"\$")
-
-
 def _blocks(row: Row) -> list[Block]:
     how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        out.append(Paragraph(_plain(_repair_and_remark(row)) + "."))
+        out.append(Paragraph(escaped(_repair_and_remark(row)) + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))

@@ -53,6 +53,16 @@ def phrase(wording: str, vanishes: bool = False, signed: bool = False,
     return register
 
 
+def random_number(wording: str) -> Rule:
+    """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
+    return phrase(wording, vanishes=True)(lambda env: env.number(wording) + 0j)
+
+
+def random_positive(wording: str) -> Rule:
+    """The same with a positive number."""
+    return phrase(wording)(lambda env: env.positive(wording) + 0j)
+
+
 @dataclass(frozen=True)
 class Meaning:
     """The printed meaning of a symbol: phrase, unit (one, or one for every block of three rows) and rule."""

@@ -7,10 +7,9 @@ import warnings
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import STEP, Value
+from mbdae.audit.evaluate import STEP, Value, cross
 from mbdae.audit.laws import gap, journal, outward
-from mbdae.audit.phrases import Env, phrase
-from mbdae.audit.rules_motion import moving_point, velocity_of_point
+from mbdae.audit.phrases import Env, phrase, random_number, random_positive
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import Coulomb, LuGre
@@ -63,8 +62,9 @@ def _as_printed(env: Env, name: str, number: str) -> Value:
 
 @phrase("material point of {side} at {name} of {number}", vanishes=True)
 def _material_point(env: Env, side: str, name: str, number: str) -> Value:
-    point = np.real(_printed_at_base(env, name, number))
-    return moving_point(env.motion, env.motion.base, side, point)
+    m, base = env.motion, env.motion.base
+    arm = np.real(_printed_at_base(env, name, number)) - np.real(base.vectors["x"][side])
+    return m.vectors["x"][side] + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
 
 
 def _printed_at_base(env: Env, name: str, number: str) -> Value:
@@ -73,16 +73,13 @@ def _printed_at_base(env: Env, name: str, number: str) -> Value:
 
 @phrase("velocity of {side} at {name} of {number}", vanishes=True)
 def _point_velocity(env: Env, side: str, name: str, number: str) -> Value:
-    return velocity_of_point(env.motion, side, _printed_at_base(env, name, number))
-
-
-def _relative_velocity(env: Env, k: str, l: str, number: str) -> Value:
-    return _point_velocity(env, "l", l, number) - _point_velocity(env, "k", k, number)
+    m, point = env.motion, _printed_at_base(env, name, number)
+    return m.vectors["v"][side] + cross(m.angular_velocity(side)) @ (point - m.vectors["x"][side])
 
 
 @phrase("velocity of l relative to k at {name}, {name2} of {number}", vanishes=True)
-def _velocity_of_contact(env: Env, k: str, l: str, number: str) -> Value:
-    return _relative_velocity(env, k, l, number)
+def _relative_velocity(env: Env, k: str, l: str, number: str) -> Value:
+    return _point_velocity(env, "l", l, number) - _point_velocity(env, "k", k, number)
 
 
 @phrase("sliding velocity at {name}, {name2} of {number}", vanishes=True)
@@ -99,15 +96,8 @@ def _direction(env: Env, k: str, l: str, number: str) -> Value:
 
 # -- forces of contact: normal force f_n pushes the bodies apart, friction opposes the sliding of l over k
 
-
-@phrase("normal force")
-def _normal_force(env: Env) -> Value:
-    return env.positive("normal force") + 0j
-
-
-@phrase("coefficient of friction")
-def _mu(env: Env) -> Value:
-    return env.positive("coefficient of friction") + 0j
+_normal_force = random_positive("normal force")
+_mu = random_positive("coefficient of friction")
 
 
 @phrase("friction force along the sliding", vanishes=True)
@@ -146,10 +136,7 @@ def _friction_work(env: Env, k: str, l: str, number: str) -> Value:
 
 # -- Hertz
 
-
-@phrase("penetration")
-def _penetration(env: Env) -> Value:
-    return env.positive("penetration") + 0j
+_penetration = random_positive("penetration")
 
 
 @phrase("rate of penetration", vanishes=True)
@@ -212,14 +199,8 @@ def _friction_parameter(env: Env, name: str) -> Value:
     return complex(_friction_parameters(env)[name])
 
 
-@phrase("sliding speed", vanishes=True)
-def _speed(env: Env) -> Value:
-    return env.number("sliding speed") + 0j
-
-
-@phrase("deflection", vanishes=True)
-def _deflection(env: Env) -> Value:
-    return env.number("deflection") + 0j
+_speed = random_number("sliding speed")
+_deflection = random_number("deflection")
 
 
 def _coulomb(env: Env, v: Value) -> Value:
@@ -277,10 +258,7 @@ def _sticking(env: Env) -> Value:
 
 # -- LuGre over one stage of Radau IIA by the trapezoidal rule
 
-
-@phrase("time step")
-def _step(env: Env) -> Value:
-    return env.positive("time step") + 0j
+_step = random_positive("time step")
 
 
 @phrase("length of the stage")
@@ -290,14 +268,8 @@ def _stage(env: Env) -> Value:
     return _step(env) * spacings[env.motion.seed % len(spacings)]
 
 
-@phrase("deflection at the stage before", vanishes=True)
-def _before(env: Env) -> Value:
-    return env.number("deflection at the stage before") + 0j
-
-
-@phrase("rate of deflection at the stage before", vanishes=True)
-def _before_rate(env: Env) -> Value:
-    return env.number("rate of deflection at the stage before") + 0j
+_before = random_number("deflection at the stage before")
+_before_rate = random_number("rate of deflection at the stage before")
 
 
 @phrase("deflection at the stage by the trapezoidal rule", vanishes=True, needs=(("hi", "s", "length of the stage"),))

@@ -4,120 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.audit.evaluate import STEP, Value, cross
+from mbdae.audit.evaluate import STEP, Value
 from mbdae.audit.motion import Motion
-from mbdae.audit.phrases import Env, phrase
+from mbdae.audit.phrases import Env, Rule, phrase
 
-phrase("number", vanishes=True)(lambda env: env.number("number"))
-
-
-@phrase("axis {i} of {side}")
-def _axis(env: Env, i: str, side: str) -> Value:
-    return env.motion.rotation(side)[:, [int(i) - 1]]
-
-
-@phrase("reference rotation of {side}")
-def _reference(env: Env, side: str) -> Value:
-    return env.motion.R0 + 0j
-
-
-@phrase("rotation of {side} from its reference")
-def _rotation(env: Env, side: str) -> Value:
-    return env.motion.rotation(side) @ env.motion.R0.T
-
-
-@phrase("rotation of l relative to k")
-def _relative_rotation(env: Env) -> Value:
-    return env.motion.rotation("k").T @ env.motion.rotation("l")
-
-
-# -- the relative angle
-
-
-@phrase("relative angle", vanishes=True)
-def _angle(env: Env) -> Value:
-    return env.motion.relative_angle()
-
-
-@phrase("rate of the relative angle", vanishes=True)
-def _angle_rate(env: Env) -> Value:
-    return env.motion.relative_rate()
-
-
-@phrase("second derivative of the relative angle", vanishes=True)
-def _angle_acceleration(env: Env) -> Value:
-    return env.motion.phiddot
-
-
-@phrase("increment of the relative angle", vanishes=True)
-def _increment(env: Env) -> Value:
-    return env.number("increment of the relative angle")
-
-
-@phrase("relative angle before the increment", vanishes=True)
-def _before(env: Env) -> Value:
-    return env.motion.relative_angle() - _increment(env)
-
-
-# -- bodies
-
-
-@phrase("angular velocity of {side}", vanishes=True)
-def _angular_velocity(env: Env, side: str) -> Value:
-    return env.motion.angular_velocity(side)
-
-
-@phrase("angular acceleration of {side}", vanishes=True)
-def _angular_acceleration(env: Env, side: str) -> Value:
-    return env.motion.angular_acceleration(side)
-
-
-@phrase("reference position of {side}", vanishes=True)
-def _reference_position(env: Env, side: str) -> Value:
-    return env.motion.x0[side] + 0j
-
-
-@phrase("position of {side}", vanishes=True)
-def _position(env: Env, side: str) -> Value:
-    return env.motion.vectors["x"][side]
-
-
-@phrase("displacement of {side}", vanishes=True)
-def _displacement(env: Env, side: str) -> Value:
-    return env.motion.vectors["x"][side] - env.motion.x0[side]
-
-
-@phrase("position of l relative to k", vanishes=True)
-def _relative_position(env: Env) -> Value:
-    return env.motion.vectors["x"]["l"] - env.motion.vectors["x"]["k"]
-
-
-@phrase("velocity of {side}", vanishes=True)
-def _velocity(env: Env, side: str) -> Value:
-    return env.motion.vectors["v"][side]
-
-
-# -- changes
-
-
-@phrase("virtual rotation of {side}", vanishes=True)
-def _virtual_rotation(env: Env, side: str) -> Value:
-    return env.motion.turn_between(env.motion.moved("virtual"), side)
-
-
-@phrase("change of attitude of {side}", vanishes=True)
-def _change_of_attitude(env: Env, side: str) -> Value:
-    return env.motion.turn_between(env.motion.moved("linear"), side)
-
-
-@phrase("variation of the {quantity}", vanishes=True)
-def _variation(env: Env, quantity: str) -> Value:
-    return np.imag(env.moved("virtual").of(quantity)) / STEP + 0j
-
-
-@phrase("change of the {quantity}", vanishes=True)
-def _change(env: Env, quantity: str) -> Value:
-    return np.imag(env.moved("linear").of(quantity)) / STEP + 0j
+#: rotations by their wording, and how a state gives them
+ROTATIONS: dict[str, Rule] = {
+    "axis {i} of {side}": lambda env, i, side: env.motion.rotation(side)[:, [int(i) - 1]],
+    "reference rotation of {side}": lambda env, side: env.motion.R0 + 0j,
+    "rotation of {side} from its reference": lambda env, side: env.motion.rotation(side) @ env.motion.R0.T,
+    "rotation of l relative to k": lambda env: env.motion.rotation("k").T @ env.motion.rotation("l"),
+}
+#: the same of quantities that may be zero
+QUANTITIES: dict[str, Rule] = {
+    "number": lambda env: env.number("number"),
+    "relative angle": lambda env: env.motion.relative_angle(),
+    "rate of the relative angle": lambda env: env.motion.relative_rate(),
+    "second derivative of the relative angle": lambda env: env.motion.phiddot,
+    "increment of the relative angle": lambda env: env.number("increment of the relative angle"),
+    "relative angle before the increment": lambda env: (
+        env.motion.relative_angle() - env.number("increment of the relative angle")),
+    "angular velocity of {side}": lambda env, side: env.motion.angular_velocity(side),
+    "angular acceleration of {side}": lambda env, side: env.motion.angular_acceleration(side),
+    "reference position of {side}": lambda env, side: env.motion.x0[side] + 0j,
+    "position of {side}": lambda env, side: env.motion.vectors["x"][side],
+    "displacement of {side}": lambda env, side: env.motion.vectors["x"][side] - env.motion.x0[side],
+    "position of l relative to k": lambda env: env.motion.vectors["x"]["l"] - env.motion.vectors["x"]["k"],
+    "velocity of {side}": lambda env, side: env.motion.vectors["v"][side],
+    "virtual rotation of {side}": lambda env, side: env.motion.turn_between(env.motion.moved("virtual"), side),
+    "change of attitude of {side}": lambda env, side: env.motion.turn_between(env.motion.moved("linear"), side),
+    "variation of the {quantity}": lambda env, quantity: np.imag(env.moved("virtual").of(quantity)) / STEP + 0j,
+    "change of the {quantity}": lambda env, quantity: np.imag(env.moved("linear").of(quantity)) / STEP + 0j,
+}  # fmt: skip
+for _rules, _vanishes in ((ROTATIONS, False), (QUANTITIES, True)):
+    for _wording, _rule in _rules.items():
+        phrase(_wording, _vanishes)(_rule)
 
 
 # -- the equations of l in the unknowns of k and the relative angle
@@ -192,14 +113,3 @@ def _reduced_damping(env: Env) -> Value:
 @phrase("stiffness matrix of l in the unknowns of k and the angle", needs=(("r", "N m", "residual of l"),))
 def _reduced_stiffness(env: Env) -> Value:
     return _tangent(env, "turn", "phi")
-
-
-def moving_point(m: Motion, base: Motion, side: str, p: Value) -> Value:
-    """Position, in a state m after a complex step, of the point of a body that is at p in the base state."""
-    arm = np.real(p) - np.real(base.vectors["x"][side])
-    return m.vectors["x"][side] + m.rotation(side) @ np.real(base.rotation(side)).T @ arm
-
-
-def velocity_of_point(m: Motion, side: str, p: Value) -> Value:
-    """Velocity of the point of a body that is at p."""
-    return m.vectors["v"][side] + cross(m.angular_velocity(side)) @ (p - m.vectors["x"][side])

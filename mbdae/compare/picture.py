@@ -10,6 +10,7 @@ from typing import Any
 
 from mbdae.compare.data import ComparisonData
 from mbdae.compare.rows import Row
+from mbdae.documents.formulas import escaped
 from mbdae.show.plots import style, written
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -36,7 +37,7 @@ def work_precision(w: ComparisonData, path: Any = None, stacked: bool = False) -
         _dress(axis, w, title)
     for axis in axes if stacked else axes[:1]:
         axis.set_ylabel("\n".join(textwrap.wrap(_error_label(w), 48)))
-    head = _plain(f"{w.scene}, to t = {w.t_end:g} s")
+    head = escaped(f"{w.scene}, to t = {w.t_end:g} s")
     figure.suptitle("\n".join(textwrap.wrap(head, int(width * 11))), fontsize="medium")
     handles, texts = axes[0].get_legend_handles_labels()
     told = "\n".join(textwrap.wrap(FRONT, int(width * LETTERS)))
@@ -69,12 +70,7 @@ def _name(label: str, rows: Sequence[Row]) -> str:
     """A run in the legend, with why it failed where it did."""
     reasons = list(dict.fromkeys(" ".join(row.failure.split()) for row in rows if row.failure))
     failed = sum(row.failure is not None for row in rows)
-    return _plain(label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else ""))
-
-
-def _plain(text: str) -> str:
-    """Text in which matplotlib reads no dollar as the begin of a formula."""
-    return text.replace("$", r"\$")
+    return escaped(label + (f" ({failed} of {len(rows)} failed: {'; '.join(reasons)})" if failed else ""))
 
 
 def _legend_shape(names: list[str], width: float) -> tuple[int, list[str]]:
@@ -116,4 +112,4 @@ def _ticks(axis: Any) -> None:
 
 
 def _error_label(w: ComparisonData) -> str:
-    return _plain(f"error: {w.what}") if w.measure is not None else "error of the whole motion"
+    return escaped(f"error: {w.what}") if w.measure is not None else "error of the whole motion"

@@ -25,6 +25,11 @@ def split_text(text: str) -> Iterator[tuple[bool, str]]:
             yield (True, part) if i % 2 else (False, part.replace(r"\$", "$"))
 
 
+def escaped(text: str) -> str:
+    """Text whose dollar signs start no mathematics."""
+    return text.replace("$", r"\$")
+
+
 def pieces(latex: str) -> list[list[str]]:
     r"""Lines (parted by `\\` outside braces) of pieces that belong together: a line may be broken between two."""
     lines: list[list[str]] = [[""]]

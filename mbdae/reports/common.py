@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.formulas import escaped
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.evaluate import Numbers
@@ -65,7 +66,7 @@ class LawFormulas:
         s = self.statement
         self.known: dict[str, Letter] = letters(s.cls, s.structure, s.law)
         for row in s.rows:
-            self.known[f"lambda_{row}"] = Letter(multiplier(row), _unit_of_row(row, s), f"multiplier of row {row}")
+            self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
         for name, symbol in s.coordinates.items():
             spec = next(
                 law.coordinates[name] for law in (s.law, getattr(s.law, "joint", None)) if law and name in law.coordinates
@@ -107,6 +108,11 @@ class LawFormulas:
                     lines[kind, n] = f"{w.letters[str(symbol)]} = {w.scalar(value)}"
         return [Equation(joined(lines[key] for key in sorted(lines)))] if lines else []
 
+    def explained(self, start: tuple[set[str], set[int]]) -> list[Block]:
+        """The definitions under the word "with"; nothing where there are none."""
+        named = self.definitions(start)
+        return [Paragraph("with"), *named] if named else []
+
     def mark(self) -> tuple[set[str], set[int]]:
         """Symbols and named vectors written so far."""
         return set(self.writer.used), set(self.writer.vectors)
@@ -119,10 +125,7 @@ class LawFormulas:
             row = _base_row(base, self.what)
             if row not in rows:
                 rows.append(row)
-        for name in sorted(self.writer.used):
-            if name in self.known:
-                letter = self.known[name]
-                rows.append([f"${letter.latex}$", unit_text(letter.unit), letter.meaning])
+        rows += [self.known[name].row for name in sorted(self.writer.used) if name in self.known]
         return Table(["symbol", "unit", "meaning"], rows)
 
 
@@ -133,15 +136,10 @@ def _base_row(base: Base, what: str) -> list[str]:
     return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", base.side).replace("{what}", what)]
 
 
-def _unit_of_row(row: str, s: Statement) -> str:
-    """Unit of the multiplier of a row: N for a row in m, N m for a row that is a pure number or an angle."""
-    return row_unit(s, s.rows[row])
-
-
 def described(law: Any) -> list[Block]:
     """The docstring of a law in paragraphs."""
     text = inspect.getdoc(law) or ""
-    return [Paragraph(" ".join(part.split()).replace("$", r"\$")) for part in text.split("\n\n") if part.strip()]
+    return [Paragraph(escaped(" ".join(part.split()))) for part in text.split("\n\n") if part.strip()]
 
 
 def checks_table(checks: Sequence[Check], points: int) -> list[Block]:

@@ -7,7 +7,7 @@ import symengine as se
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.reports.common import described, provenance, title_of
-from mbdae.reports.letters import Letter, letters, unit_text
+from mbdae.reports.letters import Letter, letters
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import derive
@@ -41,10 +41,7 @@ def element_report(law: type[Element], structure: Structure) -> Document:
         "$\\frac{\\mathrm{d}}{\\mathrm{d}t}\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}} + \\boldsymbol{\\Omega}\\times"
         "\\frac{\\partial T}{\\partial\\boldsymbol{\\Omega}}$ in body axes:"
     )
-    symbols = Table(
-        ["symbol", "unit", "meaning"],
-        [[f"${known[n].latex}$", unit_text(known[n].unit), known[n].meaning] for n in sorted(w.used)],
-    )
+    symbols = Table(["symbol", "unit", "meaning"], [known[n].row for n in sorted(w.used)])
     return Document(
         title_of(law),
         [

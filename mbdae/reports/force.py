@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Any
-
 import numpy as np
 import symengine as se
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.kernels.plan import plan
 from mbdae.reports.calculus import Dual, Pair
 from mbdae.reports.common import Check, LawFormulas, checks_table, described, external, provenance, title_of
 from mbdae.reports.joint import CONVENTION
-from mbdae.reports.joint_checks import planar_of, resistance_pairs
+from mbdae.reports.joint_checks import LawChecks, planar_of
 from mbdae.reports.letters import Letter
 from mbdae.reports.parts import part_sections
 from mbdae.reports.statement import Statement
-from mbdae.reports.states import POINTS, State, random_state, residual
+from mbdae.reports.states import POINTS, random_state, residual
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force, Structure
@@ -26,7 +22,7 @@ from mbdae.symbolic.outputs import dynamics
 from mbdae.symbolic.vectors import Expr
 
 
-class ForceReport:
+class ForceReport(LawChecks):
     """One law of force."""
 
     def __init__(self, law: type[Force], structure: Structure) -> None:
@@ -70,22 +66,16 @@ class ForceReport:
                 Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
                 Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
             ]
-        named = self.formulas.definitions(mark)
-        return Section("Law", [*blocks, *([Paragraph("with"), *named] if named else [])])
+        return Section("Law", [*blocks, *self.formulas.explained(mark)])
 
     def total(self) -> dict[str, Pair]:
         """Forces and moments on both bodies at their points, as they stand on the left-hand side."""
-        added = self.wrench_pairs
+        added = self.stated_pairs
         out = {}
         for side in "kl":
             force, moment = (self.elastic[0][side][i] + self.drag[0][side][i] for i in range(2))
             out[side] = (force + added[side][0], moment + added[side][1]) if added else (force, moment)
         return out
-
-    @cached_property
-    def wrench_pairs(self) -> dict[str, Pair] | None:
-        """The stated force on both bodies, left-hand side, at their points."""
-        return resistance_pairs(self.s)
 
     def forces(self) -> Section:
         """Forces and moments that act on the bodies."""
@@ -105,8 +95,7 @@ class ForceReport:
         )
         if self.s.coordinates:
             text += " $h$ is what the law adds to the left-hand side of the equation of the joint's coordinate."
-        named = self.formulas.definitions(mark)
-        blocks = [Paragraph(text), *_equations(lines), *([Paragraph("with"), *named] if named else [])]
+        blocks = [Paragraph(text), *_equations(lines), *self.formulas.explained(mark)]
         if not external(self.s):
             blocks.append(Paragraph(self.balance(total)))
         return Section("Forces on both bodies", blocks)
@@ -143,8 +132,7 @@ class ForceReport:
             blocks.append(
                 Equation(f"\\dot{{{latex}}} = {w.scalar(self.rates[name])} \\\\ {latex}(0) = {w.scalar(self.starts[name])}")
             )
-        named = self.formulas.definitions(mark)
-        return [Section("Internal states", [*blocks, *([Paragraph("with"), *named] if named else [])])]
+        return [Section("Internal states", [*blocks, *self.formulas.explained(mark)])]
 
     def one_sided(self) -> list[Section]:
         """Gaps of a law that acts where they are negative."""
@@ -154,14 +142,13 @@ class ForceReport:
         lines = [f"g = {w.scalar(g)} \\\\ \\dot g = {w.scalar(rate)}" for g, rate in self.gaps]
         self.formulas.known["gap"] = Letter("g", "m", "gap: the law acts where it is negative")
         w.used.add("gap")
-        named = self.formulas.definitions(mark)
         return [
             Section(
                 "Gap",
                 [
                     Paragraph("The law acts where the gap is negative; no step of a solver passes over a change of its sign."),
                     *_equations(lines),
-                    *([Paragraph("with"), *named] if named else []),
+                    *self.formulas.explained(mark),
                 ],
             )
         ]
@@ -188,30 +175,18 @@ class ForceReport:
             blocks.append(
                 Paragraph("The law dissipates nothing." if self.energy != 0 else "The power of the law counts as work.")
             )
-        named = self.formulas.definitions(mark)
-        return Section("Power", [*blocks, *_equations(lines), *([Paragraph("with"), *named] if named else [])])
+        return Section("Power", [*blocks, *_equations(lines), *self.formulas.explained(mark)])
 
     # -- checks
-
-    def check(self, what: str, got: Any, wanted: Any) -> None:
-        """Compare formula and integrated equation."""
-        self.formulas.checks.append(Check(what, residual(got, wanted)))
 
     def run_checks(self) -> None:
         """Formulas against the compiled kernel."""
         st, n = self.state, self.formulas.numbers(self.state)
-        kernel = compiled(self.d, st)
+        kernel = self.compiled(dynamics)
         self.check("potential energy", np.broadcast_to(n.scalar(self.energy), (POINTS,)), st.scalar(self.d.energy))
-        for side, (force, moment) in self.total().items():
-            if side in self.s.still:
-                continue
-            f = st.frame(side)
-            F = np.broadcast_to(n.vector(force), (POINTS, 3))
-            M = n.vector(moment) + np.cross(st.vector(f.arm), F)
-            got = [*np.moveaxis(F, -1, 0), *(np.sum(st.vector(column) * M, axis=-1) for column in f.body)]
-            wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
-            self.check(f"force on {side}, with the compiled kernel", got[:3], wanted[:3])
-            self.check(f"moment on {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
+        for side, pair in self.total().items():
+            if side not in self.s.still:
+                self.check_pair(side, pair, kernel, side)
         for name, e in self.coordinate_rows().items():
             self.check(
                 f"row of {name}, with the compiled kernel",
@@ -224,15 +199,6 @@ class ForceReport:
         for what, stated, derived_ in (("rate", self.rates, self.d.state_rates), ("start", self.starts, self.d.state_starts)):
             for (name, e), wanted_ in zip(stated.items(), derived_, strict=True):
                 self.check(f"{what} of {name}", np.broadcast_to(n.scalar(e), (POINTS,)), st.scalar(wanted_))
-
-
-def compiled(d: Derived, state: State) -> dict[Any, Any]:
-    """Forces of the compiled kernel (LLVM) at states, by target."""
-    p = plan(d, dynamics)
-    if not p.targets:
-        return {}
-    x = np.stack([state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
-    return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
 
 
 def _equations(lines: list[str]) -> list[Equation]:

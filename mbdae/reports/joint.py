@@ -21,7 +21,6 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Joint, Structure
 from mbdae.symbolic.vectors import Expr
 
-STEP = 1e-30
 CONVENTION = (
     "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
@@ -79,8 +78,7 @@ class JointReport(JointChecks):
         )
         for name in self.s.rows:
             w.used.add(f"lambda_{name}")
-        named = self.formulas.definitions(mark)
-        where = [Paragraph("with"), *named] if named else []
+        where = self.formulas.explained(mark)
         count = f"{len(self.s.rows)} {'row' if len(self.s.rows) == 1 else 'rows'} must vanish."
         return Section("Constraint", [Paragraph(count), *rows, *where, multipliers, *self._augmented()])
 
@@ -106,8 +104,7 @@ class JointReport(JointChecks):
             ),
             Equation(joined(lines)),
         ]
-        named = self.formulas.definitions(mark)
-        return Section("Variation", [*blocks, *([Paragraph("with"), *named] if named else [])])
+        return Section("Variation", [*blocks, *self.formulas.explained(mark)])
 
     def work(self) -> Section:
         """Virtual work, sorted by virtual displacements."""
@@ -219,7 +216,7 @@ class JointReport(JointChecks):
         self.formulas.refresh()
         first = [f"\\dot c_{{\\text{{{row_name(name)}}}}} = {w.scalar(e)}" for name, e in rates.items()]
         further = [f"\\gamma_{{\\text{{{row_name(name)}}}}} = {w.scalar(e)}" for name, e in second.items()]
-        named = self.formulas.definitions(mark)
+        named = self.formulas.explained(mark)
         worst = self._rate_proof(rates)
         blocks: list[Block] = [
             Paragraph("$\\mathbf{G}$ has the rows of the table of forces: $\\dot c = \\mathbf{G}\\mathbf{u} + c_t$, with"),
@@ -229,7 +226,7 @@ class JointReport(JointChecks):
                 " \\ldots$ contains no acceleration of a centre and no angular acceleration:"
             ),
             Equation(joined(further)),
-            *([Paragraph("with"), *named] if named else []),
+            *named,
             Paragraph(
                 "Proof that $\\frac{\\mathrm{d}}{\\mathrm{d}t} c = \\mathbf{G}\\mathbf{u} + c_t$: forces times"
                 " velocities, $\\mathbf{f}_k\\cdot\\mathbf{v}_k + \\mathbf{m}_k\\cdot\\boldsymbol{\\omega}_k +"
@@ -261,8 +258,7 @@ class JointReport(JointChecks):
                         lines.append(f"\\delta\\mathbf{{{letter}}}_{side} = {w.vector(part)}")
             text = f"Row {row_name(row)}" + (":" if lines else ": zero.")
             blocks += [Paragraph(text), *([Equation(joined(lines))] if lines else [])]
-        named = self.formulas.definitions(mark)
-        return Section("Geometric stiffness", [*blocks, *([Paragraph("with"), *named] if named else [])])
+        return Section("Geometric stiffness", [*blocks, *self.formulas.explained(mark)])
 
     def plane(self, planar: Derived | None) -> Section:
         """What remains in the plane."""

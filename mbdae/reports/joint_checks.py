@@ -10,22 +10,60 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.kernels.plan import plan
+from mbdae.kernels.plan import Outputs, plan
 from mbdae.reports.calculus import Dual, Motion, Pair
 from mbdae.reports.common import Check, LawFormulas, row_name
 from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
-from mbdae.reports.states import POINTS, State, random_state, residual
+from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Joint, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
 from mbdae.symbolic.vectors import Expr, Vec
 
-STEP = 1e-30
+
+class LawChecks:
+    """One law stated with vectors, its formulas in LaTeX, and their checks at random states."""
+
+    s: Statement
+    formulas: LawFormulas
+    d: Derived
+    state: State
+
+    def check(self, what: str, got: Any, wanted: Any) -> None:
+        """Compare the values of a formula with those of the derived equation."""
+        self.formulas.checks.append(Check(what, residual(got, wanted)))
+
+    def compiled(self, outputs: Outputs) -> dict[Any, Any]:
+        """Outputs of the compiled kernel (LLVM) at the states, by target."""
+        p = plan(self.d, outputs)
+        if not p.targets:
+            return {}
+        x = np.stack([self.state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
+        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
+
+    @cached_property
+    def stated_pairs(self) -> dict[str, Pair] | None:
+        """The force and torque that the law states, on both bodies, left-hand side, at their points."""
+        if self.s.wrench is None:
+            return None
+        force, torque = self.s.wrench
+        d = self.s.record.single(self.s.record.atom("r", "l") - self.s.record.atom("r", "k"))
+        return {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
+
+    def check_pair(self, side: str, pair: Pair, kernel: dict[Any, Any], where: str) -> None:
+        """Force and moment on a side at its point, with the compiled kernel."""
+        st, n, f = self.state, self.formulas.numbers(self.state), self.state.frame(side)
+        F = np.broadcast_to(n.vector(pair[0]), (POINTS, 3))
+        M = n.vector(pair[1]) + np.cross(st.vector(f.arm), F)
+        got = [*np.moveaxis(F, -1, 0), *(np.sum(st.vector(column) * M, axis=-1) for column in f.body)]
+        wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
+        self.check(f"force on {where}, with the compiled kernel", got[:3], wanted[:3])
+        self.check(f"moment on {where}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
 
 
-class JointChecks:
+class JointChecks(LawChecks):
     """The rows of one joint law with the forces that follow from them, and their checks."""
 
     def __init__(self, law: type[Joint], structure: Structure) -> None:
@@ -39,16 +77,6 @@ class JointChecks:
             self.duals[name] = Dual(self.s.record, symbols=tuple(self.s.coordinates.values())).of(e)
         self.weights = {row: se.Symbol(f"lambda_{row}") for row in self.s.rows}
 
-    def check(self, what: str, got: Any, wanted: Any) -> None:
-        """Compare the values of a formula with those of the derived equation."""
-        self.formulas.checks.append(Check(what, residual(got, wanted)))
-
-    def compiled(self, state: State) -> dict[Any, Any]:
-        """Outputs of the compiled kernel (LLVM) at states, by target."""
-        p = plan(self.d, report_outputs)
-        x = np.stack([state.given[str(symbol)] for symbol in p.all_inputs.symbols], axis=-1)
-        return dict(zip(p.targets, p.kernel.values(x).T, strict=True))
-
     def total(self) -> dict[str, Pair]:
         """G^T lambda: force and moment on both bodies, at their points."""
         zero = self.s.record.zero()
@@ -60,14 +88,9 @@ class JointChecks:
             }
         return out
 
-    @cached_property
-    def resisted(self) -> dict[str, Pair] | None:
-        """Friction on both bodies, left-hand side, at their points."""
-        return resistance_pairs(self.s)
-
     def run_checks(self, rate: Motion, rates: dict[str, Expr]) -> None:
         """Every displayed formula against the compiled equations."""
-        n, kernel = self.formulas.numbers(self.state), self.compiled(self.state)
+        n, kernel = self.formulas.numbers(self.state), self.compiled(report_outputs)
         order = list(self.s.rows)
         for target, values in kernel.items():
             if target[0] in ("g", "gd", "gdd"):
@@ -85,20 +108,11 @@ class JointChecks:
         self._check_motion(rates)
 
     def _check_forces(self, n: Any, kernel: dict[Any, Any]) -> None:
-        stated = self.resisted
+        stated = self.stated_pairs
         for side, (force, moment) in self.total().items():
-            f = self.state.frame(side)
             if stated is not None:
                 force, moment = force + stated[side][0], moment + stated[side][1]
-            F = np.broadcast_to(n.vector(force), (POINTS, 3))
-            M = n.vector(moment) + np.cross(self.state.vector(f.arm), F)
-            body = [np.sum(self.state.vector(column) * M, axis=-1) for column in f.body]
-            got = [*np.moveaxis(F, -1, 0), *body]
-            wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
-            self.check(f"force on the side of {side}, with the compiled kernel", got[:3], wanted[:3])
-            self.check(
-                f"moment on the side of {side}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:]
-            )
+            self.check_pair(side, (force, moment), kernel, f"the side of {side}")
         for name, symbol in self.s.coordinates.items():
             total = sum(self.weights[row] * partial[symbol] for row, (_, partial) in self.duals.items())
             self.check(f"row of {name}, with the compiled kernel", n.scalar(total), kernel[("u", "c", 0)])
@@ -197,15 +211,6 @@ def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
 def covectors(d: Derived) -> dict[str, tuple[Vec, Vec]]:
     """G^T lambda of both sides as derived: force, moment about the centre, inertial."""
     return {f.side: weighted(d, d.multipliers, f.side) for f in d.sides}
-
-
-def resistance_pairs(s: Statement) -> dict[str, Pair] | None:
-    """Forces a joint states besides its rows, left-hand side, at the points."""
-    if s.wrench is None:
-        return None
-    force, torque = s.wrench
-    d = s.record.single(s.record.atom("r", "l") - s.record.atom("r", "k"))
-    return {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
 
 
 def planar_of(s: Statement) -> Derived | None:

@@ -32,6 +32,11 @@ class Letter:
     unit: str
     meaning: str
 
+    @property
+    def row(self) -> list[str]:
+        """Its row in a table of symbols."""
+        return [f"${self.latex}$", unit_text(self.unit), self.meaning]
+
 
 def of_name(name: str, unit: str = "") -> str:
     """LaTeX of a parameter or state by its name."""

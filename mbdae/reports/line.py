@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,9 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.reports.common import Check, checks_table, described, title_of
 from mbdae.reports.evaluate import Numbers, value
-from mbdae.reports.letters import Letter, letters, name_vectors, unit_text
-from mbdae.reports.line_states import STEP, LineState
-from mbdae.reports.states import POINTS, residual
+from mbdae.reports.letters import Letter, letters, name_vectors
+from mbdae.reports.line_states import LineState
+from mbdae.reports.states import POINTS, STEP, residual
 from mbdae.reports.vectors import Base, Record, Vector
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.fingerprint import canonical
@@ -79,8 +80,8 @@ class LineReport:
         sections = [*self.strain(), *self.balance(), *self.linear(), *self.loads(), *self.inertia(), self.plane()]
         self.check_strains()
         w = self.writer
-        rows = [[f"${latex}$", unit_text(unit), meaning] for base, (latex, unit, meaning) in _BASES.items() if base in w.bases]
-        rows += [[f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(w.used)]
+        rows = [Letter(*letter).row for base, letter in _BASES.items() if base in w.bases]
+        rows += [self.known[n].row for n in sorted(w.used)]
         if any(base.kind == "E" for base in w.bases):
             rows.append([r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"])
         symbols = Section(
@@ -187,23 +188,18 @@ class LineReport:
         """Small displacements of a straight line along x."""
         if not self.strains:
             return []
-        units = {"x": 0, "y": 1, "z": 2}
         lines = []
         for name, (move, turn, slope) in self.variations().items():
             terms = []
             for part, letter in ((move, "u_{}'"), (turn, "\\theta_{}"), (slope, "\\theta_{}'")):
                 numbers = Numbers(self.record, _straight, lambda s: 0.0)
-                for axis, i in units.items():
+                for i in range(3):
                     c = float(np.broadcast_to(numbers.vector(part), (3,))[i])
                     if abs(c) > 1e-12:
                         sign = "-" if c < 0 else "+"
                         factor = "" if abs(abs(c) - 1) < 1e-12 else f"{abs(c):g}\\,"
-                        terms.append(f"{sign} {factor}{letter.format(units[axis] + 1)}")
-            text = (
-                " ".join(terms).removeprefix("+ ").replace("- ", "-", 1)
-                if terms and terms[0].startswith("-")
-                else " ".join(terms).removeprefix("+ ")
-            )
+                        terms.append(f"{sign} {factor}{letter.format(i + 1)}")
+            text = re.sub("^- ", "-", " ".join(terms).removeprefix("+ "))
             lines.append(f"\\gamma_{{{name}}} \\approx {text or '0'}")
         told = (
             "About a straight line along axis 1 without stress, with displacements $u_i$ and small rotations $\\theta_i$"

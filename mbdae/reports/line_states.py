@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.reports.states import POINTS
+from mbdae.reports.states import POINTS, STEP, spun
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.vectors import Expr
-
-STEP = 1e-30  #: of the complex step
 
 
 class LineState:
     """Positions, quaternions and their derivatives along the line at random points, parameters and stress resultants."""
 
-    def __init__(self, rng: Any, law: Any, given: dict[str, Any] | None = None, template: LineState | None = None) -> None:
+    def __init__(self, rng: Any, law: Any, given: dict[str, Any] | None = None) -> None:
         names = ["r1", "r2", "r3", "P1", "P2", "P3", "P4"]
         self.given = given or {n + end: rng.normal(size=POINTS) for n in names for end in ("", "_xi")}
         if given is None:
@@ -59,10 +57,9 @@ class LineState:
     def changed(self) -> LineState:
         """The state after a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope likewise."""
         _, P = self._fields()
-        _, dP = self._fields("_xi")
-        slope, _ = self._fields("_xi")
-        change = _spun(self.dpsi, P)
-        change_s = _spun(self.dpsi, dP) + _spun(self.dpsi_s * self.given["ds"][:, None], P)
+        slope, dP = self._fields("_xi")
+        change = spun(self.dpsi, P)
+        change_s = spun(self.dpsi, dP) + spun(self.dpsi_s * self.given["ds"][:, None], P)
         given = dict(self.given)
         for i in range(4):
             given[f"P{i + 1}"] = P[:, i] + 1j * STEP * change[:, i]
@@ -70,12 +67,6 @@ class LineState:
         for i in range(3):
             given[f"r{i + 1}_xi"] = slope[:, i] + 1j * STEP * self.dr[:, i] * self.given["ds"]
         return LineState(None, None, given)
-
-
-def _spun(w: Any, P: Any) -> Any:
-    """(0, w) o P / 2."""
-    scalar = -np.sum(w * P[:, 1:], axis=-1, keepdims=True)
-    return np.concatenate([scalar, P[:, :1] * w + np.cross(w, P[:, 1:])], axis=-1) / 2
 
 
 def _columns(P: Any) -> Any:

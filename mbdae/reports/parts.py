@@ -45,10 +45,7 @@ class PartReport:
 
     def symbols(self) -> Table:
         """Symbols used."""
-        rows = [
-            [f"${self.known[n].latex}$", unit_text(self.known[n].unit), self.known[n].meaning] for n in sorted(self.writer.used)
-        ]
-        return Table(["symbol", "unit", "meaning"], rows)
+        return Table(["symbol", "unit", "meaning"], [self.known[n].row for n in sorted(self.writer.used)])
 
     def sections(self) -> list[Section]:
         """Law, limits, power."""
@@ -120,11 +117,10 @@ class PartReport:
         rng, v, values = np.random.default_rng(3), se.Symbol("v"), self._values()
         scale = self._velocity(values)
         x = rng.normal(size=POINTS) * 3 * scale
-        odd = mu
         states = {se.Symbol(f"state_{n}"): -se.Symbol(f"state_{n}") for n in self.structure.cls.states}
-        mirrored = odd.subs({v: -v, **states})
+        mirrored = mu.subs({v: -v, **states})
         state = {str(s): rng.normal(size=POINTS) * self._state_scale(values) for s in states}
-        one, other = (self._at(e, values, v, x, state) for e in (odd, mirrored))
+        one, other = (self._at(e, values, v, x, state) for e in (mu, mirrored))
         oddness = float(np.max(np.abs(one + other)) / max(1.0, np.max(np.abs(one))))
         steady = mu.subs(self._steady(rates)) if rates else mu
         power = self._at(steady, values, v, x) * x
@@ -185,11 +181,11 @@ class PartReport:
             Equation(f"V = {w.scalar(V)}"),
             Equation(f"f_n = \\max\\left(0,\\ {w.scalar(elastic)}{' + ' + w.scalar(damped) if damped != 0 else ''}\\right)"),
         ]
-        text = [
+        text = (
             "The elastic part is $\\mathrm{d}V/\\mathrm{d}a$, continuous with its first derivative at $a = 0$ where the exponent"
             " exceeds 1; the force never pulls."
-        ]
-        blocks: list[Block] = [Paragraph(text[0])]
+        )
+        blocks: list[Block] = [Paragraph(text)]
         if damped != 0:
             blocks.append(Equation(f"P = {w.scalar(damped * rate)}", note=self._damping_sign(damped * rate)))
         x = np.linspace(0, 1, 101)

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.analysis.frame import skew
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute
 from mbdae.reports.common import Check, checks_table
 from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.statement import derived, structure_of
+from mbdae.reports.states import POINTS, STEP
 from mbdae.scene.components import Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
@@ -19,8 +21,6 @@ from mbdae.symbolic.law import Joint
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.prepare import prepare
 
-STEP = 1e-30
-POINTS = 20
 _MAP = (r"\mathbf{B} = \begin{bmatrix} \mathbf{1} & -\tilde{\mathbf{d}} & \mathbf{t} \\ "
         r"\mathbf{0} & \mathbf{1} & \mathbf{b} \end{bmatrix}")  # fmt: skip
 
@@ -196,17 +196,12 @@ def _geometric(travel: int, turn: int) -> str:
 # ---- checks ------------------------------------------------------------------------------------------------------------
 
 
-def tilde(a: Any) -> Any:
-    """Matrix of the vector product."""
-    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-
-
 def reduction(twist: tuple[int, int], z: Any, d: Any, s: Any) -> Any:
     """B (6, 7) as displayed."""
     b = twist[1] * z
     B = np.zeros((6, 7), dtype=np.result_type(z, d, s))
     B[:3, :3] = B[3:, 3:6] = np.eye(3)
-    B[:3, 3:6] = -tilde(d)
+    B[:3, 3:6] = -skew(d)
     B[:3, 6], B[3:, 6] = twist[0] * z + np.cross(b, s), b
     return B
 
@@ -281,7 +276,7 @@ class _Case:
         dd = np.cross(psi, self.arm) + travel * e[6] * z + ds
         dt = travel * dz + turn * (np.cross(dz, s) + np.cross(z, ds))
         dB = np.zeros((6, 7))
-        dB[:3, 3:6], dB[:3, 6], dB[3:, 6] = -tilde(dd), dt, turn * dz
+        dB[:3, 3:6], dB[:3, 6], dB[3:, 6] = -skew(dd), dt, turn * dz
         changed = 1j * STEP
         dbias = np.imag(bias(self.twist, z + changed * dz, d + changed * dd, s + changed * ds, w, rate)) / STEP
         geometric = np.concatenate([np.zeros(3), np.cross(dd, r[:3]), [r[:3] @ dt + r[3:] @ (turn * dz)]])

@@ -30,8 +30,7 @@ def resistance_section(r: JointChecks) -> Section | None:
         blocks.append(
             Equation(f"\\dot {r.formulas.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")
         )
-    named = r.formulas.definitions(mark)
-    blocks += [Paragraph("with"), *named] if named else []
+    blocks += r.formulas.explained(mark)
     n, st = r.formulas.numbers(r.state), r.state
     relative = (
         st.atom(Base("v", "l"))

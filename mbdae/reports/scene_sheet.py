@@ -11,6 +11,7 @@ import numpy as np
 from mbdae.analysis import linearize
 from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
 from mbdae.documents.document import Document
+from mbdae.documents.formulas import escaped
 from mbdae.documents.svg import pattern
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
@@ -56,7 +57,7 @@ class Sheet:
             self.sparsity(),
             self.laws(),
         ]
-        return Document(f"Scene {self.scene.name}".replace("$", r"\$"), [block for block in sections if block is not None])
+        return Document(escaped(f"Scene {self.scene.name}"), [block for block in sections if block is not None])
 
     def summary(self) -> Section:
         """Drawing and the main numbers."""
@@ -68,7 +69,7 @@ class Sheet:
             " m/s$^{2}$."
         )
         changes = [Paragraph("Start: " + "; ".join(map(str, self.prepared.start.changes)))] if self.prepared.start.changes else []
-        chosen = Paragraph(f"To an accuracy of {self.check.accuracy:g} by default: {plain(str(self.check.choice))}.")
+        chosen = Paragraph(f"To an accuracy of {self.check.accuracy:g} by default: {escaped(str(self.check.choice))}.")
         return Section(
             "Scene",
             [
@@ -95,7 +96,7 @@ class Sheet:
             node = self.prepared.model.node(b)
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
             centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.position)
-            rows.append([plain(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
+            rows.append([escaped(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
         return Section(
             "Bodies", [Table(["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"], rows)]
         )
@@ -114,9 +115,9 @@ class Sheet:
             names = [r for r in self.prepared.model.groups[found[0]].derived.rows if f"{c.name}.{r}" in kept] if found else []
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
             model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
-            drive = plain(str(c.prescribed)) if c.prescribed is not None else ""
+            drive = escaped(str(c.prescribed)) if c.prescribed is not None else ""
             rows.append(
-                [plain(c.name), c.kind, plain(model), plain(c.k.name), plain(c.l.name), ", ".join(names) or "none", drive]
+                [escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), ", ".join(names) or "none", drive]
             )
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
@@ -140,7 +141,7 @@ class Sheet:
                         for name in i.law.params
                         if getattr(i.law, name) is not None
                     )
-                    rows.append([plain(i.item), law, plain(numbers)])
+                    rows.append([escaped(i.item), law, escaped(numbers)])
         return Section("Forces", [Table(["item", "law", "values (SI)"], rows)] if rows else [Paragraph("There are none.")])
 
     def unknowns(self) -> Section:
@@ -223,7 +224,7 @@ class Sheet:
         try:
             found = linearize(self.scene)
         except MbdaeError as error:
-            return Section("Eigenvalues at the start", [Paragraph(f"Not available: {plain(str(error))}")])
+            return Section("Eigenvalues at the start", [Paragraph(f"Not available: {escaped(str(error))}")])
         rows = [
             [f"{value.real:.6g}", f"{value.imag:.6g}", f"{abs(value.imag) / 2 / np.pi:.6g}"]
             for value in found.eigenvalues[:40]
@@ -270,13 +271,8 @@ class Sheet:
 
 def listed(names: list[str]) -> str:
     """Names, at most `LISTED` of them."""
-    shown = ", ".join(plain(n) for n in names[:LISTED])
+    shown = ", ".join(escaped(n) for n in names[:LISTED])
     return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
-
-
-def plain(text: str) -> str:
-    """Text with escaped dollar signs, so that they start no mathematics."""
-    return str(text).replace("$", r"\$")
 
 
 def _inertia(b: Any) -> str:

@@ -16,6 +16,7 @@ from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
 POINTS = 20  #: states of every check
+STEP = 1e-30  #: of the complex step
 
 
 class State:
@@ -76,15 +77,15 @@ class State:
                 continue
             center = move - np.cross(turn, self.vector(f.arm))
             P = np.stack([self.given[str(s)] for s in f.q[3:]], axis=-1)
-            dP = _rate(P, turn)
+            dP = spun(turn, P)
             changes = [*np.moveaxis(center, -1, 0), *np.moveaxis(dP, -1, 0)]
             given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
         given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
         return State(self.d, given)
 
 
-def _rate(P: NDArray[Any], turn: NDArray[Any]) -> NDArray[Any]:
-    """Change of a quaternion for a small rotation, inertial components: (0, turn) o P / 2."""
+def spun(turn: NDArray[Any], P: NDArray[Any]) -> NDArray[Any]:
+    """Change (points, 4) of quaternions P for small rotations (points, 3), rad, inertial components: (0, turn) o P / 2."""
     scalar = -np.sum(turn * P[:, 1:], axis=-1, keepdims=True)
     return np.concatenate([scalar, P[:, :1] * turn + np.cross(turn, P[:, 1:])], axis=-1) / 2
 

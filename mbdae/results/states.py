@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,27 @@ class States:
     u: Array
     s: Array
     z: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """Solver and interpolant of a run with one time: its unknowns y (1, n) and their derivatives yp (1, n) hold at every time."""
+
+    label: str
+    y: Array = field(repr=False)
+    yp: Array = field(repr=False)
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Instant:
+        """The interpolant of other unknowns."""
+        return Instant(self.label, y, yp)
+
+    def value(self, t: Array) -> Array:
+        """y (k, n)."""
+        return np.repeat(self.y, len(t), axis=0)
+
+    def derivative(self, t: Array) -> Array:
+        """y' (k, n)."""
+        return np.repeat(self.yp, len(t), axis=0)
 
 
 def stresses(prepared: Prepared, solution: Solution, t: Array) -> Array | None:

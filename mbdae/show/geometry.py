@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.result import Result, RunInfo
+from mbdae.results.states import Instant
 from mbdae.scene.components import Array
 from mbdae.system.prepare import Prepared
 
@@ -88,23 +88,6 @@ def started(prepared: Prepared) -> Result:
     """The start of a scene as a Result of one time."""
     start = prepared.start
     y = np.hstack([*prepared.all_bodies.reduced(start.q[None], start.u[None]), start.s[None]])
-    t, still = np.array([start.t]), _Still(y)
-    solution = Solution(t, y, np.zeros_like(y), None, Stats(), still, (), True, still)
+    t, still = np.array([start.t]), Instant("start", y, np.zeros_like(y))
+    solution = Solution(t, y, still.yp, None, Stats(), still, (), True, still)
     return Result(prepared, solution, RunInfo(still, "", Accuracy(None, None), Stats()), t)
-
-
-@dataclass(frozen=True, eq=False)
-class _Still:
-    """Interpolant and solver of a run with one time."""
-
-    y: Array
-    label: str = "start"
-
-    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> _Still:
-        return self
-
-    def value(self, t: Array) -> Array:
-        return np.repeat(self.y, len(t), axis=0)
-
-    def derivative(self, t: Array) -> Array:
-        return np.zeros((len(t), self.y.shape[1]))

@@ -57,7 +57,7 @@ def places(r):
     record, written = r.s.record, r.formulas.writer.vectors
     shown = [n for n in written if n not in record.changes]
     found += [(lambda n=n: record.vectors[n], lambda v, n=n: record.vectors.__setitem__(n, v)) for n in shown]
-    tables = [*([r.wrench_pairs] if isinstance(r, ForceReport) and r.wrench_pairs else [])]
+    tables = [*([r.stated_pairs] if isinstance(r, ForceReport) and r.stated_pairs else [])]
     tables += [pairs for pairs, _ in r.duals.values()] if isinstance(r, JointReport) else [r.elastic[0], r.drag[0]]
     for pairs in tables:
         for side in [side for side in "kl" if side not in r.s.still]:
