@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import splu
 
 from mbdae.integrators.constant import StepFailedError
-from mbdae.integrators.matrices.iteration import SingularMatrixError, as_csc, inverse_or_one
+from mbdae.integrators.matrices.iteration import LapackFactors, SingularMatrixError, as_csc, inverse_or_one
 from mbdae.integrators.solution import Stats
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
@@ -164,15 +163,12 @@ class AlphaStep:
         if self.system.sparsity is None:
             A = np.hstack(blocks) * column
             self._row = inverse_or_one(np.abs(A).max(axis=1))
-            lu, pivots, info = dgetrf(np.asfortranarray(A * self._row[:, None]), overwrite_a=1)
-            if info > 0 or not np.isfinite(lu[-1, -1]):
-                raise SingularMatrixError(n + info - 1)
-            self._factors = lambda b: dgetrs(lu, pivots, b)[0]
+            self._factors = LapackFactors(np.asfortranarray(A * self._row[:, None]))
         else:
             S = sp.hstack([sp.csc_matrix(b) for b in blocks], format="csc") @ sp.diags(column)
             self._row = inverse_or_one(abs(S).max(axis=1).toarray().ravel())
             try:
-                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD").solve
+                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD")
             except RuntimeError as error:
                 raise SingularMatrixError from error
         self._factored = h
@@ -217,7 +213,7 @@ class AlphaStep:
             self.system.residual(self.t + h, self._Y, self._Yp, self._F)
             self.stats.residuals += 1
             self.stats.newton_iterations += 1
-            dx = self._factors(self._F[self.nq :] * self._row)
+            dx = self._factors.solve(self._F[self.nq :] * self._row)
             dx *= self._column
             x -= dx
             self._correction = dx
@@ -258,7 +254,7 @@ class AlphaStep:
             equation = self.system.equations[int(np.argmax(bad))]
             return StepFailedError(f"equation {equation} is not finite near t = {self.t + h:.9g}", equation)
         if unknown >= 0:
-            return StepFailedError("the iteration matrix is singular", names[unknown])
+            return StepFailedError("the iteration matrix is singular", names[self.nq + unknown])
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
         worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
         return StepFailedError("Newton's method diverges, or stops above its tolerance on round-off", names[worst])
