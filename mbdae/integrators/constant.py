@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.arguments import Inside
-from mbdae.integrators.watched.watch import watch_of
+from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import Array, System
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow
@@ -46,7 +46,7 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
     solved; inner(h): times and states within it, where hidden contacts are looked for.
     """
     count = max(1, ceil((loop.t_end - float(system.t0)) / h - 1e-6))
-    watch = watch_of(system, loop.stats, lambda y: FOLLOWED * (np.abs(y) + system.scale))
+    watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + system.scale))
     for t1, width, whole in _steps(system, loop, h, count, step):
         try:
             solve(width)

@@ -17,7 +17,7 @@ from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import CollocationTable
-from mbdae.integrators.watched.watch import watch_of
+from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import System
 
 #: a change of the step inside this band does not pay for a new factorisation
@@ -45,7 +45,7 @@ class Adaptive:
         self.accepted_h, self.accepted_error = 0.0, 1.0
         self.smallest = 0.0
         self.diverged = self.warned = False
-        self.watch = watch_of(system, loop.stats, lambda y: rtol * np.abs(y) + atol)
+        self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         self.landing = inf
 
     def run(self, h0: float | None) -> None:

@@ -87,11 +87,6 @@ class Course(NamedTuple):
         """Numbers of the intervals in which the argument changes its sign."""
         return np.flatnonzero((self.u[1:] < 0) != (self.u[:-1] < 0))
 
-    def turns(self) -> Any:
-        """Numbers of the inner points at which it turns."""
-        rise = np.diff(self.u)
-        return np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
-
 
 class StepArguments:
     """The arguments of a system over the last step.
