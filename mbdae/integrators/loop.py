@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from math import inf
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -103,9 +102,7 @@ class StepLoop:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         self._threads.__exit__(kind, error, trace)
         self._clock()
         if isinstance(error, KeyboardInterrupt | SystemExit):
@@ -158,20 +155,16 @@ class StepLoop:
             self._breaks[len(self._t) - 1] = self.state
         self._y.last, self._yp.last = y, yp
 
-    def _waited(self) -> float:
-        """Wall time that counts against max_wall, s."""
-        return time.perf_counter() - (self._wall if self._begin is None else self._begin)
-
     def guard(self) -> None:
         """Watch the wall clock and the budget of evaluations, report progress."""
-        wall = time.perf_counter() - self._wall
-        if self._waited() > self._max_wall:
+        now = time.perf_counter()
+        if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
             raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
-        if self._progress is not None and wall >= self._next_progress:
-            self._next_progress = wall + PROGRESS_PERIOD
+        if self._progress is not None and now - self._wall >= self._next_progress:
+            self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
 

@@ -97,7 +97,7 @@ class Plan:
             chosen = _apart(waiting, rows, columns)
             self.levels.append(Level(chosen, rows, columns, at))
             waiting = [p for p in waiting if p not in set(chosen)]
-        self.size, self.filled = len(at), pattern.nnz
+        self.size = len(at)
         self.pivots = np.array([at[p, p] for p in condensed], dtype=np.intp)
         self.rest = np.setdiff1d(np.arange(n), condensed)
         self.m = len(self.rest)
@@ -117,7 +117,7 @@ class Plan:
                 before.append((self.n + number[i], j, k))
             else:
                 dense.append((k, number[j] * m + number[i]))
-        self.before, self.behind = _operator(before, self.n + m, self.n), _operator(behind, self.n, m)
+        self.before, self.behind = _Operator(before, self.n + m, self.n), _Operator(behind, self.n, m)
         self.dense, self.dense_at = _table(dense, 2)
 
 
@@ -135,14 +135,11 @@ def _apart(waiting: list[int], rows: list[set[int]], columns: list[set[int]]) ->
 class _Operator:
     """A CSR matrix whose data are taken from the swept entries."""
 
-    def __init__(self, indptr: Any, indices: Any, data: Index, shape: tuple[int, int]) -> None:
-        self.indptr, self.indices, self.data, self.shape = indptr, indices, data, shape
-
-
-def _operator(entries: list[tuple[int, int, int]], height: int, width: int) -> _Operator:
-    i, j, k = _table(entries, 3)
-    found = csr_matrix((k + 1.0, (i, j)), shape=(height, width))
-    return _Operator(found.indptr, found.indices, found.data.astype(np.intp) - 1, found.shape)
+    def __init__(self, entries: list[tuple[int, int, int]], height: int, width: int) -> None:
+        """entries: row, column, and position among the swept entries."""
+        i, j, k = _table(entries, 3)
+        found = csr_matrix((k + 1.0, (i, j)), shape=(height, width))
+        self.indptr, self.indices, self.data = found.indptr, found.indices, found.data.astype(np.intp) - 1
 
 
 class Factors:

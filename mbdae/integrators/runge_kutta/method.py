@@ -29,12 +29,7 @@ ROUND, TARGET = 1e-10, 1e-5
 
 class CollocationMethod(Solver):
     """Base of implicit Runge-Kutta methods by collocation: a frozen dataclass that derives from it states its `table` and, as
-    fields, those of the options below that it offers.
-
-    rtol    tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
-    atol    None, one number, or (n,)
-    step    constant step in s: no error control; the last step is cut to end at t_end
-    newton  with a constant step: tolerance of the stage equations relative to each unknown and its scale (round-off)
+    fields, those of the options `rtol`, `atol`, `step` and `newton` of `RadauIIA` that it offers.
 
     `highest_index` is 0 (ordinary differential equations) where it is not stated; 3 is for stiffly accurate tables.
     """
