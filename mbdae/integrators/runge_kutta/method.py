@@ -69,11 +69,7 @@ class CollocationMethod(Solver):
         tolerance, target = (ROUND, TARGET) if self.newton is None else (self.newton, 1.0)
         demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
         step = CollocationStep(system, self.table, loop.stats, demand, estimate=False)
-
-        def inside(width: float) -> list[tuple[float, Array]]:
-            return [(step.t + c * width, step.inside(c)) for c in step.table.c if c < 1]
-
-        constant_steps(system, loop, h, step, step.solve_surely, step.advance, lambda width: step.inside, inside)
+        constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """The collocation polynomials; through y and y' at the steps where these are of a higher order than the stages."""
