@@ -23,28 +23,19 @@ class _Rows:
 
     def __init__(self, first: Array) -> None:
         self._blocks: list[Array] = []
-        self._tail = [first]
-
-    @property
-    def last(self) -> Array:
-        """The last row."""
-        return self._tail[-1]
-
-    @last.setter
-    def last(self, row: Array) -> None:
-        self._tail[-1] = row
+        self.tail = [first]  #: rows in no block yet, the last of all among them
 
     def append(self, row: Array) -> None:
         """Add a row."""
-        if len(self._tail) == BLOCK:
-            self._blocks.append(np.array(self._tail))
-            self._tail = []
-        self._tail.append(row)
+        if len(self.tail) == BLOCK:
+            self._blocks.append(np.array(self.tail))
+            self.tail = []
+        self.tail.append(row)
 
     def array(self, count: int) -> Array:
         """The first `count` rows (count, n)."""
-        rows = np.concatenate([*self._blocks, np.array(self._tail)])
-        self._blocks, self._tail = [rows[:-1]], [rows[-1]]  # not kept twice
+        rows = np.concatenate([*self._blocks, np.array(self.tail)])
+        self._blocks, self.tail = [rows[:-1]], [rows[-1]]  # not kept twice
         return rows[:count]
 
 
@@ -94,7 +85,7 @@ class StepLoop:
     @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
-        return self._y.last, self._yp.last
+        return self._y.tail[-1], self._yp.tail[-1]
 
     def __enter__(self) -> Self:
         self._threads = one_thread()
@@ -153,7 +144,7 @@ class StepLoop:
         """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
-        self._y.last, self._yp.last = y, yp
+        self._y.tail[-1], self._yp.tail[-1] = y, yp
 
     def guard(self) -> None:
         """Watch the wall clock and the budget of evaluations, report progress."""

@@ -6,8 +6,7 @@ import io
 import re
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from typing import Any, Self
 
 import numpy as np
@@ -24,7 +23,7 @@ REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
 
 class SundialsRun(ABC):
     """One run with SUNDIALS: its steps, and the functions that SUNDIALS calls, which count and keep the last point for a
-    diagnosis. What they do is done `with self`, which keeps an exception for `watched`.
+    diagnosis. What they do is done `with self`, which keeps an exception for `steps`.
 
     method  of scikit-sundae; t, y  the last point; values (n,) what was computed there
     """
@@ -65,9 +64,15 @@ class SundialsRun(ABC):
 
     def steps(self) -> None:
         """One internal step at a time, so that no output time interrupts the method."""
-        with watched(self):
-            self.begin(self.loop.t, *self.loop.state)
-            self._steps(self.stats.jacobians)
+        try:
+            with redirect_stdout(_WithoutReports(sys.stdout)):
+                self.begin(self.loop.t, *self.loop.state)
+                self._steps(self.stats.jacobians)
+        except Exception:
+            if self.error is None:
+                raise
+        if self.error is not None:  # raised in a callback: it comes through as it is
+            raise self.error
 
     def _steps(self, before: int) -> None:
         """Step to the end; before: Jacobians evaluated before this run."""
@@ -75,7 +80,8 @@ class SundialsRun(ABC):
         while going:
             result = self.method.step(loop.t_end, method="onestep", tstop=stop_time(loop, watch))
             if not result.success or not result.t > loop.t:
-                message = reason(result) + ("" if watch is None else watch.nearest())
+                why = "the step fell below the round-off of the time" if result.success else str(result.message).rstrip(".")
+                message = why + ("" if watch is None else watch.nearest())
                 raise self.error or not_finite(loop, self, message) or self.diagnosis(message)
             restarts = before + (watch.jacobians if watch else 0)
             self.stats.jacobians = self.stats.factorisations = restarts + int(result.njev)
@@ -108,19 +114,6 @@ class SundialsRun(ABC):
             self.error = error
 
 
-@contextmanager
-def watched(run: SundialsRun) -> Iterator[None]:
-    """Drop what scikit-sundae prints; an exception raised in a callback comes through as it is."""
-    try:
-        with redirect_stdout(_WithoutReports(sys.stdout)):
-            yield
-    except Exception:
-        if run.error is None:
-            raise
-    if run.error is not None:
-        raise run.error
-
-
 class _WithoutReports(io.TextIOBase):
     """Standard output without the lines scikit-sundae prints there on a failure: the SolverError says the same."""
 
@@ -143,11 +136,6 @@ class _WithoutReports(io.TextIOBase):
     def isatty(self) -> bool:
         """Whether the stream behind is a terminal."""
         return bool(self._stream.isatty())
-
-
-def reason(result: Any) -> str:
-    """Why a step failed, in the words of SUNDIALS."""
-    return "the step fell below the round-off of the time" if result.success else str(result.message).rstrip(".")
 
 
 def not_finite(loop: StepLoop, last: SundialsRun, why: str) -> SolverError | None:
