@@ -1,13 +1,8 @@
 """What a solver is.
 
-A new solver is a frozen dataclass of its options that derives from `Solver` and provides:
-
-1. validation of its options in `__post_init__` (OptionError with the value and what to do);
-2. `check(system)`: refuse systems it cannot solve;
-3. `integrate(system, loop, h0)`: step from `system.t0` to `loop.t_end`, calling `loop.accept` after every
-   accepted step (stop when it says so) and `loop.guard` in every rejected one, and counting into `loop.stats`;
-4. `dense(t, y, yp, pieces)`: the interpolant between accepted steps;
-5. `factors` and `tightest`, measured, which turn an accuracy into its `rtol`; `orders`, where its step may be constant.
+A new solver is a frozen dataclass of its options that derives from `Solver`, validates them in `__post_init__` (OptionError with
+the value and what to do), defines the abstract methods, and states `factors` and `tightest`; `orders`, where its step may be
+constant.
 """
 
 from __future__ import annotations
@@ -90,7 +85,8 @@ class Solver(ABC):
 
     @abstractmethod
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """Step from system.t0 to loop.t_end."""
+        """Step from system.t0 to loop.t_end: call `loop.accept` after every accepted step (stop when it says so) and `loop.guard`
+        in every rejected one, and count into `loop.stats`."""
 
     @abstractmethod
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from math import ceil, inf
 from typing import Any, Protocol
@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.watched.arguments import Inside
-from mbdae.integrators.watched.watch import watch_of
-from mbdae.system.base import Array, System
+from mbdae.integrators.watched.watch import StepWatch
+from mbdae.system.base import Array
 
 #: changes of an unknown over its magnitude that constant steps are not expected to follow
 FOLLOWED = 1e-9
@@ -34,20 +33,25 @@ class Stepping(Protocol):
     def reached(self) -> Array:
         """y (n,) at the end of the step."""
 
+    def inside(self, part: Array) -> Array:
+        """y (k, n) on the polynomial of the step after parts (k,) of it, or (n,) after one."""
 
-def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any],
-                   advance: Callable[[float, float], tuple[Any, ...]],
-                   inside: Callable[[float], Inside],
-                   inner: Callable[[float], list[tuple[float, Array]]] = lambda _: []) -> None:  # fmt: skip
+    def advance(self, h: float, t1: float) -> tuple[Any, ...]:
+        """Take the step; returns what `loop.accept` wants."""
+
+
+def constant_steps(loop: StepLoop, h: float, step: Stepping, solve: Callable[[float], Any], parts: Iterable[float] = ()) -> None:
     """Steps of h to the end; a last one that differs from h by round-off counts as equal. Steps that an input of time does not
     allow are divided.
 
-    solve(h): solve a step; advance(h, t1): take it, what `loop.accept` wants; inside(h): the polynomial of the step just
-    solved; inner(h): times and states within it, where hidden contacts are looked for.
+    solve(h): solve a step; parts of it after which hidden contacts are looked for.
     """
-    count = max(1, ceil((loop.t_end - float(system.t0)) / h - 1e-6))
-    watch = watch_of(system, loop.stats, lambda y: FOLLOWED * (np.abs(y) + system.scale))
-    for t1, width, whole in _steps(system, loop, h, count, step):
+    watch = StepWatch.of(loop, lambda y: FOLLOWED * (np.abs(y) + loop.system.scale))
+
+    def inner(width: float) -> list[tuple[float, Array]]:
+        return [(step.t + part * width, step.inside(np.asarray(part))) for part in parts]
+
+    for t1, width, whole in _steps(loop, h, step):
         try:
             solve(width)
         except StepFailedError as error:
@@ -55,26 +59,20 @@ def constant_steps(system: System, loop: StepLoop, h: float, step: Stepping, sol
             raise loop.failure(text, error.culprit) from error
         loop.stats.shortened += not whole
         if watch is not None:
-            watch.look(t1, step.reached(), inside(width))
+            watch.look(t1, step.reached(), step.inside)
             watch.count_hidden(partial(inner, width))
             watch.keep()
-        if not loop.accept(*advance(width, t1)):
+        if not loop.accept(*step.advance(width, t1)):
             return
 
 
-def first_width(system: System, loop: StepLoop, h: float) -> float:
-    """Length (s) of the first step from system.t0."""
-    bound = inf if system.longest_step is None else system.longest_step(float(system.t0))
-    return min(h, bound, loop.t_end - float(system.t0))
-
-
-def _steps(system: System, loop: StepLoop, h: float, count: int, step: Stepping) -> Iterator[tuple[float, float, bool]]:
+def _steps(loop: StepLoop, h: float, step: Stepping) -> Iterator[tuple[float, float, bool]]:
     """(end, width, whether it is a step of h) of every step; those longer than an input of time allows are divided."""
-    t0 = float(system.t0)
+    t0, longest = step.t, loop.system.longest_step
+    count = max(1, ceil((loop.t_end - t0) / h - 1e-6))
     for k in range(1, count + 1):
-        last = k == count
-        goal = loop.t_end if last else t0 + k * h
-        while (bound := inf if system.longest_step is None else system.longest_step(step.t)) < (goal - step.t) * (1 - 1e-6):
+        goal = loop.t_end if k == count else t0 + k * h
+        while (bound := inf if longest is None else longest(step.t)) < (goal - step.t) * (1 - 1e-6):
             width = (goal - step.t) / ceil((goal - step.t) / bound)
             yield step.t + width, width, False
         rest = goal - step.t

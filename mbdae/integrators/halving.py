@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdae.errors import SolverError, WallClockError, keeping
 from mbdae.integrators.base import Asked
-from mbdae.integrators.distance import Measure, check_times, scaled_distance
+from mbdae.integrators.distance import Measure, check_times
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
@@ -44,11 +44,6 @@ class Halved:
     runs: int
     cpu_s: float
     coarser: tuple[Solution, Array, float] | None = None
-
-
-def scaled_difference(system: System) -> Measure:
-    """Largest difference of positions, velocities and states over their scale."""
-    return lambda t, a, b: scaled_distance(system, a, b, ALGEBRAIC)
 
 
 def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure) -> Halved:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from math import inf
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -24,28 +23,19 @@ class _Rows:
 
     def __init__(self, first: Array) -> None:
         self._blocks: list[Array] = []
-        self._tail = [first]
-
-    @property
-    def last(self) -> Array:
-        """The last row."""
-        return self._tail[-1]
-
-    @last.setter
-    def last(self, row: Array) -> None:
-        self._tail[-1] = row
+        self.tail = [first]  #: rows in no block yet, the last of all among them
 
     def append(self, row: Array) -> None:
         """Add a row."""
-        if len(self._tail) == BLOCK:
-            self._blocks.append(np.array(self._tail))
-            self._tail = []
-        self._tail.append(row)
+        if len(self.tail) == BLOCK:
+            self._blocks.append(np.array(self.tail))
+            self.tail = []
+        self.tail.append(row)
 
     def array(self, count: int) -> Array:
         """The first `count` rows (count, n)."""
-        rows = np.concatenate([*self._blocks, np.array(self._tail)])
-        self._blocks, self._tail = [rows[:-1]], [rows[-1]]  # not kept twice
+        rows = np.concatenate([*self._blocks, np.array(self.tail)])
+        self._blocks, self.tail = [rows[:-1]], [rows[-1]]  # not kept twice
         return rows[:count]
 
 
@@ -95,7 +85,7 @@ class StepLoop:
     @property
     def state(self) -> tuple[Array, Array]:
         """y and yp (n,) of the last accepted step."""
-        return self._y.last, self._yp.last
+        return self._y.tail[-1], self._yp.tail[-1]
 
     def __enter__(self) -> Self:
         self._threads = one_thread()
@@ -103,9 +93,7 @@ class StepLoop:
         self._wall, self._cpu = time.perf_counter(), time.process_time()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         self._threads.__exit__(kind, error, trace)
         self._clock()
         if isinstance(error, KeyboardInterrupt | SystemExit):
@@ -156,22 +144,18 @@ class StepLoop:
         """Continue from the last step with other values: accelerations and multipliers jump at a break of the inputs."""
         if len(self._t) > 1:
             self._breaks[len(self._t) - 1] = self.state
-        self._y.last, self._yp.last = y, yp
-
-    def _waited(self) -> float:
-        """Wall time that counts against max_wall, s."""
-        return time.perf_counter() - (self._wall if self._begin is None else self._begin)
+        self._y.tail[-1], self._yp.tail[-1] = y, yp
 
     def guard(self) -> None:
         """Watch the wall clock and the budget of evaluations, report progress."""
-        wall = time.perf_counter() - self._wall
-        if self._waited() > self._max_wall:
+        now = time.perf_counter()
+        if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
             advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
             raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")
-        if self._progress is not None and wall >= self._next_progress:
-            self._next_progress = wall + PROGRESS_PERIOD
+        if self._progress is not None and now - self._wall >= self._next_progress:
+            self._next_progress = now - self._wall + PROGRESS_PERIOD
             self._clock()
             self._progress(self.t, self.run_end, self.stats)
 

@@ -16,7 +16,7 @@ from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates, rate_jacobian
 from mbdae.integrators.solution import Interpolant, Stats
 from mbdae.integrators.stepped import Stepped
-from mbdae.integrators.watched.arguments import Inside, cubic_of_step
+from mbdae.integrators.watched.arguments import cubic_of_step
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import option, whole
@@ -70,11 +70,7 @@ class OneStep(Stepped):
         """Equal steps."""
         assert self.step is not None
         span, step = loop.t_end - float(system.t0), RightHandSide(self, system, loop.stats)
-
-        def inside(width: float) -> Inside:
-            return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rate))
-
-        constant_steps(system, loop, span / max(1, ceil(span / self.step - 1e-6)), step, step.solve, step.advance, inside)
+        constant_steps(loop, span / max(1, ceil(span / self.step - 1e-6)), step, step.solve)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Polynomials through y and y' at the steps."""
@@ -123,14 +119,18 @@ class RightHandSide:
             if end.shape != self.y.shape:
                 raise OptionError(f"{self._solver.label}.advance returned an array of shape {end.shape}: return y at t + h, "
                                   f"of shape {self.y.shape}")  # fmt: skip
-            self._end, self.rate = end, self(self.t + h, end)
+            self._h, self._end, self._rate = h, end, self(self.t + h, end)
         end.setflags(write=False)
 
     def reached(self) -> Array:
         """y (n,) at the end of the step."""
         return self._end
 
+    def inside(self, part: Array) -> Array:
+        """y (k, n) on the cubic of the step just made, after parts (k,) of it."""
+        return cubic_of_step(self._h, (self.y, self.yp), (self._end, self._rate))(part)
+
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
         """Move to t1 = t + h; returns (t1, y, y')."""
-        self.t, self.y, self.yp = t1, self._end, self.rate
+        self.t, self.y, self.yp = t1, self._end, self._rate
         return t1, self.y, self.yp

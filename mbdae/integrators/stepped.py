@@ -7,7 +7,8 @@ from typing import ClassVar, Self
 
 from mbdae.errors import OptionError
 from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
-from mbdae.integrators.halving import halved, scaled_difference
+from mbdae.integrators.distance import scaled_distance
+from mbdae.integrators.halving import ALGEBRAIC, halved
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 from mbdae.values import number, option, set_option, text
@@ -50,4 +51,4 @@ class Stepped(Solver):
         if self.fixed:
             return super().run(system, asked)
         goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
-        return halved(self, system, asked, goal, scaled_difference(system)).solution
+        return halved(self, system, asked, goal, lambda t, a, b: scaled_distance(system, a, b, ALGEBRAIC)).solution

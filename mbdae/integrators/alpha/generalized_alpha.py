@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
 
 from mbdae.errors import AccuracyWarning, OptionError
-from mbdae.integrators.alpha.step import ORDER, Alphas, AlphaStep
-from mbdae.integrators.constant import StepFailedError, constant_steps, first_width
-from mbdae.integrators.dense import Collocation, cubic
+from mbdae.integrators.alpha.step import CUBIC, ORDER, Alphas, AlphaStep
+from mbdae.integrators.constant import StepFailedError, constant_steps
+from mbdae.integrators.dense import Collocation
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant, Stats
 from mbdae.integrators.stepped import Stepped
-from mbdae.integrators.watched.arguments import Inside, cubic_of_step
 from mbdae.system.base import Array, System
 from mbdae.values import number, set_option
 
 SECOND = (2, 2, 2)  #: order of positions, velocities and multipliers
-CUBIC = 3  #: nodes of Radau IIA that hold a cubic
 GAINS = 0.9  #: spectral radius from which coarse steps gain energy
 
 
@@ -77,19 +76,9 @@ class _Alpha(Stepped):
             warnings.warn(doubt, AccuracyWarning, stacklevel=4)
         rho, h = self.rho_infinity, self.step
         step = AlphaStep(system, self.coefficients, Alphas.of((3 * rho - 1) / (2 * (rho + 1)), rho / (rho + 1)), loop.stats)
-        _begin(step, first_width(system, loop, h), loop.stats)
-        algebraic = np.array([kind in ("z", "lambda", "mu") for kind in system.kinds])
-
-        def advance(width: float, t1: float) -> tuple[Any, ...]:
-            start, rate = step.y, step.yp
-            t1, y, yp = step.advance(width, t1)
-            line = radau_table(CUBIC).c[:-1, None] * (y - start)
-            return t1, y, yp, np.where(algebraic, line, cubic(CUBIC, width, (start, rate), (y, yp)))
-
-        def inside(width: float) -> Inside:
-            return cubic_of_step(width, (step.y, step.yp), (step.reached(), step.rates_reached()))
-
-        constant_steps(system, loop, h, step, step.solve, advance, inside)
+        bound = inf if system.longest_step is None else system.longest_step(step.t)
+        _begin(step, min(h, bound, loop.t_end - step.t), loop.stats)
+        constant_steps(loop, h, step, step.solve)
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Cubic through y and y' at both ends of a step; algebraic unknowns on straight lines."""

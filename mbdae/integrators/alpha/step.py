@@ -18,15 +18,18 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.linalg import splu
 
 from mbdae.integrators.constant import StepFailedError
-from mbdae.integrators.matrices.iteration import SingularMatrixError, as_csc, inverse_or_one
+from mbdae.integrators.dense import cubic
+from mbdae.integrators.matrices.iteration import LapackFactors, SingularMatrixError, as_csc, inverse_or_one
+from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Stats
+from mbdae.integrators.watched.arguments import cubic_of_step
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
+CUBIC = 3  #: nodes of Radau IIA that hold a cubic
 ORDER = ("q", "v", "s", "z", "lambda", "mu")
 #: corrections are measured in ROUND times the size of displacements and velocities; what is left is TARGET of that
 ROUND, TARGET = 1e-10, 3e-2
@@ -90,13 +93,13 @@ class AlphaStep:
         self._row, self._column = np.ones(len(self._x)), np.ones(len(self._x))
         self._factored, self._correction = 0.0, np.zeros(len(self._x))
         self._old: tuple[float, Array] | None = None
-        self._states = ns > 0
+        self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
     # -- the equations of a step
 
     def _begin(self, h: float) -> None:
         """What of the step does not depend on its unknowns."""
-        A, B, y, yp = self.A, self.B, self.y, self.yp
+        A, B, y, yp, self._h = self.A, self.B, self.y, self.yp, h
         part = (A.f * yp[self.u] - A.m * self.a) / (1 - A.m)
         self._part = part
         self._u0 = y[self.u] + h * ((1 - A.gamma) * self.a + A.gamma * part)
@@ -124,7 +127,7 @@ class AlphaStep:
     def _predict(self, h: float) -> Array:
         """Unknowns of the last two steps continued; eta as in the last one."""
         last = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
-        x = last.copy()
+        self._last, x = last, last.copy()
         if self._old is not None:
             width, before = self._old
             x += (h / width) * (last - before)
@@ -164,15 +167,12 @@ class AlphaStep:
         if self.system.sparsity is None:
             A = np.hstack(blocks) * column
             self._row = inverse_or_one(np.abs(A).max(axis=1))
-            lu, pivots, info = dgetrf(np.asfortranarray(A * self._row[:, None]), overwrite_a=1)
-            if info > 0 or not np.isfinite(lu[-1, -1]):
-                raise SingularMatrixError(n + info - 1)
-            self._factors = lambda b: dgetrs(lu, pivots, b)[0]
+            self._factors = LapackFactors(np.asfortranarray(A * self._row[:, None]))
         else:
             S = sp.hstack([sp.csc_matrix(b) for b in blocks], format="csc") @ sp.diags(column)
             self._row = inverse_or_one(abs(S).max(axis=1).toarray().ravel())
             try:
-                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD").solve
+                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD")
             except RuntimeError as error:
                 raise SingularMatrixError from error
         self._factored = h
@@ -217,7 +217,7 @@ class AlphaStep:
             self.system.residual(self.t + h, self._Y, self._Yp, self._F)
             self.stats.residuals += 1
             self.stats.newton_iterations += 1
-            dx = self._factors(self._F[self.nq :] * self._row)
+            dx = self._factors.solve(self._F[self.nq :] * self._row)
             dx *= self._column
             x -= dx
             self._correction = dx
@@ -258,7 +258,7 @@ class AlphaStep:
             equation = self.system.equations[int(np.argmax(bad))]
             return StepFailedError(f"equation {equation} is not finite near t = {self.t + h:.9g}", equation)
         if unknown >= 0:
-            return StepFailedError("the iteration matrix is singular", names[unknown])
+            return StepFailedError("the iteration matrix is singular", names[self.nq + unknown])
         share = np.abs(self._correction) / (np.abs(self._x) + self._columns)
         worst = self.nq + largest(np.where(np.isfinite(share), share, inf))
         return StepFailedError("Newton's method diverges, or stops above its tolerance on round-off", names[worst])
@@ -269,22 +269,27 @@ class AlphaStep:
         """y (n,) at the end of the step just solved."""
         return self._Y
 
-    def rates_reached(self) -> Array:
+    def _rates(self) -> Array:
         """y' (n,) there, without algebraic unknowns."""
         yp = self._Yp.copy()
         yp[self.q] = -self._F[self.q]  # q' = H u: what its rows lack at q' = 0
         return yp
 
-    def advance(self, h: float, t1: float) -> tuple[float, Array, Array]:
-        """Move to t1 = t + h; returns (t1, y, y')."""
+    def inside(self, part: Array) -> Array:
+        """y (k, n) on the cubic of the step just solved, after parts (k,) of it."""
+        return cubic_of_step(self._h, (self.y, self.yp), (self._Y, self._rates()))(part)
+
+    def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array]:
+        """Move to t1 = t + h; returns (t1, y, y', inner increments (CUBIC - 1, n): of algebraic unknowns on a straight line)."""
         x, y = self._x, self._Y.copy()
         y[self.mu] = x[self.xe]
-        yp = self.rates_reached()
+        yp = self._rates()
         yp[self.algebraic] = (y[self.algebraic] - self.y[self.algebraic]) / h
-        before = np.concatenate([self.yp[self.u], self.yp[self.s], self.y[self.algebraic], self.y[self.mu]])
-        self._old = h, before
+        self._old = h, self._last
         self.a = self._part + self.A.kappa * yp[self.u]
         if self._states:
             self.w = self._w0 + self.B.kappa * yp[self.s]
+        line = radau_table(CUBIC).c[:-1, None] * (y - self.y)
+        inner = np.where(self._straight, line, cubic(CUBIC, h, (self.y, self.yp), (y, yp)))
         self.t, self.y, self.yp = t1, y, yp
-        return t1, y, yp
+        return t1, y, yp, inner

@@ -13,10 +13,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 from scipy.sparse import csr_matrix
 
-from mbdae.integrators.matrices.iteration import IterationMatrix, SingularMatrixError, inverse_or_one
+from mbdae.integrators.matrices.iteration import EntriesMatrix, LapackFactors, SingularMatrixError
 from mbdae.integrators.matrices.ordering import FIRST, THRESHOLD
 from mbdae.system.base import Array, System
 
@@ -98,7 +97,7 @@ class Plan:
             chosen = _apart(waiting, rows, columns)
             self.levels.append(Level(chosen, rows, columns, at))
             waiting = [p for p in waiting if p not in set(chosen)]
-        self.size, self.filled = len(at), pattern.nnz
+        self.size = len(at)
         self.pivots = np.array([at[p, p] for p in condensed], dtype=np.intp)
         self.rest = np.setdiff1d(np.arange(n), condensed)
         self.m = len(self.rest)
@@ -118,7 +117,7 @@ class Plan:
                 before.append((self.n + number[i], j, k))
             else:
                 dense.append((k, number[j] * m + number[i]))
-        self.before, self.behind = _operator(before, self.n + m, self.n), _operator(behind, self.n, m)
+        self.before, self.behind = _Operator(before, self.n + m, self.n), _Operator(behind, self.n, m)
         self.dense, self.dense_at = _table(dense, 2)
 
 
@@ -136,14 +135,11 @@ def _apart(waiting: list[int], rows: list[set[int]], columns: list[set[int]]) ->
 class _Operator:
     """A CSR matrix whose data are taken from the swept entries."""
 
-    def __init__(self, indptr: Any, indices: Any, data: Index, shape: tuple[int, int]) -> None:
-        self.indptr, self.indices, self.data, self.shape = indptr, indices, data, shape
-
-
-def _operator(entries: list[tuple[int, int, int]], height: int, width: int) -> _Operator:
-    i, j, k = _table(entries, 3)
-    found = csr_matrix((k + 1.0, (i, j)), shape=(height, width))
-    return _Operator(found.indptr, found.indices, found.data.astype(np.intp) - 1, found.shape)
+    def __init__(self, entries: list[tuple[int, int, int]], height: int, width: int) -> None:
+        """entries: row, column, and position among the swept entries."""
+        i, j, k = _table(entries, 3)
+        found = csr_matrix((k + 1.0, (i, j)), shape=(height, width))
+        self.indptr, self.indices, self.data = found.indptr, found.indices, found.data.astype(np.intp) - 1
 
 
 class Factors:
@@ -152,18 +148,18 @@ class Factors:
     data: the swept entries and one more, for the ones of b_r and x_r.
     """
 
-    def __init__(self, plan: Plan, data: Array, lapack: tuple[Any, Any]) -> None:
+    def __init__(self, plan: Plan, data: Array) -> None:
         self.plan = plan
-        factor, self.back = lapack
         data[-1] = 1.0
         self.before = data.take(plan.before.data)
         data[-1] = -1.0
         self.behind = -data.take(plan.behind.data)
         dense = np.zeros(plan.m * plan.m, dtype=data.dtype)
         dense[plan.dense_at] = data.take(plan.dense)
-        self.lu, self.swaps, info = factor(dense.reshape(plan.m, plan.m, order="F"), overwrite_a=1)
-        if info > 0 or not np.isfinite(self.lu[-1, -1]):
-            raise SingularMatrixError(int(plan.rest[info - 1]) if info > 0 else -1)
+        try:
+            self.rest = LapackFactors(dense.reshape(plan.m, plan.m, order="F"))
+        except SingularMatrixError as error:
+            raise SingularMatrixError(int(plan.rest[error.unknown]) if error.unknown >= 0 else -1) from error
         self.x = np.zeros(plan.n + plan.m, dtype=data.dtype)
         self.parts = self.x[: plan.n], self.x[plan.n :]
 
@@ -175,80 +171,34 @@ class Factors:
         o = plan.before
         product(n + plan.m, n, o.indptr, o.indices, self.before, b, x)
         o = plan.behind
-        product(n, plan.m, o.indptr, o.indices, self.behind, self.back(self.lu, self.swaps, tail)[0], head)
+        product(n, plan.m, o.indptr, o.indices, self.behind, self.rest.solve(tail), head)
         return head
 
 
-class _Whole:
-    """LAPACK factors of the whole matrix, where a pivot is too small for condensation."""
-
-    def __init__(self, matrix: Array, lapack: tuple[Any, Any]) -> None:
-        factor, self.back = lapack
-        self.lu, self.swaps, info = factor(matrix, overwrite_a=1)
-        if info > 0 or not np.isfinite(self.lu[-1, -1]):
-            raise SingularMatrixError(info - 1)
-
-    def solve(self, b: Array) -> Array:
-        return np.asarray(self.back(self.lu, self.swaps, b, overwrite_b=1)[0])
-
-
-class CondensedMatrix(IterationMatrix):
-    """Sweeps of positions and stresses, LAPACK factors of what is left."""
+class CondensedMatrix(EntriesMatrix):
+    """Sweeps of positions and stresses, LAPACK factors of what is left; of the whole matrix where a pivot is too small."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128], plan: Plan) -> None:
-        super().__init__(system, real, pairs)
+        super().__init__(system, real, pairs, system.pattern)
         self._plan: Plan | None = plan
-        self._size = plan.size
-        self._indices = system.pattern.indices.astype(np.intp)
-        self._columns = np.repeat(np.arange(system.n), np.diff(system.pattern.indptr))
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
         """Evaluate both Jacobian parts."""
         self._fy, self._fyp = self.system.jacobian_values(t, y, yp)
 
-    def _scaled(self, h: float) -> tuple[Array, Array]:
-        column = self.column.take(self._columns)
-        a, b = self._fy * column, self._fyp * (column / h)
-        largest = np.zeros(self.system.n)
-        np.maximum.at(largest, self._indices, np.abs(a) + np.abs(b))
-        self.row = inverse_or_one(largest)
-        row = self.row.take(self._indices)
-        a *= row
-        b *= row
-        return a, b
-
-    def _factor_real(self, matrix: Array) -> Any:
-        return self._factors(matrix, (dgetrf, dgetrs))
-
-    def _factor_pair(self, matrix: Array) -> Any:
-        return self._factors(matrix, (zgetrf, zgetrs))
-
-    def _factors(self, matrix: Array, lapack: tuple[Any, Any]) -> Any:
+    def _factored(self, matrix: NDArray[Any]) -> Any:
         if self._plan is not None:
             with suppress(_SmallPivotError):
-                data = np.zeros(self._size + 1, dtype=matrix.dtype)
+                data = np.zeros(self._plan.size + 1, dtype=matrix.dtype)
                 data[: len(matrix)] = matrix
                 with np.errstate(all="ignore"):
                     for level in self._plan.levels:
                         level.sweep(data)
-                return Factors(self._plan, data, lapack)
+                return Factors(self._plan, data)
             self._plan = None  # a strain that is nearly rigid stays so
         whole = np.zeros((self.system.n, self.system.n), dtype=matrix.dtype, order="F")
         whole[self._indices, self._columns] = matrix
-        return _Whole(whole, lapack)
-
-    def solve_real(self, j: int, b: Array) -> Array:
-        return np.asarray(self.real_factors[j].solve(b))
-
-    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        return np.asarray(self.pair_factors[j].solve(b))
-
-    def mass(self, x: Array) -> Array:
-        return np.asarray(np.bincount(self._indices, self._fyp * x.take(self._columns), self.system.n), dtype=float)
-
-    def magnitudes(self, y: Array, yp: Array) -> Array:
-        terms = np.abs(self._fy) * y.take(self._columns) + np.abs(self._fyp) * yp.take(self._columns)
-        return np.asarray(np.bincount(self._indices, terms, self.system.n), dtype=float)
+        return super()._factored(whole)
 
 
 _PLANS: WeakKeyDictionary[System, Plan | None] = WeakKeyDictionary()

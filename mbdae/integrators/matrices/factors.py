@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.linalg import splu
 
 from mbdae.integrators.matrices.condensed import CondensedMatrix, plan_of
-from mbdae.integrators.matrices.iteration import IterationMatrix, SingularMatrixError, inverse_or_one
+from mbdae.integrators.matrices.iteration import EntriesMatrix, IterationMatrix, SingularMatrixError, as_csc, inverse_or_one
 from mbdae.integrators.matrices.ordering import THRESHOLD, elimination_order
 from mbdae.system.base import Array, System
 
@@ -24,27 +23,6 @@ class DenseMatrix(IterationMatrix):
         b = np.asfortranarray(self._fyp * (self.column / h))
         self.row = inverse_or_one((np.abs(a) + np.abs(b)).max(axis=1))
         return a * self.row[:, None], b * self.row[:, None]
-
-    def _factor_real(self, matrix: Array) -> Any:
-        return self._checked(dgetrf(matrix, overwrite_a=1))
-
-    def _factor_pair(self, matrix: Array) -> Any:
-        return self._checked(zgetrf(matrix, overwrite_a=1))
-
-    @staticmethod
-    def _checked(result: tuple[Array, Array, int]) -> tuple[Array, Array]:
-        lu, pivots, info = result
-        if info > 0 or not np.isfinite(lu[-1, -1]):
-            raise SingularMatrixError(info - 1)
-        return lu, pivots
-
-    def solve_real(self, j: int, b: Array) -> Array:
-        lu, pivots = self.real_factors[j]
-        return np.asarray(dgetrs(lu, pivots, b, overwrite_b=1)[0])
-
-    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        lu, pivots = self.pair_factors[j]
-        return np.asarray(zgetrs(lu, pivots, b, overwrite_b=1)[0])
 
     def mass(self, x: Array) -> Array:
         return np.asarray(self._fyp @ x)
@@ -66,38 +44,19 @@ class _Ordered:
         return x
 
 
-class SparseMatrix(IterationMatrix):
+class SparseMatrix(EntriesMatrix):
     """SuperLU factorisations of CSC data in the system's pattern; the order of elimination is found once."""
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
-        super().__init__(system, real, pairs)
-        self._indices, self._indptr = system.sparsity.indices, system.sparsity.indptr
-        self._columns = np.repeat(np.arange(system.n), np.diff(self._indptr))
+        super().__init__(system, real, pairs, system.sparsity)
         self._sought = False
         self._ordered: tuple[Any, ...] | None = None  #: data, indices and indptr in the order of elimination, and that order
 
-    def refresh(self, t: float, y: Array, yp: Array) -> None:
-        """Evaluate both Jacobian parts."""
-        super().refresh(t, y, yp)
-        self._mass = self._matrix(self._fyp)
-
-    def _matrix(self, data: Array) -> csc_matrix:
-        return csc_matrix((data, self._indices, self._indptr), shape=(self.system.n, self.system.n))
-
-    def _scaled(self, h: float) -> tuple[Array, Array]:
-        column = self.column[self._columns]
-        a, b = self._fy * column, self._fyp * (column / h)
-        largest = np.zeros(self.system.n)
-        np.maximum.at(largest, self._indices, np.abs(a) + np.abs(b))
-        self.row = inverse_or_one(largest)
-        row = self.row[self._indices]
-        return a * row, b * row
-
-    def _factor_real(self, matrix: Array) -> Any:
+    def _factored(self, matrix: NDArray[Any]) -> Any:
         if not np.isfinite(matrix).all():
             raise SingularMatrixError
         if not self._sought:
-            self._seek(self._matrix(matrix))
+            self._seek(as_csc(self.system, matrix))
         try:
             if self._ordered is not None:
                 data, indices, indptr, order = self._ordered
@@ -105,7 +64,7 @@ class SparseMatrix(IterationMatrix):
                 options = {"SymmetricMode": True}
                 factors = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options=options)
                 return _Ordered(factors, order)
-            return splu(self._matrix(matrix), permc_spec="COLAMD")
+            return splu(as_csc(self.system, matrix), permc_spec="COLAMD")
         except RuntimeError as error:  # SuperLU reports exactly singular factors this way
             raise SingularMatrixError from error
 
@@ -115,24 +74,9 @@ class SparseMatrix(IterationMatrix):
         order = elimination_order(matrix, self.system.kinds)
         if order is None:
             return
-        numbered = self._matrix(np.arange(1.0, len(matrix.data) + 1))[order][:, order].tocsc()
+        numbered = as_csc(self.system, np.arange(1.0, len(matrix.data) + 1))[order][:, order].tocsc()
         numbered.sort_indices()
         self._ordered = numbered.data.astype(np.intp) - 1, numbered.indices, numbered.indptr, order
-
-    def _factor_pair(self, matrix: Array) -> Any:
-        return self._factor_real(matrix)
-
-    def solve_real(self, j: int, b: Array) -> Array:
-        return np.asarray(self.real_factors[j].solve(b))
-
-    def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        return np.asarray(self.pair_factors[j].solve(b))
-
-    def mass(self, x: Array) -> Array:
-        return np.asarray(self._mass @ x)
-
-    def magnitudes(self, y: Array, yp: Array) -> Array:
-        return np.asarray(self._matrix(np.abs(self._fy)) @ y + self._matrix(np.abs(self._fyp)) @ yp)
 
 
 def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: Array, Yp: Array, R: Array) -> Array:
@@ -150,8 +94,7 @@ def coupled_correction(system: System, A_inv: Array, h: float, times: Array, Y: 
             row = inverse_or_one(np.abs(matrix).max(axis=1))
             x = np.linalg.solve(matrix * row[:, None], R.ravel() * row)
         else:
-            pattern = system.sparsity.indices, system.sparsity.indptr
-            sparse = bmat([[csc_matrix((d, *pattern), shape=(n, n)) for d in line] for line in blocks], format="csc")
+            sparse = bmat([[as_csc(system, data) for data in line] for line in blocks], format="csc")
             sparse.data *= column[np.repeat(np.arange(s * n), np.diff(sparse.indptr))]
             row = inverse_or_one(abs(sparse).max(axis=1).toarray().ravel())
             sparse.data *= row[sparse.indices]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgetrf, dgetrs, zgetrf, zgetrs
 from scipy.sparse import csc_matrix
 
 from mbdae.system.base import Array, System
@@ -22,6 +23,20 @@ class SingularMatrixError(Exception):
     def __init__(self, unknown: int = -1) -> None:
         super().__init__("iteration matrix is singular or not finite")
         self.unknown = unknown
+
+
+class LapackFactors:
+    """LU factors of a dense matrix (n, n), real or complex, which may be overwritten."""
+
+    def __init__(self, matrix: NDArray[Any]) -> None:
+        factor, self._solve = (zgetrf, zgetrs) if np.iscomplexobj(matrix) else (dgetrf, dgetrs)
+        self._lu, self._swaps, info = factor(matrix, overwrite_a=1)
+        if info > 0 or not np.isfinite(self._lu[-1, -1]):
+            raise SingularMatrixError(info - 1)
+
+    def solve(self, b: NDArray[Any]) -> Any:
+        """Solution (n,); b may be overwritten."""
+        return self._solve(self._lu, self._swaps, b, overwrite_b=1)[0]
 
 
 class IterationMatrix(ABC):
@@ -51,26 +66,24 @@ class IterationMatrix(ABC):
         """Scale and factorise for the step h."""
         self.column = self.scale * h**-self.order
         a, b = self._scaled(h)
-        self.real_factors = [self._factor_real(a + value * b) for value in self.real]
-        self.pair_factors = [self._factor_pair(a + value * b) for value in self.pairs]
+        self.real_factors = [self._factored(a + value * b) for value in self.real]
+        self.pair_factors = [self._factored(a + value * b) for value in self.pairs]
 
     @abstractmethod
     def _scaled(self, h: float) -> tuple[Array, Array]:
         """Set `row` and return dF/dy and dF/dy' / h, both scaled."""
 
-    @abstractmethod
-    def _factor_real(self, matrix: Array) -> Any: ...
+    def _factored(self, matrix: NDArray[Any]) -> Any:
+        """Factors of what `_scaled` returns the parts of, real or complex, with a method `solve`."""
+        return LapackFactors(matrix)
 
-    @abstractmethod
-    def _factor_pair(self, matrix: Array) -> Any: ...
-
-    @abstractmethod
     def solve_real(self, j: int, b: Array) -> Array:
         """Solution (n,) for the j-th real lambda; b may be overwritten."""
+        return np.asarray(self.real_factors[j].solve(b))
 
-    @abstractmethod
     def solve_pair(self, j: int, b: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Solution (n,) for the j-th complex lambda; b may be overwritten."""
+        return np.asarray(self.pair_factors[j].solve(b))
 
     @abstractmethod
     def mass(self, x: Array) -> Array:
@@ -93,6 +106,34 @@ class IterationMatrix(ABC):
         if not self.pair_factors:  # never factorised: nothing is known
             return np.zeros_like(b)
         return np.asarray(self.solve_pair(0, b.astype(complex)))
+
+
+class EntriesMatrix(IterationMatrix):
+    """Jacobian parts as the data of a CSC pattern."""
+
+    def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128], pattern: Any) -> None:
+        super().__init__(system, real, pairs)
+        self._indices = pattern.indices.astype(np.intp)
+        self._columns = np.repeat(np.arange(system.n), np.diff(pattern.indptr))
+
+    def _scaled(self, h: float) -> tuple[Array, Array]:
+        column = self.column.take(self._columns)
+        a, b = self._fy * column, self._fyp * (column / h)
+        largest = np.zeros(self.system.n)
+        np.maximum.at(largest, self._indices, np.abs(a) + np.abs(b))
+        self.row = inverse_or_one(largest)
+        row = self.row.take(self._indices)
+        return a * row, b * row
+
+    def _sums(self, terms: Array) -> Array:
+        """Sums (n,) of the entries' terms in each row."""
+        return np.asarray(np.bincount(self._indices, terms, self.system.n), dtype=float)
+
+    def mass(self, x: Array) -> Array:
+        return self._sums(self._fyp * x.take(self._columns))
+
+    def magnitudes(self, y: Array, yp: Array) -> Array:
+        return self._sums(np.abs(self._fy) * y.take(self._columns) + np.abs(self._fyp) * yp.take(self._columns))
 
 
 def inverse_or_one(largest: Array) -> Array:

@@ -17,7 +17,7 @@ from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import CollocationTable
-from mbdae.integrators.watched.watch import watch_of
+from mbdae.integrators.watched.watch import StepWatch
 from mbdae.system.base import System
 
 #: a change of the step inside this band does not pay for a new factorisation
@@ -45,7 +45,7 @@ class Adaptive:
         self.accepted_h, self.accepted_error = 0.0, 1.0
         self.smallest = 0.0
         self.diverged = self.warned = False
-        self.watch = watch_of(system, loop.stats, lambda y: rtol * np.abs(y) + atol)
+        self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         self.landing = inf
 
     def run(self, h0: float | None) -> None:
@@ -61,7 +61,8 @@ class Adaptive:
                     f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
                 )
             try:
-                error = self._try(width, rejected)
+                self.step.solve(width, full=self.diverged)
+                error = self.step.error(width, rejected)
             except StepFailedError as failure:
                 h, rejected, self.diverged = self._after_failure(width, failure), True, True
                 continue
@@ -70,7 +71,7 @@ class Adaptive:
             if not error < 1.0:  # not a number counts as failed too
                 h, rejected = self._after_rejection(width, error), True
                 continue
-            t1 = self.loop.t_end if self._reaches_end(width) else self.step.t + width
+            t1 = self.loop.t_end if self.step.t + width * (1 + 1e-9) >= self.loop.t_end else self.step.t + width
             if self.watch is not None and self._ends_wrong(width, t1):
                 continue
             proposed = self._next(width, error, rejected)
@@ -114,20 +115,12 @@ class Adaptive:
         self.loop.guard()
         return True
 
-    def _reaches_end(self, h: float) -> bool:
-        return self.step.t + h * (1 + 1e-9) >= self.loop.t_end
-
     def _fit(self, h: float) -> float:
         """h, cut or slightly stretched to end at t_end; two equal steps rather than a long and a tiny one."""
         rest = self.loop.t_end - self.step.t
         if h * 1.01 >= rest:
             return rest
         return rest / 2 if 2 * h > rest and h > 0.6 * rest else h
-
-    def _try(self, h: float, careful: bool) -> float:
-        """Solve the stages and return the error in units of the tolerance."""
-        self.step.solve(h, full=self.diverged)
-        return self.step.error(h, careful)
 
     def _after_failure(self, h: float, failure: StepFailedError) -> float:
         self.loop.stats.rejected += 1

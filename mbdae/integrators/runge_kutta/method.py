@@ -29,12 +29,7 @@ ROUND, TARGET = 1e-10, 1e-5
 
 class CollocationMethod(Solver):
     """Base of implicit Runge-Kutta methods by collocation: a frozen dataclass that derives from it states its `table` and, as
-    fields, those of the options below that it offers.
-
-    rtol    tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
-    atol    None, one number, or (n,)
-    step    constant step in s: no error control; the last step is cut to end at t_end
-    newton  with a constant step: tolerance of the stage equations relative to each unknown and its scale (round-off)
+    fields, those of the options `rtol`, `atol`, `step` and `newton` of `RadauIIA` that it offers.
 
     `highest_index` is 0 (ordinary differential equations) where it is not stated; 3 is for stiffly accurate tables.
     """
@@ -74,11 +69,7 @@ class CollocationMethod(Solver):
         tolerance, target = (ROUND, TARGET) if self.newton is None else (self.newton, 1.0)
         demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
         step = CollocationStep(system, self.table, loop.stats, demand, estimate=False)
-
-        def inside(width: float) -> list[tuple[float, Array]]:
-            return [(step.t + c * width, step.inside(c)) for c in step.table.c if c < 1]
-
-        constant_steps(system, loop, h, step, step.solve_surely, step.advance, lambda width: step.inside, inside)
+        constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """The collocation polynomials; through y and y' at the steps where these are of a higher order than the stages."""

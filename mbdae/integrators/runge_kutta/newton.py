@@ -67,7 +67,9 @@ class StageNewton:
         previous, theta, smooth = inf, 0.0, 0.0
         factor = max(self._rate, 1e-10) ** 0.8 if isfinite(self._rate) else inf
         for k in range(1, limit + 1):
-            norm = self.iterate(times, y0, h, weights)
+            self._evaluate(times, y0, h)
+            self._solve_transformed()
+            norm = self._norm(weights)
             if not isfinite(norm):
                 return Outcome(False, k, inf, inf)
             if k > 1:
@@ -112,12 +114,6 @@ class StageNewton:
         self._slopes(h)
         return y0 + self.Z[i], self.Yp[i]
 
-    def iterate(self, times: Array, y0: Array, h: float, weights: Array) -> float:
-        """One correction of Z; returns its weighted root mean square."""
-        self._evaluate(times, y0, h)
-        self._solve_transformed()
-        return self._norm(weights)
-
     def _evaluate(self, times: Array, y0: Array, h: float) -> None:
         self._slopes(h)
         np.add(self.Z, y0, out=self.Y)
@@ -126,6 +122,7 @@ class StageNewton:
         self.stats.newton_iterations += 1
 
     def _norm(self, weights: Array) -> float:
+        """Weighted root mean square of the correction."""
         np.multiply(self.correction, weights, out=self._weighted)
         return sqrt(float(self._flat.dot(self._flat)) / self._flat.size)
 

@@ -81,7 +81,8 @@ class CollocationStep:
             outcome = self._simplified(h, weights)
         singular = outcome.iterations == 0  # a coupled matrix would be singular too, and the error has no factors
         if full and not outcome.converged and not singular:
-            outcome = self._full(h, weights)
+            self._predict(h)
+            outcome = self.newton.solve_full(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
         if not outcome.converged:
             self.stats.newton_failures += 1
             raise self._failed(h, weights, outcome)
@@ -97,11 +98,6 @@ class CollocationStep:
             return Outcome(False, 0, np.inf, np.inf)
         self._predict(h)
         return self.newton.solve(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
-
-    def _full(self, h: float, weights: Array) -> Outcome:
-        """Newton's method with a Jacobian per stage and correction."""
-        self._predict(h)
-        return self.newton.solve_full(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
 
     def _prepare(self, h: float) -> None:
         """Jacobian and factors for this step, reused as long as they serve."""
@@ -199,13 +195,15 @@ class CollocationStep:
         """Name of the unknown that changes most."""
         return self.system.names[largest(np.abs(self.yp) / self._tolerance(self.y))]
 
-    def solve_surely(self, h: float) -> None:
-        """Solve the stages of a constant step, if need be from starting values found with smaller steps."""
+    def solve_surely(self, h: float, depth: int = DEPTH) -> None:
+        """Solve the stages of a constant step, if need be from starting values found with smaller steps, halved up to `depth`
+        times."""
         try:
             self.solve(h)
         except StepFailedError:
-            start = self._substeps(h, DEPTH)
-            self._restart(h, start)
+            if depth == 0:
+                raise
+            self._restart(h, self._substeps(h, depth))
 
     def _restart(self, h: float, start: Array) -> None:
         """Full Newton from given increments (s, n)."""
@@ -224,7 +222,7 @@ class CollocationStep:
         start = np.empty_like(self.newton.Z)
         try:
             for half in range(2):
-                self._solve_or_divide(h / 2, depth)
+                self.solve_surely(h / 2, depth - 1)
                 base = self.y - saved[1]
                 mine = theta <= 1 if half == 0 else theta > 1
                 start[mine] = base + self.table.values(theta[mine] - half) @ self.newton.Z
@@ -234,15 +232,6 @@ class CollocationStep:
             self.t, self.y, self.yp, self._previous = saved
             self._stale, self.factored_h = True, 0.0
         return start
-
-    def _solve_or_divide(self, h: float, depth: int) -> None:
-        try:
-            self.solve(h)
-        except StepFailedError:
-            if depth <= 1:
-                raise
-            start = self._substeps(h, depth - 1)
-            self._restart(h, start)
 
     def _failed(self, h: float, weights: Array, outcome: Outcome) -> StepFailedError:
         """What resisted: an equation that is not finite, else the unknown with the largest weighted correction."""

@@ -7,14 +7,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
+from mbdae.errors import SolverError
+from mbdae.integrators.base import Solver, set_tolerances
 from mbdae.integrators.dense import Collocation, Hermite, cubic, sampled
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates, rate_jacobian
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Callbacks, not_finite, reason, watched
-from mbdae.integrators.watched.watch import StepWatch, SundialsWatch, stop_time
+from mbdae.integrators.sundials.shared import SundialsRun
+from mbdae.integrators.watched.watch import SundialsWatch
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole, word
@@ -77,31 +78,8 @@ class CVODE(Solver):
         check_rates(self.label, system)
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """One internal step at a time, so that no output time interrupts the method."""
-        atol = absolute_tolerance(system, self.tolerance, self.atol)
-        callbacks = _Callbacks(system, loop)
-        method = _create(self, callbacks, atol, h0)
-        with watched(callbacks):
-            method.init_step(system.t0, system.y0)
-            going, watch, before = True, SundialsWatch.of(loop, lambda y: self.tolerance * np.abs(y) + atol), loop.stats.jacobians
-            smooth = self.method == "Adams" and watch is None  # with BDF slopes magnify the tolerance of stiff unknowns
-            while going:
-                result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, watch))
-                if not result.success or not result.t > loop.t:
-                    raise _failure(loop, callbacks, result, self, atol, "" if watch is None else watch.nearest())
-                restarts = before + (watch.jacobians if watch else 0)
-                loop.stats.jacobians = loop.stats.factorisations = restarts + int(result.njev)
-                loop.stats.newton_iterations = loop.stats.residuals
-                if watch is not None and watch.refuses(result, callbacks.values):
-                    method.init_step(loop.t, loop.state[0])
-                    callbacks.restart()
-                    loop.guard()
-                    continue
-                callbacks.renew = watch is not None and callbacks.stiffness_changed(watch)
-                # f at the last iterate is the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)
-                t, y, yp = float(result.t), result.y, callbacks.values.copy()
-                tame = smooth and t - loop.t <= TAME * loop.last_step
-                going = loop.accept(t, y, yp, None if tame else _inner(self, method, loop, t, y, yp, atol))
+        """Step from system.t0 to loop.t_end."""
+        _Run(self, loop, h0).steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Polynomials of degree 5: of CVODE's own interpolant, or through y and y' where they are as good."""
@@ -114,65 +92,63 @@ class CVODE(Solver):
         return Collocation(radau_table(NODES), t, y, inner)
 
 
-def _create(solver: CVODE, callbacks: _Callbacks, atol: Array, h0: float | None) -> Any:
-    import sksundae.cvode  # 0.4 s: only when it is used
+class _Run(SundialsRun):
+    """A run with CVODE, which calls the right-hand side and its Jacobian."""
 
-    return sksundae.cvode.CVODE(
-        callbacks.rate,
-        jacfn=callbacks.jacobian,
-        method=solver.method,
-        rtol=solver.tolerance,
-        atol=atol,
-        max_order=solver.max_order or HIGHEST[solver.method],
-        first_step=h0 or 0.0,
-        max_num_steps=10**9,
-    )
-
-
-def _inner(solver: CVODE, method: Any, loop: StepLoop, t: float, y: Array, yp: Array, atol: Array) -> Array:
-    """Increments (NODES - 1, n) since the last accepted step, at the inner nodes: of the cubic with y and y' at both ends where
-    CVODE's own interpolant agrees with it, else of the latter. While the order is low the slopes of the cubic are better than
-    those of that interpolant, which is linear in the first step."""
-    own, ends = _own(method, loop, t), cubic(NODES, t - loop.t, loop.state, (y, yp))
-    return ends if (np.abs(own - ends) <= solver.tolerance * np.abs(y) + atol).all() else own
-
-
-def _own(method: Any, loop: StepLoop, t: float) -> Array:
-    """The same of CVODE's own interpolant.
-
-    In normal mode CVODE interpolates inside its last step. It then has to be brought back to t, or the next internal
-    step would only return to it.
-    """
-    start, y = loop.t, loop.state[0]
-    inner = np.array([method.step(start + c * (t - start), method="normal").y - y for c in radau_table(NODES).c[:-1]])
-    method.step(t, method="normal")
-    return inner
-
-
-class _Callbacks(Callbacks):
-    """The right-hand side and its Jacobian for CVODE."""
-
-    def __init__(self, system: System, loop: StepLoop) -> None:
-        super().__init__(system, loop)
+    def __init__(self, solver: CVODE, loop: StepLoop, h0: float | None) -> None:
+        super().__init__(solver, loop, h0)
+        self.smooth = solver.method == "Adams" and self.watch is None  # with BDF slopes magnify the tolerance of stiff unknowns
         self._choosing = True
         self.renew, self._renewing = False, False
         self._newest: tuple[float, Array] | None = None  # where the newest Jacobian was evaluated
+
+    def create(self, **options: Any) -> Any:
+        import sksundae.cvode  # 0.4 s: only when it is used
+
+        method, highest = self.solver.method, self.solver.max_order or HIGHEST[self.solver.method]
+        return sksundae.cvode.CVODE(self.rate, jacfn=self.jacobian, method=method, max_order=highest, **options)
+
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        """Start the method, which then chooses its first step."""
+        self.method.init_step(t, y)
+        self._choosing = True
+
+    def slope(self, result: Any) -> Array:
+        """f at the last iterate: the slope of CVODE's own polynomial, and within the Newton tolerance f(t, y)."""
+        return self.values.copy()
+
+    def piece(self, t: float, y: Array, yp: Array) -> Array | None:
+        """Increments (NODES - 1, n) since the last accepted step, at the inner nodes: of the cubic with y and y' at both ends
+        where CVODE's own interpolant agrees with it, else of the latter. While the order is low the slopes of the cubic are
+        better than those of that interpolant, which is linear in the first step. None where `dense` needs no piece."""
+        self.renew = self.watch is not None and self._stiffness_changed(self.watch)
+        if self.smooth and t - self.loop.t <= TAME * self.loop.last_step:
+            return None
+        own, ends = self._own(t), cubic(NODES, t - self.loop.t, self.loop.state, (y, yp))
+        return ends if (np.abs(own - ends) <= self.tolerance(y)).all() else own
+
+    def _own(self, t: float) -> Array:
+        """The same of CVODE's own interpolant.
+
+        In normal mode CVODE interpolates inside its last step. It then has to be brought back to t, or the next internal
+        step would only return to it.
+        """
+        start, y, step = self.loop.t, self.loop.state[0], self.method.step
+        inner = np.array([step(start + c * (t - start), method="normal").y - y for c in radau_table(NODES).c[:-1]])
+        step(t, method="normal")
+        return inner
 
     def evaluated(self, t: float) -> None:
         """Count an evaluation at t; those that choose the first step are no attempts, so none of them is rejected."""
         self.t = min(self.t, t) if self._choosing else self.t
         super().evaluated(t)
 
-    def stiffness_changed(self, watch: StepWatch) -> bool:
+    def _stiffness_changed(self, watch: SundialsWatch) -> bool:
         """Whether the Jacobian in use is of other contacts than there are now; CVODE evaluates it at predicted states."""
         if self._newest is not None:
             watch.jacobian_at(*self._newest)
             self._newest = None
         return watch.stiffness_changed()
-
-    def restart(self) -> None:
-        """The method begins anew: it chooses its first step again."""
-        self._choosing = True
 
     def probe(self, t: float, y: Array, yp: Array) -> list[Array]:
         """F(t, y, y'), whose rows tell more, then f(t, y)."""
@@ -203,17 +179,9 @@ class _Callbacks(Callbacks):
             self._newest = t, y.copy()
             out[...] = rate_jacobian(self.system, t, y, yp)
 
-
-def _failure(loop: StepLoop, last: _Callbacks, result: Any, solver: CVODE, atol: Array, where: str) -> BaseException:
-    """The exception raised inside a callback, or a SolverError that names what resists."""
-    if last.error is not None:
-        return last.error
-    message = reason(result) + where
-    undefined = not_finite(loop, last, message)
-    if undefined is not None:
-        return undefined
-    dt, (y, yp) = last.t - loop.t, loop.state
-    missed = np.abs(last.y - y - dt * yp) + np.abs(dt * (last.values - yp))
-    worst = largest(missed / (solver.tolerance * np.abs(last.y) + atol))
-    other = "mb.CVODE(method='BDF') or mb.RadauIIA(3)" if solver.method == "Adams" else "mb.RadauIIA(3)"
-    return loop.failure(f"{message}; where the motion is stiff, use {other}", last.system.names[worst])
+    def diagnosis(self, message: str) -> SolverError:
+        dt, (y, yp) = self.t - self.loop.t, self.loop.state
+        missed = np.abs(self.y - y - dt * yp) + np.abs(dt * (self.values - yp))
+        worst = largest(missed / self.tolerance(self.y))
+        other = "mb.CVODE(method='BDF') or mb.RadauIIA(3)" if self.solver.method == "Adams" else "mb.RadauIIA(3)"
+        return self.loop.failure(f"{message}; where the motion is stiff, use {other}", self.system.names[worst])

@@ -8,14 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbdae.errors import OptionError
-from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
+from mbdae.errors import OptionError, SolverError
+from mbdae.integrators.base import Solver, set_tolerances
 from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import Callbacks, not_finite, reason, watched
-from mbdae.integrators.watched.watch import SundialsWatch, stop_time
+from mbdae.integrators.sundials.shared import SundialsRun
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole
@@ -70,61 +69,36 @@ class IDA(Solver):
                 )
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
-        """One internal step at a time, so that no output time interrupts the method."""
-        atol = absolute_tolerance(system, self.tolerance, self.atol)
-        callbacks = _Callbacks(system, loop)
-        method = _create(self, system, callbacks, atol, h0)
-        with watched(callbacks):
-            method.init_step(system.t0, system.y0, system.yp0)
-            self._run(method, loop, callbacks, atol)
-
-    def _run(self, method: Any, loop: StepLoop, callbacks: _Callbacks, atol: Array) -> None:
-        going, watch, before = True, SundialsWatch.of(loop, lambda y: self.tolerance * np.abs(y) + atol), loop.stats.jacobians
-        while going:
-            result = method.step(loop.t_end, method="onestep", tstop=stop_time(loop, watch))
-            if not result.success or not result.t > loop.t:
-                where = "" if watch is None else watch.nearest()
-                raise _failure(loop, callbacks, result, self.tolerance, atol, where)
-            restarts = before + (watch.jacobians if watch else 0)
-            loop.stats.jacobians = loop.stats.factorisations = restarts + int(result.njev)
-            loop.stats.newton_iterations = loop.stats.residuals
-            if watch is not None and watch.refuses(result, result.yp):
-                method.init_step(loop.t, *loop.state)
-                loop.guard()
-                continue
-            going = loop.accept(float(result.t), result.y, result.yp)
+        """Step from system.t0 to loop.t_end."""
+        _Run(self, loop, h0).steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """Local Hermite interpolation over the stored steps."""
         return Hermite(t, y, yp, POINTS)
 
 
-def _create(solver: IDA, system: System, callbacks: _Callbacks, atol: Array, h0: float | None) -> Any:
-    import sksundae.ida  # 0.4 s: only when it is used
+class _Run(SundialsRun):
+    """A run with IDA, which calls the residual and its Jacobian."""
 
-    options: dict[str, Any] = {"linsolver": "dense"}
-    if system.sparsity is not None:
-        options = {"linsolver": "sparse", "sparsity": system.sparsity}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
-        return sksundae.ida.IDA(
-            callbacks.residual,
-            jacfn=callbacks.jacobian,
-            rtol=solver.tolerance,
-            atol=atol,
-            max_order=solver.max_order,
-            first_step=h0 or 0.0,
-            max_num_steps=10**9,
-            **options,
-        )
+    def __init__(self, solver: IDA, loop: StepLoop, h0: float | None) -> None:
+        super().__init__(solver, loop, h0)
+        self.cj, self.yp = 1.0, np.array(self.system.yp0)
 
+    def create(self, **options: Any) -> Any:
+        import sksundae.ida  # 0.4 s: only when it is used
 
-class _Callbacks(Callbacks):
-    """The residual and its Jacobian for IDA."""
+        options |= {"max_order": self.solver.max_order, "linsolver": "dense"}
+        if self.system.sparsity is not None:
+            options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
+            return sksundae.ida.IDA(self.residual, jacfn=self.jacobian, **options)
 
-    def __init__(self, system: System, loop: StepLoop) -> None:
-        super().__init__(system, loop)
-        self.cj, self.yp = 1.0, np.array(system.yp0)
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        self.method.init_step(t, y, yp)
+
+    def slope(self, result: Any) -> Array:
+        return np.asarray(result.yp)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """Residual for IDA."""
@@ -139,33 +113,22 @@ class _Callbacks(Callbacks):
             self.cj = cj
             self.system.jacobian(t, y, yp, cj, out)
 
+    def diagnosis(self, message: str) -> SolverError:
+        weights, correction = 1 / self.tolerance(self.y), self._newton_correction()
+        if correction is None:
+            worst = largest(np.abs(self.values))
+            return self.loop.failure(f"{message}; the iteration matrix is singular", self.system.equations[worst])
+        if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
+            y, yp = self.loop.state
+            correction = self.y - y - (self.t - self.loop.t) * yp
+        return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])
 
-def _failure(loop: StepLoop, last: _Callbacks, result: Any, rtol: float, atol: Array, where: str) -> BaseException:
-    """The exception raised inside a callback, or a SolverError that names what resists."""
-    if last.error is not None:
-        return last.error
-    message, names = reason(result) + where, last.system.names
-    undefined = not_finite(loop, last, message)
-    if undefined is not None:
-        return undefined
-    weights = 1 / (rtol * np.abs(last.y) + atol)
-    correction = _newton_correction(last)
-    if correction is None:
-        worst = largest(np.abs(last.values))
-        return loop.failure(f"{message}; the iteration matrix is singular", last.system.equations[worst])
-    if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
-        dt = last.t - loop.t
-        y, yp = loop.state
-        correction = last.y - y - dt * yp
-    return loop.failure(message, names[largest(np.abs(correction) * weights)])
-
-
-def _newton_correction(last: _Callbacks) -> Array | None:
-    """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
-    system = last.system
-    data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
-    system.jacobian(last.t, last.y, last.yp, last.cj, data)
-    matrix = data if system.sparsity is None else as_csc(system, data).toarray()
-    if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
-        return None
-    return np.asarray(np.linalg.solve(matrix, last.values))
+    def _newton_correction(self) -> Array | None:
+        """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
+        system = self.system
+        data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
+        system.jacobian(self.t, self.y, self.yp, self.cj, data)
+        matrix = data if system.sparsity is None else as_csc(system, data).toarray()
+        if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
+            return None
+        return np.asarray(np.linalg.solve(matrix, self.values))

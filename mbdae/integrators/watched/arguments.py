@@ -87,11 +87,6 @@ class Course(NamedTuple):
         """Numbers of the intervals in which the argument changes its sign."""
         return np.flatnonzero((self.u[1:] < 0) != (self.u[:-1] < 0))
 
-    def turns(self) -> Any:
-        """Numbers of the inner points at which it turns."""
-        rise = np.diff(self.u)
-        return np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
-
 
 class StepArguments:
     """The arguments of a system over the last step.
@@ -111,19 +106,12 @@ class StepArguments:
         self.t, self.h, self.inside = t, h, inside
         self.at_nodes = self.at(NODES)
         self._rise = TO_RISES @ self.at_nodes
-        self._fine = self._true_values() if self._poor() else None
+        tail, size = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0), np.abs(self.at_nodes).max(axis=0)
+        self._fine: Array | None = None
+        if np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * size):  # the polynomial is far from some argument
+            self._fine = self.at(FINE)
+            self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
-
-    def _poor(self) -> bool:
-        """Whether the polynomial through the values at `NODES` is far from some argument."""
-        tail = np.abs(TO_TAIL @ self.at_nodes).sum(axis=0)
-        return bool(np.any(tail > POOR * np.ptp(self.at_nodes, axis=0) + ROUND_OFF * np.abs(self.at_nodes).max(axis=0)))
-
-    def _true_values(self) -> Array:
-        """Arguments (33, na) at the fine points, and their differences in place of those of the polynomial."""
-        fine = self.at(FINE)
-        self._rise[1:-1] = np.diff(fine, axis=0)
-        return fine
 
     @property
     def fine(self) -> Array:

@@ -36,7 +36,8 @@ class SwitchingSteps:
         """tolerance: y (n,) -> tolerance of every unknown (n,)."""
         assert system.switches is not None
         self.arguments, self.stats, self.tolerance = StepArguments(system.switches), stats, tolerance
-        self._retries, self._bound, self._crossed = 0, inf, False
+        self._retries, self._bound = 0, inf
+        self.crossed = False  #: whether the last accepted step crossed a kink: the Jacobian is of equations that no longer hold
         self._goal = self._reached = -1  # kink at which the step is to end, and the one before did
 
     def bound(self) -> float:
@@ -68,17 +69,13 @@ class SwitchingSteps:
         self._retries, self._reached, self._goal = 0, self._goal, -1
         rate, U = self.arguments.rate(), self.arguments.at_nodes
         self._bound = REACH / rate if rate > 0 else inf
-        self._crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
+        self.crossed = bool((((U[0] < 0) != (U[-1] < 0)) & self.arguments.kinks).any())
 
     def count_hidden(self) -> None:
         """Count a kink or peak hidden inside a constant step; a kink that is crossed once is not hidden."""
         found = self._found(constant=True)
         if found is not None and found[2]:
             self._count(found[1], found[0])
-
-    def crossed(self) -> bool:
-        """Whether the last accepted step crossed a kink, so that the Jacobian belongs to equations that no longer hold."""
-        return self._crossed
 
     def _count(self, i: int, part: float) -> None:
         name, wanted = self.arguments.switches.names[i], part * self.arguments.h
@@ -135,7 +132,8 @@ class SwitchingSteps:
         """Parts of the step after which argument i turns so near to 0 that it may cross it."""
         course = self.arguments.course(i)
         s, u = course
-        near = [float(s[j]) for j in course.turns()
+        rise = np.diff(u)
+        near = [float(s[j]) for j in np.flatnonzero(rise[:-1] * rise[1:] < 0) + 1
                 if MET < s[j] < 1 - MET and (u[j] - u[j - 1]) * u[j] < 0 and abs(u[j]) < MARGIN * np.ptp(u)]  # fmt: skip
         return [] if near and self._is_noise(i, course) else near
 

@@ -9,11 +9,10 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.integrators.loop import StepLoop
-from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import Inside, cubic_of_step
 from mbdae.integrators.watched.contact_steps import IMPACT, ROUND, ContactSteps
 from mbdae.integrators.watched.switching import SwitchingSteps
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array
 
 Tolerance = Callable[[Array], Array]  #: y (n,) -> tolerance of every unknown (n,)
 
@@ -28,28 +27,28 @@ class StepWatch:
     #: part of an impact one step may cover
     impact: float = IMPACT
 
-    def __init__(self, system: System, stats: Stats, tolerance: Tolerance) -> None:
-        self.contacts = None if system.guards is None else ContactSteps(system, stats, self.impact)
-        self.switching = None if system.switches is None else SwitchingSteps(system, stats, tolerance)
-        self._t = self._t_end = float(system.t0)
+    def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
+        self.loop, system = loop, loop.system
+        self.contacts = None if system.guards is None else ContactSteps(system, loop.stats, self.impact)
+        self.switching = None if system.switches is None else SwitchingSteps(system, loop.stats, tolerance)
 
     @classmethod
-    def needed(cls, system: System) -> bool:
-        """Whether there is anything to watch."""
-        return system.guards is not None or system.switches is not None
+    def of(cls, loop: StepLoop, tolerance: Tolerance) -> Self | None:
+        """The watch of a run, None where there is nothing to watch."""
+        needed = loop.system.guards is not None or loop.system.switches is not None
+        return cls(loop, tolerance) if needed else None
 
     def bound(self) -> float:
         """Largest step from the last accepted point, s."""
         bounds = [part.bound() for part in (self.contacts, self.switching) if part is not None]
-        return max(min(bounds), ROUND * abs(self._t))
+        return max(min(bounds), ROUND * abs(self.loop.t))
 
     def look(self, t: float, y: Array, inside: Inside) -> None:
         """Evaluate the last step: its end (t, y) and its polynomial, y (k, n) after parts (k,) of the step."""
-        self._t_end = t
         if self.contacts is not None:
             self.contacts.look(t, y)
         if self.switching is not None:
-            self.switching.look(self._t, t - self._t, inside)
+            self.switching.look(self.loop.t, t - self.loop.t, inside)
 
     def shorter(self, h: float, inside: Inside) -> float | None:
         """Width (s) the step of width h should have had; None: accept it."""
@@ -59,7 +58,6 @@ class StepWatch:
 
     def keep(self) -> None:
         """The step is accepted."""
-        self._t = self._t_end
         for part in (self.contacts, self.switching):
             if part is not None:
                 part.keep()
@@ -79,16 +77,11 @@ class StepWatch:
     def stiffness_changed(self) -> bool:
         """Whether the equations at the last accepted point differ from those where the Jacobian was evaluated."""
         of_contacts = self.contacts is not None and self.contacts.stiffness_changed()
-        return of_contacts or (self.switching is not None and self.switching.crossed())
+        return of_contacts or (self.switching is not None and self.switching.crossed)
 
     def nearest(self) -> str:
         """For a message: the contact that is made, or will be made first."""
         return "" if self.contacts is None else self.contacts.nearest()
-
-
-def watch_of(system: System, stats: Stats, tolerance: Tolerance) -> StepWatch | None:
-    """The watch of a run, None where there is nothing to watch."""
-    return StepWatch(system, stats, tolerance) if StepWatch.needed(system) else None
 
 
 class SundialsWatch(StepWatch):
@@ -102,14 +95,8 @@ class SundialsWatch(StepWatch):
     impact = 0.1
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
-        super().__init__(loop.system, loop.stats, tolerance)
-        self.loop, self.jacobians = loop, 0
-        self._until = -inf
-
-    @classmethod
-    def of(cls, loop: StepLoop, tolerance: Tolerance) -> Self | None:
-        """The watch of a run, None where there is nothing to watch."""
-        return cls(loop, tolerance) if cls.needed(loop.system) else None
+        super().__init__(loop, tolerance)
+        self.jacobians, self._until = 0, -inf
 
     def stop(self) -> float:
         """Time (s) the next step must not pass."""
