@@ -157,6 +157,11 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
             raise AuditError(f"there is no file '{text}'; {remedy}")
         text = _text_of(Path(text))
     found = read(text, own)
+    if not found.equations and not found.claims:
+        raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
+    unknown = sorted(set(given) - {c.words for c in found.claims})
+    if unknown:
+        raise OptionError(f"counts: the text claims no {shown(unknown[0])}; it claims {[c.words for c in found.claims]}")
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 
 

@@ -44,7 +44,13 @@ class Equations:
         """The equations in the form, with its index reduced where the solver needs a lower one."""
         if self.prepared is None:
             return self.system(form)
-        return self.system((form if form is not None else default_form(self.prepared)).for_index(solver.highest_index))
+        own = form if form is not None else default_form(self.prepared, solver.highest_index)
+        return self.system(own.for_index(solver.highest_index))
+
+    def label_of(self, form: Form | None, solver: Solver) -> str:
+        """Label of the form that a solver takes, its default one where none is named."""
+        takes_rates_alone = form is None and not solver.highest_index
+        return (self.for_solver(form, solver) if takes_rates_alone else self.system(form)).label
 
     def sensor(self, solution: Solution, measure: str, times: Array) -> Array:
         """(nt, ...) a sensor of a run."""

@@ -74,7 +74,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
     try:
         equations = problem.equations(run)
         facts |= _labels(problem, run, equations)
-        solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.system(run.form).label)
+        solver = run.solver if accuracy is None else run.solver.at_accuracy(accuracy, equations.label_of(run.form, run.solver))
         facts["rtol"] = None if solver.fixed else solver.rtol
         done = problem.solve(solver, run.form, equations)
         values = problem.values(done.solution, equations)
@@ -82,6 +82,8 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
         return Row(**facts, cpu_s=problem.spent - spent, **counts(error.solution), failure=str(error)), None
     except (MbdaeError, np.linalg.LinAlgError) as error:
         return Row(**facts, failure=str(error)), None
+    except Exception as error:  # of a solver or law of a user's own: a row that says so, the other runs go on
+        return Row(**facts, cpu_s=problem.spent - spent, failure=f"{type(error).__name__}: {error}"), None
     error_now = problem.error(values, reference)
     if not np.isfinite(error_now):
         return Row(**facts, cpu_s=done.cpu_s, **counts(done.solution), failure="the solution is not finite everywhere"), None
@@ -91,7 +93,7 @@ def measured(problem: Problem, run: Run, accuracy: float | None, reference: Any)
 
 def _labels(problem: Problem, run: Run, equations: Equations | None) -> dict[str, Any]:
     """Label, form and joint model of the equations of a run; of the run as asked where there are none yet."""
-    form = run.form.label if run.form is not None else (equations or problem.stated).system(None).label
+    form = run.form.label if run.form is not None else (equations or problem.stated).label_of(None, run.solver)
     now, asked = equations.recursive if equations is not None else (0, 0)
     part = f" ({now} of {asked} joints, the rest kinematic)" if run.models and now < asked else ""
     model = None if run.model_label is None else run.model_label + part

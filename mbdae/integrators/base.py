@@ -70,6 +70,11 @@ class Solver(ABC):
         return False
 
     @property
+    def shipped(self) -> bool:
+        """Whether mbdae ships the method, and measures its orders; runs of others are compared with a second method."""
+        return type(self).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+    @property
     def by_steps(self) -> bool:
         """Whether an accuracy is reached by shorter constant steps instead of a tolerance."""
         return False
@@ -112,7 +117,7 @@ class Solver(ABC):
         if rtol < tightest * (1 - 1e-9):
             raise OptionError(
                 f"accuracy = {accuracy:g} needs rtol = {rtol:.1e} in {self.label} ({form_label}), where round-off "
-                f"allows {tightest:g}: ask for {tightest / factor:.1e} or more{self.alternative}"
+                f"allows {tightest:g}: ask for an accuracy of {tightest / factor:.1e} or more{self.alternative}"
             )
         return replace(self, rtol=min(rtol, 0.1))  # type: ignore[type-var]
 

@@ -20,7 +20,7 @@ FOLLOWED = 1e-9
 class StepFailedError(Exception):
     """A step could not be solved; culprit: name of the unknown or equation that resists."""
 
-    def __init__(self, message: str, culprit: str = "") -> None:
+    def __init__(self, message: str = "a step cannot be solved", culprit: str = "") -> None:
         super().__init__(message)
         self.culprit = culprit
 

@@ -8,14 +8,15 @@ from __future__ import annotations
 import time
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from math import inf, isfinite, log
+from math import inf, log
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import SolverError, WallClockError, keeping
+from mbdae.errors import LawError, SolverError, WallClockError, keeping
 from mbdae.integrators.base import Asked
 from mbdae.integrators.distance import Measure, check_times
+from mbdae.integrators.second_method import SecondMethod
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array, System
 
@@ -24,7 +25,9 @@ from mbdae.system.base import Array, System
 BELIEVED = 2
 SAFETY = 0.5  #: part of the accuracy aimed at
 MOST_STEPS = 300_000
-RUNS = 7
+RUNS, FAILURES = 7, 7  #: runs that complete, and runs that fail, at most
+FALLS = 0.9  #: a distance from the second method that is above this part of the one before does not fall
+DIVERGED = 100.0  #: estimate of a run whose unknowns have left the motion: it says nothing of the next step
 SHORTEST = 0.01  #: next step over the present one, at least, where an estimate asks for it
 LONGEST, FIRST = 1 / 20, 0.1  #: first step: part of the run, and of the time in which an unknown changes by its scale
 SHARE = 0.5  #: part of the width of an input of time that the longest of these steps covers; shorter ones less
@@ -44,28 +47,44 @@ class Halved:
     runs: int
     cpu_s: float
     coarser: tuple[Solution, Array, float] | None = None
+    own: float = inf  #: the estimate by these runs alone, without a second method
 
 
-def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure) -> Halved:
-    """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made.
+def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
+           second: SecondMethod | None = None) -> Halved:  # fmt: skip
+    """Run with ever shorter steps until the estimate is below `accuracy`, or RUNS runs are made. second: the method that confirms
+    the estimate of a method that mbdae does not ship.
 
     Raises SolverError, with the last run attached, where more than MOST_STEPS steps would be needed."""
+    found = _halved(solver, system, asked, accuracy, measure, second)
+    if second is None:
+        return found
+    distance = second.distance(found.solution, found.estimate)
+    second.tell(found.own, distance, accuracy)
+    return replace(found, estimate=distance, runs=found.runs + second.runs, cpu_s=found.cpu_s + second.cpu_s)
+
+
+def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
+            second: SecondMethod | None) -> Halved:  # fmt: skip
     t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
+    failures = 0
     order, earlier = float(min(solver.order, BELIEVED)), (inf, inf)
-    while runs < RUNS:
-        now = replace(solver, step=h, accuracy=None)
+    while runs - failures < RUNS:
+        now = solver.with_step(h)
         runs += 1
         try:
             with keeping(best.solution, COARSER.format(best.solver.step)) if best is not None else nullcontext():
                 fine = now.run(system, replace(asked, share=SHARE * h / first))
         except WallClockError:
             raise
-        except SolverError as error:
-            spent += error.solution.stats.cpu_s if error.solution is not None else 0.0
-            if runs >= RUNS or (best is not None and not best.solution.stats.unresolved):
+        except (SolverError, LawError) as error:  # a law may refuse what a run that diverges asks of it
+            failures += 1
+            partial = getattr(error, "solution", None)
+            spent += partial.stats.cpu_s if partial is not None else 0.0
+            if failures >= FAILURES or (best is not None and best.estimate < DIVERGED and not best.solution.stats.unresolved):
                 raise
             h /= 4
             continue
@@ -81,18 +100,24 @@ def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: 
         estimate = inf if fine.stats.unresolved else estimate
         if estimate <= accuracy and h < NEARBY * coarse[1]:  # too far apart: long steps may alias a vibration
             with keeping(fine, COARSER.format(h)):
-                near = replace(solver, step=2 * h, accuracy=None).run(system, replace(asked, share=2 * SHARE * h / first))
+                near = solver.with_step(2 * h).run(system, replace(asked, share=2 * SHARE * h / first))
             runs, spent = runs + 1, spent + near.stats.cpu_s
             (gap, times), share = _gap(near, fine, measure), _share(0.5, order)
             estimate, coarser = gap * share, (near, times, share)
-        best = Halved(fine, now, estimate, runs, spent, coarser)
-        if estimate <= accuracy:
+        own, before = estimate, best.estimate
+        if estimate <= accuracy and second is not None:
+            estimate = second.distance(fine, estimate)
+        stalled = own <= accuracy and estimate > FALLS * before  # shorter steps lead to another solution than that method's
+        best = Halved(fine, now, estimate, runs, spent, coarser, own)
+        if estimate <= accuracy or stalled:
             return best
         coarse = fine, h
-        wanted = max((SAFETY * accuracy / estimate) ** (1 / solver.order) if isfinite(estimate) else 0.25, SHORTEST)
+        wanted = max((SAFETY * accuracy / estimate) ** (1 / solver.order) if estimate < DIVERGED else 0.25, SHORTEST)
         if fine.stats.unresolved:  # a kink or peak of a law was passed over, which the estimate does not see
             wanted = fine.stats.resolving_step / h
         if (t_end - system.t0) / (h * wanted) > MOST_STEPS:
+            if own <= accuracy:
+                return best
             raise _too_dear(best, h * wanted, t_end - system.t0, accuracy)
         h *= float(min(wanted, 0.5))
     assert best is not None

@@ -89,6 +89,9 @@ class RightHandSide:
         """y' (n,); at the start of the step it is known already."""
         if y is self.y:
             return self.yp.copy()
+        if np.shape(y) != self.y.shape or np.ndim(t) or np.iscomplexobj(y):
+            raise OptionError(f"{self._solver.label}.advance called f(t, y) with t of shape {np.shape(t)} and {_kind(y)}: give a "
+                              f"time and an array of numbers of shape {self.y.shape}")  # fmt: skip
         out = np.empty(self._system.n)
         self._system.rhs(t, y, out)
         self._stats.residuals += 1
@@ -115,10 +118,15 @@ class RightHandSide:
     def solve(self, h: float) -> None:
         """Make a step."""
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is named
-            end: Array = np.array(self._solver.advance(self, self.t, self.y, h), dtype=float)
-            if end.shape != self.y.shape:
-                raise OptionError(f"{self._solver.label}.advance returned an array of shape {end.shape}: return y at t + h, "
+            made = self._solver.advance(self, self.t, self.y, h)
+            if made is None or np.shape(made) != self.y.shape or np.iscomplexobj(made):
+                raise OptionError(f"{self._solver.label}.advance returned {_kind(made)}: return y at t + h, an array of numbers "
                                   f"of shape {self.y.shape}")  # fmt: skip
+            end: Array = np.array(made, dtype=float)
+            if not np.isfinite(end).all():
+                worst = self._system.names[int(np.argmax(~np.isfinite(end)))]
+                raise StepFailedError(f"{self._solver.label}.advance returned a value that is not finite near t = "
+                                      f"{self.t + h:.9g}", worst)  # fmt: skip
             self._h, self._end, self._rate = h, end, self(self.t + h, end)
         end.setflags(write=False)
 
@@ -134,3 +142,9 @@ class RightHandSide:
         """Move to t1 = t + h; returns (t1, y, y')."""
         self.t, self.y, self.yp = t1, self._end, self._rate
         return t1, self.y, self.yp
+
+
+def _kind(value: Any) -> str:
+    """What a value is, for messages."""
+    kind = "complex numbers" if np.iscomplexobj(value) else "an array"
+    return "None" if value is None else f"{kind} of shape {np.shape(value)}"

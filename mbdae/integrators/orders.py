@@ -140,7 +140,11 @@ def _reference(solver: Solver, system: System, span: float, counts: tuple[int, .
 
 def _distances(a: dict[str, Array], b: dict[str, Array]) -> dict[str, float]:
     """Largest difference of every part that both have, over its largest value."""
-    return {part: float(np.abs(a[part] - b[part]).max() / (np.abs(b[part]).max() or 1.0)) for part in a if part in b}
+    found = {}
+    for part in a.keys() & b.keys():
+        x, y = a[part][:, : b[part].shape[1]], b[part]
+        found[part] = float(np.abs(x - y).max() / (np.abs(y).max() or 1.0))
+    return found
 
 
 def _errors(solver: Solver, system: System, span: float, reference: Reference) -> dict[str, float]:
@@ -156,7 +160,9 @@ def _errors(solver: Solver, system: System, span: float, reference: Reference) -
 def _order(slopes: Array, errors: Array, floor: float) -> tuple[float | None, str]:
     """The order that the finest runs show, or None and why there is none."""
     if np.isnan(errors).all():
-        return None, "not among the unknowns of these equations"
+        return None, "every run failed, or the equations have no such unknowns in this form"
+    if ABOVE * floor >= SMALL:
+        return None, f"no order to be seen: the reference itself is known to {floor:.0e} of the largest value only"
     rises = np.flatnonzero((errors[1:] >= errors[:-1]) & (errors[1:] < ROUGH))
     last = int(rises[0]) if len(rises) else len(errors)
     floor = max(floor, float(errors[last + 1])) if len(rises) else floor

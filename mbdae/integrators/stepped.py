@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import ClassVar, Self
+from copy import copy
+from typing import Any, ClassVar, Self
 
 from mbdae.errors import OptionError
 from mbdae.integrators.base import ACCURACY, DEFAULT_ACCURACY, Asked, Solver
 from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.halving import ALGEBRAIC, halved
+from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
-from mbdae.system.base import System
+from mbdae.system.base import Array, System
 from mbdae.values import number, option, set_option, text
 
 
@@ -43,7 +44,18 @@ class Stepped(Solver):
         if self.fixed:
             return self
         option("form_label", form_label, text, "give the label of a form, such as 'GGL'")
-        return replace(self, accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))  # type: ignore[type-var]
+        return self._with(accuracy=option("accuracy", accuracy, number, ACCURACY, above=0, most=1))
+
+    def with_step(self, step: float) -> Self:
+        """This method with a constant step, s."""
+        return self._with(step=step, accuracy=None)
+
+    def _with(self, **options: Any) -> Self:
+        """A copy with other values of some options; what a constructor of a user's own has set stays."""
+        made = copy(self)
+        for name, value in options.items():
+            object.__setattr__(made, name, value)
+        return made
 
     def run(self, system: System, asked: Asked) -> Solution:
         """Integrate with the given step, or with steps shortened until the error of all unknowns but multipliers, over their
@@ -51,4 +63,9 @@ class Stepped(Solver):
         if self.fixed:
             return super().run(system, asked)
         goal = self.accuracy if self.accuracy is not None else DEFAULT_ACCURACY
-        return halved(self, system, asked, goal, lambda t, a, b: scaled_distance(system, a, b, ALGEBRAIC)).solution
+
+        def measure(t: Array, a: Array, b: Array) -> Array:
+            return scaled_distance(system, a, b, ALGEBRAIC)
+
+        second = second_method(self, system, asked, goal, measure)
+        return halved(self, system, asked, goal, measure, second).solution

@@ -21,6 +21,7 @@ from mbdae.integrators.base import SHARE, Asked, Solver
 from mbdae.integrators.distance import Measure, check_times, scaled_distance
 from mbdae.integrators.halving import halved
 from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.second_method import second_method
 from mbdae.integrators.solution import Solution
 from mbdae.results.reactions import OtherRun
 from mbdae.results.states import states_of
@@ -102,6 +103,11 @@ def run_controlled(system: System, prepared: Prepared | None, solver: Solver, ac
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AccuracyWarning)
         run = _controlled(system, prepared, solver, accuracy, asked, outputs)
+        second = None if solver.by_steps else second_method(solver, system, asked, accuracy, measure_of(system, prepared))
+        if second is not None:
+            distance = second.distance(run.solution, run.estimate)
+            second.tell(run.estimate, distance, accuracy)
+            run = replace(run, estimate=distance).after(second.runs, second.cpu_s)
     return replace(run, notes=tuple(dict.fromkeys([*run.notes, *(str(w.message) for w in caught)])))
 
 
@@ -109,7 +115,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
                 outputs: Array) -> Controlled:  # fmt: skip
     measure = measure_of(system, prepared)
     if solver.by_steps:
-        found = halved(solver, system, asked, accuracy, measure)
+        found = halved(solver, system, asked, accuracy, measure, second_method(solver, system, asked, accuracy, measure))
         run = Controlled(found.solution, found.solver, found.estimate, found.runs, found.cpu_s)
         others = other_run(system, prepared, *found.coarser) if found.coarser is not None else ()
         return with_short_vibrations(replace(run, others=others), system, prepared, accuracy, measure)

@@ -1,0 +1,70 @@
+"""A second method beside one that mbdae does not ship: runs of a method compared with each other alone cannot show that it solves
+other equations than these, or has another order than it states."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from mbdae.errors import AccuracyWarning, OptionError, SolverError, WallClockError
+from mbdae.integrators.base import Asked, Solver
+from mbdae.integrators.distance import Measure, check_times
+from mbdae.integrators.runge_kutta.radau import RadauIIA
+from mbdae.integrators.solution import Solution
+from mbdae.system.base import System
+
+TIGHTER = 10.0  #: accuracy over that of the second method
+CLEARLY = 2.0  #: distance over the estimate from which the estimate is said to be wrong
+
+
+class SecondMethod:
+    """A run of Radau IIA, made when it is first needed, and the distance of other runs from it; runs, cpu_s: what it cost."""
+
+    def __init__(self, solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> None:
+        self._solver, self._system, self._measure = solver, system, measure
+        self._asked = replace(asked, times=None, progress=None, h0=None, share=None)
+        method = RadauIIA(3)
+        rtol = max(method.factor(system.label) * accuracy / TIGHTER, method.tightest.get(system.label, method.tightest[""]))
+        self._method = replace(method, rtol=min(rtol, 0.1))
+        self._run: Solution | None = None
+        self.runs, self.cpu_s, self._failed = 0, 0.0, ""
+
+    def distance(self, run: Solution, estimate: float) -> float:
+        """Largest distance of a run from the second method, or its own estimate where that is larger or the method fails."""
+        if not self.runs:
+            self._solve()
+        if self._run is None:
+            return estimate
+        times = check_times(run)
+        found = float(np.max(self._measure(times, run(times), self._run(times))))
+        return max(found, estimate)
+
+    def tell(self, estimate: float, distance: float, accuracy: float) -> None:
+        """Warn of an estimate that the second method contradicts, and of one that it could not confirm."""
+        name = self._solver.label
+        if self._failed:
+            warnings.warn(f"{name}: its runs agree with each other, but no second method could confirm them ({self._failed})",
+                          AccuracyWarning, stacklevel=2)  # fmt: skip
+        elif distance > max(CLEARLY * estimate, accuracy):
+            warnings.warn(f"{name} differs by {distance:.1e} from {self._method.label}, while its own runs with shorter steps or "
+                          f"tolerances differ by {estimate:.1e}: measure its order by mb.measure_order, and check its "
+                          f"coefficients", AccuracyWarning, stacklevel=2)  # fmt: skip
+
+    def _solve(self) -> None:
+        self.runs = 1
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", AccuracyWarning)
+                self._run = self._method.run(self._system, self._asked)
+            self.cpu_s = self._run.stats.cpu_s
+        except WallClockError:
+            raise
+        except (SolverError, OptionError) as error:
+            self._failed = str(error)
+
+
+def second_method(solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> SecondMethod | None:
+    """The second method beside a method of a user's own; None beside those that mbdae ships, whose orders it measures."""
+    return None if solver.shipped else SecondMethod(solver, system, asked, accuracy, measure)
