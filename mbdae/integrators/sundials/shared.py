@@ -71,6 +71,8 @@ class SundialsRun(ABC):
         except Exception:
             if self.error is None:
                 raise
+        finally:
+            del self.method, self.watch  # they refer to this object: it is freed at once, with all it refers to
         if self.error is not None:  # raised in a callback: it comes through as it is
             raise self.error
 
