@@ -70,7 +70,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h
     best: Halved | None = None
-    failures = 0
+    failures, confirmed = 0, inf
     order, earlier = float(min(solver.order, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)
@@ -104,10 +104,10 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
             runs, spent = runs + 1, spent + near.stats.cpu_s
             (gap, times), share = _gap(near, fine, measure), _share(0.5, order)
             estimate, coarser = gap * share, (near, times, share)
-        own, before = estimate, best.estimate
+        own, stalled = estimate, False
         if estimate <= accuracy and second is not None:
             estimate = second.distance(fine, estimate)
-        stalled = own <= accuracy and estimate > FALLS * before  # shorter steps lead to another solution than that method's
+            stalled, confirmed = estimate > FALLS * confirmed, estimate  # shorter steps lead elsewhere than the second method
         best = Halved(fine, now, estimate, runs, spent, coarser, own)
         if estimate <= accuracy or stalled:
             return best

@@ -185,3 +185,138 @@ def test_gauss_keeps_quadratic_invariants():
 def test_a_table_that_is_none_is_refused(nodes, order, message):
     with pytest.raises(OptionError, match=message):
         collocation_table(nodes, order)
+
+
+class EulerSaysFour(mb.OneStep):
+    """Explicit Euler with the order of another method."""
+
+    order = 4
+
+    def advance(self, f, t, y, h):
+        return y + h * f(t, y)
+
+
+class EulerSaysTwo(EulerSaysFour):
+    order = 2
+
+
+class WrongWeight(mb.OneStep):
+    """The classical method with a last weight that is 3 % off: it converges, to the solution of other equations."""
+
+    order = 4
+
+    def advance(self, f, t, y, h):
+        a = f(t, y)
+        b = f(t + h / 2, y + h / 2 * a)
+        c = f(t + h / 2, y + h / 2 * b)
+        return y + h / 6 * (a + 2 * b + 2 * c + 1.03 * f(t + h, y + h * c))
+
+
+class HalfASlope(mb.OneStep):
+    order = 1
+
+    def advance(self, f, t, y, h):
+        return y + h / 2 * f(t, y)
+
+
+@pytest.mark.parametrize("method", [EulerSaysFour, EulerSaysTwo, WrongWeight, HalfASlope])
+@pytest.mark.parametrize("asked", [5e-2, 1e-2])
+def test_a_method_that_is_not_what_it_says_is_never_met_silently(method, asked, exact):
+    r = double_pendulum().simulate(0.8, accuracy=asked, solver=method(), outputs=101)
+    error = max(np.abs(r[name].angle - exact[name].angle).max() for name in ("A", "B"))
+    assert error < 2.2 * r.accuracy.estimated
+    if not r.accuracy.met and r.accuracy.estimated > 0.1:
+        assert any(f"{method.__name__} differs by" in w and "mb.measure_order" in w for w in r.warnings)
+    if method is HalfASlope:
+        assert not r.accuracy.met
+
+
+def test_equations_of_ones_own_get_the_second_method_too():
+    with pytest.warns(mb.AccuracyWarning, match="WrongWeight differs by"):
+        WrongWeight(accuracy=1e-4).solve(circle_ode(), 1.0)
+
+
+def test_a_coarse_run_that_diverges_is_no_end():
+    """Masses of 1 and 0.01 kg on a stiff spring, one of which is pushed late: coarse steps of an explicit method diverge."""
+    s = mb.Scene("late")
+    a, b = s.point_mass("a", 1.0, at=(0, 0)), s.point_mass("b", 0.01, at=(1.2, 0))
+    for body in (a, b):
+        s.prismatic(f"slide {body.name}", s.ground, body, at=body.position, axis=(1, 0, 0))
+    s.spring("spring", a, b, at_k=a.position, at_l=b.position, stiffness=1e5, length=1.2)
+    s.force("push", a, (sp.Piecewise((0, mb.t < 0.7), (10, True)), 0, 0))
+    r = s.simulate(1.0, accuracy=1e-2, solver=RK4())
+    assert r["a"].position[-1, 0] == pytest.approx(10 / 1.01 * 0.3**2 / 2, rel=3e-2)
+    assert r.accuracy.estimated < 1e-2
+
+
+def test_a_law_that_refuses_what_a_diverging_run_asks_is_no_end():
+    s = mb.Scene("race", gravity=(0, -9.81, 0))
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    race = mb.Clearance(outer=0.0205, inner=0.02, normal=mb.Hertz(1e6, damping=0.3))
+    s.revolute("A", s.ground, rod, at=(0, 0), model=race)
+    r = s.simulate(0.05, accuracy=1e-3, solver=RK4())
+    assert r.complete
+
+
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda f, t, y, h: y + h * f(t, y[:1]), r"called f\(t, y\) with t of shape \(\) and an array of shape \(1,\)"),
+    (lambda f, t, y, h: y + h * f(y, t), r"with t of shape \(2,\)"), (lambda f, t, y, h: None, "returned None"),
+    (lambda f, t, y, h: y * 1j, "returned complex numbers"), (lambda f, t, y, h: y + h * f(t, y * 1j), "and complex numbers"),
+])  # fmt: skip
+def test_what_advance_does_wrong_is_named(call, message):
+    class Wrong(mb.OneStep):
+        order = 1
+
+        def advance(self, f, t, y, h):
+            return call(f, t, y, h)
+
+    with pytest.raises(OptionError, match=message):
+        Wrong(step=0.1).solve(circle_ode(), 1.0)
+
+
+def test_a_step_without_a_value_and_one_given_up_say_so():
+    class NoValue(mb.OneStep):
+        order = 1
+
+        def advance(self, f, t, y, h):
+            return y * np.nan
+
+    class GivesUp(NoValue):
+        def advance(self, f, t, y, h):
+            raise self.Failed
+
+    with pytest.raises(SolverError, match="NoValue.advance returned a value that is not finite"):
+        NoValue(step=0.1).solve(circle_ode(), 1.0)
+    with pytest.raises(SolverError, match="a step cannot be solved"):
+        GivesUp(step=0.1).solve(circle_ode(), 1.0)
+
+
+def test_options_that_a_constructor_sets_stay():
+    class Repeated(mb.OneStep):
+        order = 1
+
+        def __init__(self, times, **options):
+            super().__init__(**options)
+            object.__setattr__(self, "times", times)
+
+        def advance(self, f, t, y, h):
+            for i in range(self.times):
+                y = y + h / self.times * f(t + i * h / self.times, y)
+            return y
+
+    assert Repeated(7).at_accuracy(1e-2, "ODE").with_step(0.1).times == 7
+
+
+def test_a_comparison_takes_the_form_a_method_needs_and_a_run_that_raises_is_a_row():
+    class Broken(mb.OneStep):
+        order = 1
+
+        def advance(self, f, t, y, h):
+            raise ZeroDivisionError("on purpose")
+
+    w = mb.compare(double_pendulum(), 0.2, runs=[RK4(), Broken(), "radau3"], accuracies=[1e-4])
+    done = {row.solver: row for row in w.rows}
+    assert done["RK4"].form == "Index1"
+    assert done["RK4"].error < 1e-4
+    assert "ZeroDivisionError: on purpose" in done["Broken"].failure
+    assert done["RadauIIA(3)"].error < 1e-4

@@ -69,3 +69,8 @@ def test_steps_that_are_too_long_show_no_order():
 def test_what_cannot_be_measured_is_refused(call, message):
     with pytest.raises(OptionError, match=message):
         call()
+
+
+def test_a_closed_form_may_give_the_first_unknowns_alone():
+    found = mb.measure_order(RK4(), circle_ode(), 1.0, exact=lambda t: circle_exact(t)[:, :1])
+    assert found.orders["unknowns"] == pytest.approx(4, abs=0.2)

@@ -243,7 +243,7 @@ def test_accuracy_becomes_rtol():
     fixed = RadauIIA(2, step=0.1)
     assert fixed.fixed
     assert fixed.at_accuracy(1e-12, "GGL") is fixed
-    with pytest.raises(OptionError, match=r"round-off allows 1e-13: ask for 5\.0e-11 or more, or use RadauIIA"):
+    with pytest.raises(OptionError, match=r"round-off allows 1e-13: ask for an accuracy of 5\.0e-11 or more, or use RadauIIA"):
         IDA().at_accuracy(1e-13, "GGL")
 
 
