@@ -25,6 +25,7 @@ from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 from mbdae.system.scene_system import SceneSystem
 from mbdae.system.start.start import Start
+from mbdae.threads import single_threaded
 from mbdae.values import flag, number, of_class, option, optional
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class Scene(SceneData):
         return floquet(self, period, at, count, accuracy)
 
     @with_text_when_interrupted
+    @single_threaded
     def simulate(self, t_end: float, accuracy: float = 1e-6, solver: Solver | type[Solver] | str | None = None,
                  form: Form | type[Form] | str | None = None, outputs: int | Sequence[float] | Array | None = None,
                  start: Result | None = None, verify: bool = False, max_wall: float | None = None,

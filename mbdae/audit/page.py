@@ -161,7 +161,8 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
     unknown = sorted(set(given) - {c.words for c in found.claims})
     if unknown:
-        raise OptionError(f"counts: the text claims no {shown(unknown[0])}; it claims {[c.words for c in found.claims]}")
+        raise OptionError(f"counts = {shown(counts)}: the text claims no {shown(unknown[0])}; it has "
+                          f"{[c.words for c in found.claims]}")  # fmt: skip
     return Audit(found.title, tuple(audit_text(found)), tuple(count(c, given) for c in found.claims))
 
 

@@ -168,7 +168,7 @@ class Job:
                 found = found._replace(notes=(*found.notes, *missed.notes))
             made.info = replace(info, accuracy=known, warnings=found.notes, reliable=found.reliable)
         for note in found.notes:
-            python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=4)
+            python_warnings.warn(f"scene '{self.prepared.model.scene.name}': {note}", AccuracyWarning, stacklevel=5)
         return made
 
     @contextmanager

@@ -285,7 +285,7 @@ def test_a_step_without_a_value_and_one_given_up_say_so():
         def advance(self, f, t, y, h):
             raise self.Failed
 
-    with pytest.raises(SolverError, match="NoValue.advance returned a value that is not finite"):
+    with pytest.raises(SolverError, match=r"NoValue\.advance returned a value that is not finite"):
         NoValue(step=0.1).solve(circle_ode(), 1.0)
     with pytest.raises(SolverError, match="a step cannot be solved"):
         GivesUp(step=0.1).solve(circle_ode(), 1.0)
@@ -315,7 +315,7 @@ def test_a_comparison_takes_the_form_a_method_needs_and_a_run_that_raises_is_a_r
             raise ZeroDivisionError("on purpose")
 
     w = mb.compare(double_pendulum(), 0.2, runs=[RK4(), Broken(), "radau3"], accuracies=[1e-4])
-    done = {row.solver: row for row in w.rows}
+    done = {row.solver: row for row in w.runs}
     assert done["RK4"].form == "Index1"
     assert done["RK4"].error < 1e-4
     assert "ZeroDivisionError: on purpose" in done["Broken"].failure
