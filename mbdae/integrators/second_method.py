@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 
-TIGHTER = 10.0  #: accuracy over that of the second method
+TIGHTER, AGAIN = 10.0, 30.0  #: accuracy over that of the first run of the second method; of every run over that of the next
+AGREE = 3.0  #: accuracy over the distance of the last two of them, at least
+MOST = 4  #: of them
 CLEARLY = 2.0  #: distance over the estimate from which the estimate is said to be wrong
 
 
@@ -26,8 +29,9 @@ class SecondMethod:
         self._solver, self._system, self._measure = solver, system, measure
         self._asked = replace(asked, times=None, progress=None, h0=None, share=None)
         method = RadauIIA(3)
-        rtol = max(method.factor(system.label) * accuracy / TIGHTER, method.tightest.get(system.label, method.tightest[""]))
-        self._method = replace(method, rtol=min(rtol, 0.1))
+        self._rtol = min(method.factor(system.label) * accuracy / TIGHTER, 0.1)
+        self._tightest = method.tightest.get(system.label, method.tightest[""])
+        self._method, self._apart = method, accuracy / AGREE
         self._run: Solution | None = None
         self.runs, self.cpu_s, self._failed = 0, 0.0, ""
 
@@ -37,9 +41,11 @@ class SecondMethod:
             self._solve()
         if self._run is None:
             return estimate
-        times = check_times(run)
-        found = float(np.max(self._measure(times, run(times), self._run(times))))
-        return max(found, estimate)
+        return max(self._between(run, self._run), estimate)
+
+    def _between(self, a: Solution, b: Solution) -> float:
+        times = check_times(a)
+        return float(np.max(self._measure(times, a(times), b(times))))
 
     def tell(self, estimate: float, distance: float, accuracy: float) -> None:
         """Warn of an estimate that the second method contradicts, and of one that it could not confirm."""
@@ -53,16 +59,26 @@ class SecondMethod:
                           f"coefficients", AccuracyWarning, stacklevel=2)  # fmt: skip
 
     def _solve(self) -> None:
-        self.runs = 1
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", AccuracyWarning)
-                self._run = self._method.run(self._system, self._asked)
-            self.cpu_s = self._run.stats.cpu_s
-        except WallClockError:
-            raise
-        except (SolverError, OptionError) as error:
-            self._failed = str(error)
+        """Runs at smaller and smaller tolerances, until two of them agree."""
+        known, apart, rtol = None, inf, self._rtol
+        while self.runs < MOST and apart > self._apart and (known is None or rtol >= self._tightest):
+            self.runs += 1
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", AccuracyWarning)
+                    found = replace(self._method, rtol=max(rtol, self._tightest)).run(self._system, self._asked)
+            except WallClockError:
+                raise
+            except (SolverError, OptionError) as error:
+                self._failed = str(error)
+                return
+            self.cpu_s += found.stats.cpu_s
+            apart = self._between(found, known) if known is not None else inf
+            known, rtol = found, rtol / AGAIN
+        if apart <= self._apart:
+            self._run = known
+        else:
+            self._failed = f"runs of {self._method.label} at two tolerances differ by {apart:.1e}"
 
 
 def second_method(solver: Solver, system: System, asked: Asked, accuracy: float, measure: Measure) -> SecondMethod | None:

@@ -320,3 +320,27 @@ def test_a_comparison_takes_the_form_a_method_needs_and_a_run_that_raises_is_a_r
     assert done["RK4"].error < 1e-4
     assert "ZeroDivisionError: on purpose" in done["Broken"].failure
     assert done["RadauIIA(3)"].error < 1e-4
+
+
+class Simpson(mb.OneStep):
+    """Order 4 where y' depends on the time alone: f at other times with the y of the start of the step."""
+
+    order = 4
+
+    def advance(self, f, t, y, h):
+        return y + h / 6 * (f(t, y) + 4 * f(t + h / 2, y) + f(t + h, y))
+
+
+def test_the_slope_belongs_to_its_time():
+    system = mb.DAE(lambda t, y, yp, out: yp - np.cos(3 * t), [0.0], [1.0], rhs=lambda t, y, out: np.cos(3 * t) + 0 * y)
+    measured = mb.measure_order(Simpson(), system, 1.0, exact=lambda t: np.sin(3 * t)[:, None] / 3)
+    assert measured.orders["unknowns"] == pytest.approx(4, abs=0.1)
+
+
+def test_a_right_method_is_not_blamed_for_the_errors_of_the_second(recwarn):
+    """A chaotic double pendulum: a run of Radau IIA to a tenth of a loose accuracy is far off at the end."""
+    r = double_pendulum().recursive().simulate(5.0, accuracy=0.1, solver=RK4())
+    near = double_pendulum().simulate(5.0, accuracy=1e-9, solver=mb.RadauIIA(5))
+    assert r.accuracy.met
+    assert abs(r["B"].angle[-1] - near["B"].angle[-1]) < 0.1
+    assert not [w for w in recwarn if "differs by" in str(w.message)]
