@@ -66,6 +66,7 @@ def halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: 
 
 def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure: Measure,
             second: SecondMethod | None) -> Halved:  # fmt: skip
+    """The runs of `halved`, which stop too where shorter steps come no nearer to the second method."""
     t_end, asked = asked.t_end, replace(asked, begin=time.perf_counter() if asked.begin is None else asked.begin)
     h, coarse, spent, runs = _first_step(system, t_end), None, 0.0, 0
     first = h

@@ -16,9 +16,10 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.system.base import System
 
-TIGHTER, AGAIN = 10.0, 30.0  #: accuracy over that of the first run of the second method; of every run over that of the next
-AGREE = 3.0  #: accuracy over the distance of the last two of them, at least
-MOST = 4  #: of them
+TIGHTER = 10.0  #: accuracy asked over the accuracy of the first run of Radau IIA
+AGAIN = 30.0  #: tolerance of a run of Radau IIA over that of the next one
+AGREE = 3.0  #: accuracy asked over the distance of two runs of Radau IIA, from which these confirm each other
+MOST = 4  #: runs of Radau IIA
 CLEARLY = 2.0  #: distance over the estimate from which the estimate is said to be wrong
 
 
