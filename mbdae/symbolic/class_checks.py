@@ -17,7 +17,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import LawError, MbdaeError
-from mbdae.values import BadValueError, number, shown
+from mbdae.values import SMALLEST, BadValueError, number, shown
 
 Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
@@ -100,10 +100,12 @@ def _word(found: Any) -> Any:
 
 
 def _size(found: Any) -> Any:
-    """A number, or numbers of an array."""
+    """A number, or numbers of an array. Infinite ones are allowed, and ones as small as they come: the penetration of an impact at
+    next to no speed is no mistake."""
     try:
         if np.ndim(found) == 0:
-            return number(found) if not (isinstance(found, float) and math.isinf(found)) else found
+            small = isinstance(found, float) and abs(found) < SMALLEST
+            return found if small or (isinstance(found, float) and math.isinf(found)) else number(found)
     except BadValueError as wrong:
         raise _WrongError(str(wrong)) from None
     return found

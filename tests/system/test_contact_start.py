@@ -24,3 +24,10 @@ def test_roundoff_of_a_closed_loop_is_no_speed_of_impact(angle0):
     """Pin and race move together at 7.5 m/s: what is expected is the fall through the play under the forces of inertia."""
     (contact,) = prepare(driven_slider_crank(angle0)).contacts
     assert 1e-5 < contact.depth < 1e-3
+
+
+@pytest.mark.parametrize("speed", [1e-60, 1e-144, 1e-300])
+def test_next_to_no_speed_is_no_mistake_of_a_law(speed):
+    """The tail of a bell gives such speeds: the penetration of an impact at them is smaller than any number a user may give."""
+    depth, duration = mb.Hertz(1e9).impact(1.0, speed)
+    assert 0 <= depth < 1e-30 and duration > 0

@@ -164,17 +164,30 @@ def simulate(scene: mb.Scene, t_end: float, accuracy: float, way: Way, start: mb
 
 def by_hand(problem: Problem, way: Way, accuracy: float, times: Array, truth: Values) -> float:
     """Error of the same constant step where the user splits the run at every break and edge of a narrow feature, states the
-    smooth piece alone, and takes at most a width of a narrow feature in a step. Infinite where that run fails."""
+    smooth piece alone, and takes at most a width of a narrow feature in a step. It is measured at times (nt,) and halfway between
+    them and between its own steps, where dense output is worst: the times alone are often those of its steps. Infinite where that
+    run fails."""
     worst, start = 0.0, None
     try:
         for a, b, step in oracle.segments(problem):
             scene = problem.build([i.piece((a + b) / 2) for i in problem.inputs])
             own = replace(way, solver=replace(way.solver, step=min(way.solver.step, PER_WIDTH * step, b - a)))
             start = simulate(scene, b, accuracy, own, start)
-            inside = (times >= a) & (times <= b)
-            if inside.any():
-                part = {name: v[inside] for name, v in truth.items()}
-                worst = max(worst, error_of(start, times[inside], part, problem.positions_only))
+            inside = times[(times >= a) & (times <= b)]
+            if len(inside):
+                looked = {name: v[(times >= a) & (times <= b)] for name, v in truth.items()}
+                worst = max(worst, error_of(start, inside, looked, problem.positions_only))
+                between = _between(start.solution.t, inside)
+                exact = oracle.solve(problem, np.array([0.0, *between, problem.t_end]))
+                looked = {name: v[1:-1] for name, v in exact.items()}
+                worst = max(worst, error_of(start, between, looked, problem.positions_only))
     except mb.MbdaeError:
         return inf
     return worst
+
+
+def _between(steps: Array, times: Array, most: int = 400) -> Array:
+    """Midpoints of the steps and of the times within the times' range, (n,) at most `most`, the narrowest first."""
+    points = np.unique(np.concatenate([times, steps[(steps > times[0]) & (steps < times[-1])]]))
+    narrow = np.sort(np.argsort(np.diff(points), kind="stable")[:most])
+    return np.asarray((points[:-1] + points[1:])[narrow] / 2)
