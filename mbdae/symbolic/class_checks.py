@@ -100,8 +100,8 @@ def _word(found: Any) -> Any:
 
 
 def _size(found: Any) -> Any:
-    """A number, or numbers of an array. Infinite ones are allowed, and ones as small as they come: the penetration of an impact at
-    next to no speed is no mistake."""
+    """A number, or numbers of an array; infinite or of any smallness: the penetration of an impact at next to no speed is no
+    mistake."""
     try:
         if np.ndim(found) == 0:
             small = isinstance(found, float) and abs(found) < SMALLEST
