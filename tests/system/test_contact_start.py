@@ -35,7 +35,7 @@ def test_next_to_no_speed_is_no_mistake_of_a_law(speed):
 
 
 def test_tiny_values_of_a_users_normal_law_are_accepted():
-    class Soft(mb.NormalLaw):
+    class Soft(mb.Normal):
         params = mb.params(stiffness=("N/m", "stiffness"))
 
         def impact(self, mass, speed):
