@@ -33,12 +33,13 @@ if TYPE_CHECKING:
     from mbdae.integrators.sundials.ida import IDA
     from mbdae.laws.contact import Hertz, Normal
     from mbdae.laws.friction import Coulomb, Friction, LuGre
-    from mbdae.laws.joints import ClassicalRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.laws.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.reports.report import report
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
     from mbdae.sweep import sweep
-    from mbdae.symbolic.law import Force, Joint, params
+    from mbdae.symbolic.joint import Joint
+    from mbdae.symbolic.law import Force, params
     from mbdae.system.base import Switches
     from mbdae.system.dae import DAE
 
@@ -47,12 +48,12 @@ __version__ = "0.1.0"
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
     "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
-    "ClassicalRevolute": "mbdae.laws.joints", "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
+    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
     "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints", "FixedOrientation": "mbdae.laws.joints",
     "Force": "mbdae.symbolic.law", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
-    "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.law", "Kinematic": "mbdae.scene.components",
+    "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
     "OneStep": "mbdae.integrators.one_step",
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
@@ -64,7 +65,7 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "ClassicalRevolute", "Clearance",
+    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance",
     "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
     "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError",
     "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical",

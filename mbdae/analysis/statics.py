@@ -22,7 +22,6 @@ from mbdae.analysis.steady import Rest, acceleration_scale
 from mbdae.analysis.stiffness import DenseStiffness, SparseStiffness, Tangent, stiffness
 from mbdae.errors import EquilibriumError
 from mbdae.formulations.index3 import Index3
-from mbdae.laws.forces import Gravity, JointForce, JointTorque
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target, loads
@@ -40,8 +39,7 @@ CONVERGED = 1e-10  #: last correction, relative to the scene's length and 1 rad;
 
 def applied_loads(d: Derived) -> list[tuple[Target, Expr]]:
     """The loads that the load factor multiplies: gravity, applied forces and torques, motors of joints."""
-    scaled = getattr(d.law, "external", False) or isinstance(d.law, Gravity | JointTorque | JointForce)
-    return loads(d) if scaled else []
+    return loads(d) if d.law.loads else []
 
 
 def gyroscopic(d: Derived) -> list[tuple[Target, Expr]]:

@@ -29,6 +29,7 @@ from mbdae.system.base import Array
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
+from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 
@@ -224,10 +225,10 @@ class Rest:
             spin[child] = self.frame.rate
             if self._fits(q, u, joint.name):
                 continue
-            law: Any = joint.joint
-            rate = 0.0 if joint.prescribed is None or not joint.turns else self.starter.held_rate(joint) or 0.0
-            axis = poses[parent][1] @ parent.rotation.T @ law.axis
-            spin[child] = spin[parent] + (rate if joint.l is child else -rate) * axis
+            driven = {c: rate for c, rate in self.starter.held_rates(joint).items() if c in joint.prescribed}
+            _, _, turning = JointMotion(joint, float(self.t[0])).rates(self.starter.held_values(joint), driven)
+            turning = poses[joint.k.owner][1] @ joint.k.rotation.T @ turning
+            spin[child] = spin[parent] + (turning if joint.l is child else -turning)
             for node in nodes[child]:
                 self._turn(node, q, u, spin[child])
 

@@ -22,7 +22,6 @@ from mbdae.integrators.solution import Solution
 from mbdae.notation import QUANTITIES
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.scene.variants import MODELLED
 from mbdae.show.geometry import started
 from mbdae.show.plots import numbers
 from mbdae.system.base import Array, System
@@ -94,7 +93,7 @@ class Problem:
     def other_models(self) -> dict[JointModel, bool]:
         """Joint models beside what the scene states, and whether they leave an ODE; the classical one where joints are few
         enough to make that cheap."""
-        joints = [c for c in self.scene.joints if c.kind in MODELLED] if self.scene is not None else []
+        joints = [c for c in self.scene.joints if c.has_models] if self.scene is not None else []
         stated = {c.model for c in joints}
         found: dict[JointModel, bool] = {}
         for model in (Kinematic(), Classical(), Recursive()) if joints else ():
@@ -129,8 +128,8 @@ class Problem:
     def _with_models(self, run: Run) -> Equations:
         if self.scene is None:
             raise OptionError(f"model {run.model_label}: a System has no joints; leave the model of its runs out")
-        if not any(c.kind in MODELLED for c in self.scene.joints):
-            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no revolute or prismatic joint to describe")
+        if not any(c.has_models for c in self.scene.joints):
+            raise OptionError(f"model {run.model_label}: scene '{self.name}' has no joint with coordinates to describe")
         return Equations(prepare(with_models(self.scene, run), t_end=self.t_end))
 
     @cached_property
@@ -138,7 +137,7 @@ class Problem:
         """Equations in whose unknowns runs are compared: positions and velocities of the bodies, which all joint models have."""
         if self.scene is None or self.stated.bodies_alone:
             return self.stated
-        own = [c.name for c in self.scene.joints if c.joint.own_coordinates]
+        own = [c.name for c in self.scene.joints if c.kept]
         return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:

@@ -15,7 +15,8 @@ from mbdae.formulations.ggl import ggl_outputs
 from mbdae.formulations.index3 import index3_outputs
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
-from mbdae.symbolic.law import Element, Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.outputs import acceleration, dynamics, input_symbols, position, velocity
 from mbdae.system.base import Array
 

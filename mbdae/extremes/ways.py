@@ -13,7 +13,6 @@ from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.cvode import CVODE
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.scene.components import Classical, JointModel, Recursive
-from mbdae.scene.variants import MODELLED
 
 #: a form or a solver that is added to the package is added to the maps by a line here
 CONSTRAINED = (
@@ -71,7 +70,7 @@ def ways(problem: Problem, runs: Sequence[Run] | None) -> list[Way]:
 
 def _models(problem: Problem) -> list[tuple[str, JointModel | dict[str, JointModel] | None, bool]]:
     """Name, joint models and whether they give an ODE: as stated, and the others. Joints with clearance keep theirs."""
-    joints = [c for c in problem.scene.joints if c.kind in MODELLED] if problem.scene is not None else []
+    joints = [c for c in problem.scene.joints if c.has_models] if problem.scene is not None else []
     ideal = [c for c in joints if not c.loose]
     if len(ideal) == len(joints):
         others = problem.other_models.items()

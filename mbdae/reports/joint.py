@@ -18,7 +18,8 @@ from mbdae.reports.resistance import resistance_section
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.law import Joint, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Structure
 from mbdae.symbolic.vectors import Expr
 
 CONVENTION = (

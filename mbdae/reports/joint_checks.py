@@ -18,7 +18,8 @@ from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base, Vector
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.law import Joint, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
 from mbdae.symbolic.vectors import Expr, Vec
 

@@ -17,7 +17,7 @@ from mbdae.reports.states import POINTS, STEP
 from mbdae.scene.components import Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.fingerprint import fingerprint
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.prepare import prepare
 

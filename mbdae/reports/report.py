@@ -27,7 +27,8 @@ from mbdae.reports.scene_sheet import scene_sheet
 from mbdae.reports.statement import structure_of
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
-from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import shown

@@ -16,7 +16,8 @@ from mbdae.reports.calculus import Motion, actual, virtual
 from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
-from mbdae.symbolic.law import AUGMENTED, Force, Joint, Law, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import AUGMENTED, Force, Law, Structure
 from mbdae.symbolic.part import Part, PartStructure
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown

@@ -110,11 +110,11 @@ class Result(RunStates, ListsAttributes):
             raise OptionError(f"start: a state of scene '{self.prepared.model.scene.name}', which has other bodies than "
                               f"'{scene.name}', cannot start it: give a state of a scene with the same bodies")  # fmt: skip
         (q,), (u,), (s,) = self.states(when)
-        known = {c.name for c in scene.joints if c.joint.own_coordinates}
+        known = {c.name for c in scene.joints if c.kept}
         here = self(when)
-        found = {c.name: here.coordinate(c) for c in self.prepared.model.scene.joints}
-        coordinates = {name: float(of[0][0]) for name, of in found.items() if of is not None}
-        nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.name in known]
+        coordinates = {(c.name, name): float(value[0]) for c in self.prepared.model.scene.joints
+                       for name, (value, _) in here.coordinates(c).items()}  # fmt: skip
+        nodes = [n for n in self.prepared.model.nodes if n.body is not None or n.joint in known]
         q = np.concatenate([q[n.q : n.q + n.kind.sizes[0]] for n in nodes])
         u = np.concatenate([u[n.u : n.u + n.kind.sizes[1]] for n in nodes])
         names = tuple(self.prepared.mechanics.numbering.states.values())

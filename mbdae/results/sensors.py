@@ -141,32 +141,26 @@ class ConnectionSensor(ListsAttributes):
     def _called(self) -> str:
         return f"the sensor of {self._item.kind} '{self._item.name}'"
 
-    def _coordinate(self) -> tuple[Array, Array]:
-        found = self._result.coordinate(self._item)
-        if found is None:
-            raise OptionError(f"{self._item.kind} '{self._item.name}' has no single free coordinate; read its bodies instead")
-        return found
+    def __getattr__(self, name: str) -> Array:
+        """A coordinate of the joint by its name, (nt,) rad or m, 0 as drawn, whole turns of angles counted; its rate by
+        "<name>_rate", or "rate" where there is one coordinate."""
+        item = self.__dict__.get("_item")
+        names = item.coordinates if item is not None else ()
+        rates = {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
+        if name in names or name in rates:
+            found = self._result.coordinate(item, rates.get(name, name))
+            if found is None:
+                raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} cannot be read from the bodies it connects: "
+                                  f"use model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
+            return found[name in rates]
+        if item is not None and name in ("angle", "displacement", "rate", "angle_rate", "displacement_rate"):
+            has = f"its coordinates: {', '.join(names)}" if names else "it has no coordinates: read its bodies instead"
+            raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
+        return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
-    def _require(self, unit: str, other: str) -> None:
-        if getattr(self._item.joint, "coordinate_unit", "") not in (unit, ""):
-            raise OptionError(f"{self._item.kind} '{self._item.name}' has no angle or displacement of that kind; use .{other}")
-
-    @property
-    def angle(self) -> Array:
-        """(nt,) rad, 0 as drawn, whole turns counted."""
-        self._require("rad", "displacement")
-        return self._coordinate()[0]
-
-    @property
-    def displacement(self) -> Array:
-        """(nt,) m, 0 as drawn."""
-        self._require("m", "angle")
-        return self._coordinate()[0]
-
-    @property
-    def rate(self) -> Array:
-        """(nt,) rad/s or m/s."""
-        return self._coordinate()[1]
+    def __dir__(self) -> list[str]:
+        names = self._item.coordinates
+        return [*super().__dir__(), *names, *(f"{c}_rate" for c in names), *(["rate"] if len(names) == 1 else [])]
 
     @cached_property
     def _wrench(self) -> Array:

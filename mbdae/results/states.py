@@ -123,34 +123,38 @@ class RunStates:
                     total += values[:, i]
         return total
 
-    def coordinate(self, item: Connection) -> tuple[Array, Array] | None:
-        """Coordinate and rate (nt,) of a joint, whole turns counted along the run's steps; None if it has no coordinate."""
-        if self._one_coordinate(item, self.t[:1]) is None:
-            return None
-        value, rate = self._one_coordinate(item, self.t)  # type: ignore[misc]
-        unwrapped = self.prepared.model.planar or item.name in {n.name for n in self.prepared.model.joint_coordinates}
-        if unwrapped or getattr(item.joint, "coordinate_unit", "") != "rad":
-            return value, rate
+    def coordinate(self, item: Connection, name: str) -> tuple[Array, Array] | None:
+        """A coordinate of a joint and its rate (nt,), whole turns counted along the run's steps; None where it cannot be read."""
+        found = self._one_coordinate(item, name, self.t)
+        model = self.prepared.model
+        if found is None or model.planar or item.unit(name) != "rad" or model.coordinate_node(item.name, name) is not None:
+            return found
+        value, rate = found
         steps = self.solution.t
-        grid, fine_rate = self._one_coordinate(item, steps)  # type: ignore[misc]
-        followed = _unwrapped(steps, grid, fine_rate, self._start_value(item))
+        grid, fine_rate = self._one_coordinate(item, name, steps)  # type: ignore[misc]
+        followed = _unwrapped(steps, grid, fine_rate, self._start_value(item, name))
         near = np.interp(self.t, steps, followed)
         return value + 2 * np.pi * np.round((near - value) / (2 * np.pi)), rate
 
-    def _start_value(self, item: Connection) -> float:
-        if item.prescribed is not None:
-            return timed.value_at(item.prescribed, float(self.solution.t[0]))
-        return self.prepared.start.coordinates.get(item.name, item.hold or 0.0)
+    def coordinates(self, item: Connection) -> dict[str, tuple[Array, Array]]:
+        """All coordinates of a joint that can be read."""
+        found = {name: self.coordinate(item, name) for name in item.coordinates}
+        return {name: one for name, one in found.items() if one is not None}
 
-    def coordinate_at(self, item: str, t: Array) -> tuple[Array, Array] | None:
-        """Coordinate (turns not counted) and rate (nt,) of a joint at times t (nt,)."""
-        return self._one_coordinate(self.prepared.model.scene[item], t)
+    def _start_value(self, item: Connection, name: str) -> float:
+        if name in item.prescribed:
+            return timed.value_at(item.prescribed[name], float(self.solution.t[0]))
+        return self.prepared.start.coordinates.get((item.name, name), item.hold.get(name, 0.0))
 
-    def _one_coordinate(self, item: Connection, t: Array) -> tuple[Array, Array] | None:
-        for g, _, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
+    def coordinate_at(self, item: str, name: str, t: Array) -> tuple[Array, Array] | None:
+        """A coordinate (turns not counted) and its rate (nt,) of a joint at times t (nt,)."""
+        return self._one_coordinate(self.prepared.model.scene[item], name, t)
+
+    def _one_coordinate(self, item: Connection, name: str, t: Array) -> tuple[Array, Array] | None:
+        for g, p, values in self.prepared.mechanics.evaluate(coordinate, t, *self.states(t)):
             for i, instance in enumerate(self.prepared.model.groups[g].instances):
-                if instance.item == item.name:
-                    return values[:, i, 0], values[:, i, 1]
+                if instance.item == item.name and ("c", name) in p.targets:
+                    return values[:, i, p.targets.index(("c", name))], values[:, i, p.targets.index(("cd", name))]
         return None
 
 

@@ -66,6 +66,6 @@ def _broken_rows(prepared: Prepared, run: Controlled, asked: float | None) -> tu
     worst = largest(off)
     if off[worst] <= 10 * (asked if asked is not None else 1e-6):
         return 0.0, []
-    driven = any(c.prescribed is not None for c in prepared.model.scene.joints)
+    driven = any(c.prescribed for c in prepared.model.scene.joints)
     why = "prescribed motions may contradict each other later on" if driven else "the loops do not stay closed"
     return float(off[worst]), [f"constraint {m.rows[worst].name} is violated by {off[worst]:.1e}: {why}"]

@@ -172,7 +172,7 @@ class Check(ListsAttributes):
         for tree in self.prepared.all_bodies.moved.trees:
             root = tree.nodes[0].name if tree.nodes[0] is not None else "ground"
             plan = tree_plan(tree.structure)
-            names = _listed([c.name for c in tree.coordinates if c is not None]) or "none"
+            names = _listed([c.name for c in tree.coordinates]) or "none"
             welded = f"; rigid: {_listed(list(tree.rigid))}" if tree.rigid else ""
             lines.append(f"  recursive, from '{root}': {names}{welded}; "
                          f"no unknowns for {_listed([n.name for n in tree.nodes[1:] if n])} "

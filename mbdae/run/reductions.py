@@ -16,7 +16,7 @@ from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
 from mbdae.scene.scene import SceneData
-from mbdae.scene.variants import MODELLED, replaced
+from mbdae.scene.variants import may_be_recursive, replaced
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.model import Model, build
 from mbdae.system.model.moved_bodies import MovedBodies
@@ -103,7 +103,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
 
     spatial = copy.copy(scene)
     spatial.space = "spatial"
-    joints = [c.name for c in scene.joints if c.kind in MODELLED and not (c.loose or c.rubs or c.k.is_point or c.l.is_point)]
+    joints = [c.name for c in scene.joints if may_be_recursive(c)]
     for reason, classical in (("in space, classical joints, every row, every node on its own", tuple(joints)),
                               ("joints without unknowns of their own", ())):  # fmt: skip
         try:

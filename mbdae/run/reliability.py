@@ -112,7 +112,7 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
         return []
     times = late[:: len(late) // 2000 + 1]
     seen = sensor.at_times(times)
-    found = result.coordinate_at(item, times)
+    found = result.coordinate_at(item, result.prepared.model.scene[item].coordinates[0], times)
     if found is None:
         return []
     spin = float(np.median(found[1]))

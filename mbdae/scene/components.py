@@ -15,7 +15,7 @@ from mbdae.errors import OptionError
 from mbdae.laws.contact import Normal
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Friction
-from mbdae.laws.joints import Revolute, Spherical, Weld
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.values import BadValueError, array, number, shown
 
@@ -135,7 +135,7 @@ class Place:
 
 @dataclass(frozen=True)
 class JointModel:
-    """How a revolute or prismatic joint is modelled."""
+    """How a joint is modelled."""
 
 
 @dataclass(frozen=True)
@@ -155,17 +155,19 @@ class Constrained(JointModel):
 
 @dataclass(frozen=True)
 class Kinematic(Constrained):
-    """Constraints between absolute nodes: two rotation rows, a third where the angle is prescribed."""
+    """Constraints between absolute nodes, and a further one where a coordinate is prescribed. A joint that states no such rows
+    keeps its coordinates as unknowns, as the classical one."""
 
 
 @dataclass(frozen=True)
 class Classical(Constrained):
-    """The angle is an unknown of its own: three rotation rows, a fourth where the angle is prescribed."""
+    """Every coordinate (angle, displacement) is an unknown of its own, tied to the bodies by a row; a further one where it is
+    prescribed."""
 
 
 @dataclass(frozen=True)
 class Recursive(JointModel):
-    """The coordinate (angle, displacement) is the unknown and the body it carries has none: no constraint, no multiplier.
+    """The coordinates (angle, displacement) are the unknowns and the body they carry has none: no constraint, no multiplier.
 
     A scene whose joints are all recursive is an ordinary differential equation."""
 
@@ -190,7 +192,19 @@ class Clearance(JointModel):
         _as_floats(self, "outer", "inner", "length")
 
 
-def _as_floats(model: JointModel, *fields: str) -> None:
+@dataclass(frozen=True)
+class Stop:
+    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where that
+    presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
+
+    stiffness: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        _as_floats(self, "stiffness", "damping")
+
+
+def _as_floats(model: Any, *fields: str) -> None:
     """Make floats of numbers of any type; other values stay, and the scene that uses the model reports them."""
     for key in fields:
         with suppress(BadValueError):
@@ -207,12 +221,13 @@ class Connection:
     l: Any
     laws: list[TwoBodyLaw]
     is_joint: bool = False
-    hold: float | None = None  #: start value of the coordinate
-    hold_rate: float | None = None
-    prescribed: Any = None  #: expression of time, or None
+    hold: dict[str, float] = field(default_factory=dict)  #: start values by coordinate
+    hold_rate: dict[str, float] = field(default_factory=dict)
+    prescribed: dict[str, Any] = field(default_factory=dict)  #: expressions of time by coordinate
     model: JointModel | None = None
     left_open: bool = False  #: whether the user named no joint model
     as_kinematic: list[TwoBodyLaw] = field(default_factory=list)  #: as an ideal kinematic joint, where the model may need it
+    others: dict[str, Any] = field(default_factory=dict)  #: bodies of further frames by name
     places: dict[str, Array] = field(default_factory=dict)  #: side "k" or "l" -> the point of that body the user named, as drawn
 
     @property
@@ -223,21 +238,30 @@ class Connection:
     @property
     def rigid(self) -> bool:
         """Whether one rigid body cannot move relative to the other: a weld, or a point mass held where it is."""
-        if len(self.laws) > 1 or isinstance(self.k, Beam) or isinstance(self.l, Beam):
-            return False
         law, points = self.laws[0], self.k.is_point + self.l.is_point
-        held = type(law) is Spherical or (type(law) is Revolute and law.drive is None and not self.rubs)
-        return (type(law) is Weld and points < 2) or (held and points == 1)
+        if len(self.laws) > 1 or isinstance(self.k, Beam) or isinstance(self.l, Beam) or not isinstance(law, Joint):
+            return False
+        return (law.welds and points < 2) or (law.holds_point and points == 1 and not self.prescribed and not self.rubs)
 
     @property
-    def turns(self) -> bool:
-        """Whether its coordinate is an angle whose start may be stated."""
-        return self.kind == "revolute"
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the joint's coordinates; none of a force."""
+        law = self.laws[0]
+        return tuple(law.coordinates) if isinstance(law, Joint) else ()
 
     @property
-    def slides(self) -> bool:
-        """Whether its coordinate is a displacement whose start may be stated."""
-        return self.kind == "prismatic"
+    def kept(self) -> bool:
+        """Whether the coordinates are unknowns of their own."""
+        return bool(self.laws[0].own_coordinates)
+
+    def unit(self, coordinate: str) -> str:
+        """rad or m."""
+        return str(self.laws[0].coordinates[coordinate].unit)
+
+    @property
+    def has_models(self) -> bool:
+        """Whether it has coordinates, which joint models treat differently."""
+        return bool(self.coordinates)
 
     @property
     def loose(self) -> bool:
@@ -247,7 +271,7 @@ class Connection:
     @property
     def rubs(self) -> bool:
         """Whether friction in the joint follows from its own reaction."""
-        return self.is_joint and getattr(self.laws[0], "friction", None) is not None
+        return isinstance(self.laws[0], Joint) and self.laws[0].friction is not None
 
     @property
     def joint(self) -> TwoBodyLaw:

@@ -2,35 +2,58 @@
 
 from __future__ import annotations
 
+from copy import copy
+from typing import Any
+
 import numpy as np
 
-from mbdae.laws.forces import AppliedTorque, JointTorque
+from mbdae.laws.forces import AppliedTorque
+from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.scene import reading
 from mbdae.scene.beams import check_attachments
-from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.scene.components import Array, Body, Clearance, Connection, Kinematic, Place
 from mbdae.scene.items import SceneItems
+from mbdae.scene.models import joint_model, law_of
 from mbdae.scene.own_laws import own_copy
-from mbdae.scene.reading import reads
+from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
-from mbdae.symbolic.law import Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force
+from mbdae.values import shown
 
 
 class ConnectionStatements(SceneItems):
     """`add`, and the entry of every joint and force into the scene."""
 
-    @reads(law=own_copy)
+    @reads(law=own_copy, model=joint_model)
     @statement
-    def add(self, law: Joint | Force) -> Connection:
-        """Add a joint or force law, the package's or the user's own. The scene keeps a copy: what happens to the law afterwards
-        does not change it."""
+    def add(self, law: Joint | Force, model: Any = None) -> Connection:
+        """Add a joint or force law, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a copy: what
+        happens to the law afterwards does not change it."""
         if law.at is None:
             law.at = point_of(law.l)
         law.axis = reading.unit(law.axis)
-        return self._connect(Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint)))
+        law.axis_x = None if law.axis_x is None else reading.unit(law.axis_x)
+        item = Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint))
+        if isinstance(law, Joint):
+            item.prescribed = {c: getattr(law, name) for c, name in law.prescribed.items()}
+            item.model, item.left_open = model or Kinematic(), model is None and item.has_models
+            arg = Argument(self, f"{item.kind} '{law.name}'", "model")
+            if isinstance(model, Clearance):
+                arg.wrong(shown(model), "state the joint by s.joint or s.revolute, which place its contact")
+            elif model is not None:
+                modelled = law_of(arg, type(law), model)[1]
+                item.as_kinematic = [copy(law)] if item.recursive else []
+                vars(law).update(modelled | {"kept": modelled.get("kept", False) or law.must_keep()})
+        elif model is not None:
+            self.problems.append(f"{item.kind} '{law.name}': model = {shown(model)}: a force has no joint model; omit it")
+        return self._connect(item)
 
     def _connect(self, item: Connection) -> Connection:
         item.places = {side: b.point for side, b in (("k", item.k), ("l", item.l)) if isinstance(b, Place)}
         item.k, item.l = (b.body if isinstance(b, Place) else b for b in (item.k, item.l))
+        first = item.laws[0]
+        item.others = {side: getattr(first, side) for side in first.frames[2:]}
         for law in (*item.laws, *item.as_kinematic):
             law.k, law.l = item.k, item.l
             if item.loose and item.l.is_point:  # the pin may be drawn anywhere in its play
@@ -50,10 +73,11 @@ class ConnectionStatements(SceneItems):
         """A point mass has no axes and no extent."""
         for body, side in ((item.k, "k"), (item.l, "l")):
             for law in item.laws if body.is_point else ():
-                if isinstance(law, JointTorque | AppliedTorque):
+                turns = isinstance(law, OnCoordinate) and law.loads and law.unit == "rad"
+                if turns or isinstance(law, AppliedTorque):
                     self.problems.append(f"{item.kind} '{item.name}': a torque does nothing on the point mass '{body.name}'; "
                                          f"use s.rigid_body")  # fmt: skip
-                if law is item.joint and item.rubs and (item.kind == "revolute" or side == "k"):
+                if law is item.joint and item.rubs and (side == "k" or item.unit(law.rubbed) == "rad"):
                     self.problems.append(f"{item.kind} '{item.name}': friction needs the axes of both bodies, the point mass "
                                          f"'{body.name}' has none; use s.rigid_body")  # fmt: skip
                 at = law.point_on(side)

@@ -1,62 +1,136 @@
-"""Statements of joints: the law for each joint model, the forces on its coordinate, checks of the arguments."""
+"""Statements of joints: one path for every joint, `joint`; the others are shorter words for it."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from mbdae.laws.contact import JournalContact
-from mbdae.laws.forces import JointDamper, JointForce, JointSpring, JointTorque
-from mbdae.laws.joints import ClearanceRevolute, Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+from mbdae.laws.joints import (
+    Cylindrical,
+    Distance,
+    FixedOrientation,
+    Planar,
+    Prismatic,
+    Revolute,
+    Screw,
+    Spherical,
+    Universal,
+    Weld,
+)
 from mbdae.scene import reading
-from mbdae.scene.components import Connection, Kinematic
-from mbdae.scene.connections import ConnectionStatements
+from mbdae.scene.components import Clearance, Connection, Kinematic
+from mbdae.scene.connections import ConnectionStatements, point_of
+from mbdae.scene.coordinates import on_coordinates
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Argument, reads
 from mbdae.scene.record import statement
-from mbdae.scene.rubbing import Rubbing, rubbing
-from mbdae.symbolic.law import Joint, TwoBodyLaw
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import TwoBodyLaw
+
+OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
+BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
+PLACED = {**BODIES, "axis": reading.direction}
+EACH = {option: reading.as_given for option in OPTIONS}  #: options by coordinate, read where these are known
+FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
 class JointStatements(ConnectionStatements):
-    """`revolute`, `prismatic` and the joints without models."""
+    """`joint`, and a word for every joint of the library."""
 
-    @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point, axis=reading.direction, model=joint_model,
-           angle=reading.driven("rad"), angle0=reading.quantity("rad"), rate0=reading.quantity("rad/s"),
-           spring=reading.quantity("N m/rad"), damper=reading.quantity("N m s/rad", "not negative", FEEDS),
-           torque=reading.driven("N m"), friction=friction_law, radius=reading.quantity("m", "positive"))  # fmt: skip
+    @reads(joint=reading.joint_class, **PLACED, axis_x=reading.direction, **FURTHER)
+    @statement
+    def joint(self, joint: type[Joint], name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), axis_x: Any = None,
+              model: Any = None, prescribed: Any = None, start: Any = None, start_rate: Any = None, spring: Any = None,
+              damper: Any = None, load: Any = None, limits: Any = None, stop: Any = None, friction: Any = None,
+              **further: Any) -> Connection:  # fmt: skip
+        """A joint of a class derived from mb.Joint between k and l at a point, with its parameters by name.
+
+        `model`: mb.Kinematic(), mb.Classical(), mb.Recursive() or, for joints with a pin, mb.Clearance(...). The other options
+        belong to a coordinate: one value where the joint has one coordinate, else a mapping by coordinate name. `prescribed`: its
+        value (rad or m, number or expression of mb.t); `start`, `start_rate`: at the start; `spring` (N m/rad or N/m), `damper`
+        (N m s/rad or N s/m), `load` (N m or N, on l); `limits` (lowest, highest) with `stop=mb.Stop(stiffness, damping)`;
+        `friction` (mb.Coulomb, mb.LuGre or one's own) with `radius` (m) for angles, and `normal_force` (N), by default the
+        joint's reaction normal to the axis. `axis_x`: direction of the joint's x axis, by default any normal to `axis`."""
+        options = {"prescribed": prescribed, "start": start, "start_rate": start_rate, "spring": spring, "damper": damper,
+                   "load": load, "limits": limits, "stop": stop, "friction": friction}  # fmt: skip
+        where = point_of(l) if at is None else at
+        return self._joint("joint", joint, name, k, l, where, axis, axis_x, model, options, further)
+
+    @reads(**PLACED, model=joint_model, angle=reading.driven("rad"), angle0=reading.quantity("rad"),
+           rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
+           damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m"), friction=friction_law,
+           radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given)  # fmt: skip
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
-                 damper: float | None = None, torque: Any = None, friction: Any = None,
-                 radius: float | None = None) -> Connection:  # fmt: skip
+                 damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
+                 limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
         """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
-        one's own) of a pin of `radius` m is pressed by the joint's reaction normal to the axis."""
-        rubs = rubbing(self.problems, "revolute", name, friction, "radius", radius, model)
-        return self._joint("revolute", Revolute, name, k, l, at, axis, model, angle, angle0, rate0, spring, damper, torque, rubs)
+        one's own) of a pin of `radius` m is pressed by the joint's reaction normal to the axis. `limits` (lowest, highest) rad
+        with `stop=mb.Stop(stiffness, damping)`."""
+        words = {"prescribed": "angle", "start": "angle0", "start_rate": "rate0", "load": "torque"}
+        options = {"prescribed": angle, "start": angle0, "start_rate": rate0, "spring": spring, "damper": damper, "load": torque,
+                   "friction": friction, "radius": radius, "limits": limits, "stop": stop}  # fmt: skip
+        return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
-    @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point, axis=reading.direction,
-           position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
+    @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
            spring=reading.quantity("N/m"), damper=reading.quantity("N s/m", "not negative", FEEDS), force=reading.driven("N"),
-           model=joint_model, friction=friction_law, normal_force=reading.quantity("N", "not negative"))  # fmt: skip
+           model=joint_model, friction=friction_law, normal_force=reading.quantity("N", "not negative"), limits=reading.as_given,
+           stop=reading.as_given)  # fmt: skip
     @statement
     def prismatic(self, name: str, k: Any, l: Any, at: Any, axis: Any, position: Any = None, position0: float | None = None,
                   rate0: float | None = None, spring: float | None = None, damper: float | None = None,
-                  force: Any = None, model: Any = None, friction: Any = None,
-                  normal_force: float | None = None) -> Connection:  # fmt: skip
+                  force: Any = None, model: Any = None, friction: Any = None, normal_force: float | None = None,
+                  limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
         """l slides relative to k along `axis` without turning; 0 as drawn. `position` m prescribes the displacement;
         `spring` N/m, `damper` N s/m, `force` N (on l) act along the axis. `friction` (mb.Coulomb, mb.LuGre or one's own) is
-        pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count)."""
-        rubs = rubbing(self.problems, "prismatic", name, friction, "normal_force", normal_force, model)
-        given = model, position, position0, rate0, spring, damper, force, rubs
-        return self._joint("prismatic", Prismatic, name, k, l, at, axis, *given)
+        pressed by `normal_force` N, by default the joint's reaction normal to the axis (its moments do not count). `limits`
+        (lowest, highest) m with `stop=mb.Stop(stiffness, damping)`."""
+        words = {"prescribed": "position", "start": "position0", "start_rate": "rate0", "load": "force"}
+        options = {"prescribed": position, "start": position0, "start_rate": rate0, "spring": spring, "damper": damper,
+                   "load": force, "friction": friction, "normal_force": normal_force, "limits": limits, "stop": stop}  # fmt: skip
+        return self._joint("prismatic", Prismatic, name, k, l, at, axis, None, model, options, {}, words)
 
-    @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point)
+    @reads(**PLACED, further=reading.as_given)
+    @statement
+    def cylindrical(self, name: str, k: Any, l: Any, at: Any, axis: Any, **further: Any) -> Connection:
+        """l slides along `axis` and turns about it: coordinates `displacement` and `angle`. Further arguments as in `joint`."""
+        return self._library("cylindrical", Cylindrical, name, k, l, at, axis, None, further)
+
+    @reads(**PLACED, lead=reading.quantity("m"), further=reading.as_given)
+    @statement
+    def screw(self, name: str, k: Any, l: Any, at: Any, axis: Any, lead: float, **further: Any) -> Connection:
+        """l turns about `axis` (coordinate `angle`) and travels along it by `lead` m a turn, right-handed where positive. Further
+        arguments as in `joint`."""
+        return self._library("screw", Screw, name, k, l, at, axis, None, {**further, "lead": lead})
+
+    @reads(**PLACED, axis_l=reading.direction, pin=reading.direction, further=reading.as_given)
+    @statement
+    def universal(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_l: Any = None, pin: Any = None,
+                  **further: Any) -> Connection:  # fmt: skip
+        """Hooke's joint: `axis` and `axis_l` are the shafts of k and l (by default in line), `pin` the pin of k, by default normal
+        to both shafts; that of l is normal to its shaft and to the pin of k. Coordinates `angle_k` of the cross about the pin of k,
+        `angle_l` of l about its own, 0 as drawn. Further arguments as in `joint`."""
+        shaft = reading.unit(axis)
+        other = shaft if axis_l is None else reading.unit(axis_l)
+        first = pins(Argument(self, f"universal '{name}'", "pin"), shaft, other, pin)
+        return self._library("universal", Universal, name, k, l, at, np.cross(first, reading.unit(np.cross(other, first))), first,
+                             further)  # fmt: skip
+
+    @reads(**PLACED, axis_x=reading.direction, further=reading.as_given)
+    @statement
+    def planar(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any = None, **further: Any) -> Connection:
+        """l slides in the plane normal to `axis` and turns about it: coordinates `x` (along `axis_x`), `y`, `angle`. Further
+        arguments as in `joint`."""
+        return self._library("planar", Planar, name, k, l, at, axis, axis_x, further)
+
+    @reads(**BODIES)
     @statement
     def spherical(self, name: str, k: Any, l: Any, at: Any) -> Connection:
         """The points of k and l at `at` stay together."""
@@ -84,34 +158,71 @@ class JointStatements(ConnectionStatements):
         """l does not turn relative to k."""
         return self.add(FixedOrientation(name, k, l))
 
-    def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, model: Any, drive: Any,
-               start: float | None, rate0: float | None, spring: float | None, damper: float | None,
-               load: Any, rubs: Rubbing) -> Connection:  # fmt: skip
-        modelled, extra = law_of(Argument(self, f"{kind} '{name}'", "model"), law, model)
-        place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis)}
-        unit, what = law.coordinate_unit, ("position" if law is Prismatic else "angle")
-        for value, option in ((start, f"{what}0"), (rate0, "rate0")):
-            if value is not None and drive is not None:
-                self.problems.append(f"{kind} '{name}': its prescribed value fixes the start already; omit {option} = {value:g}")
-        forces: list[tuple[type[TwoBodyLaw], dict[str, Any]]] = []
-        if spring is not None:
-            turns = 0.0 if start is None or law is Prismatic else 2 * math.pi * round(start / (2 * math.pi))
-            forces.append((JointSpring, {"stiffness": spring, "rest": 0.0, "turns": turns}))
-        if damper is not None:
-            forces.append((JointDamper, {"damping": damper}))
-        if load is not None:
-            forces.append((JointTorque, {"torque": load}) if unit == "rad" else (JointForce, {"force": load}))
-        forces += rubs.forces
+    def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
+                 further: dict[str, Any]) -> Connection:  # fmt: skip
+        """A joint of the library whose options are given as for `joint`."""
+        model = further.get("model")
+        model = model if model is None else joint_model(Argument(self, f"{kind} '{name}'", "model"), model)
+        options = {option: further.get(option) for option in OPTIONS}
+        rest = {key: value for key, value in further.items() if key not in (*OPTIONS, "model")}
+        return self._joint(kind, law, name, k, l, at, axis, axis_x, model, options, rest)
 
-        def laws(cls: type[Joint]) -> list[TwoBodyLaw]:
-            options, own = {"joint": cls}, rubs.values(cls)
-            return [rubs.joint(cls)(name, drive=drive, **(extra if cls is modelled else {}), **own, **place),
-                    *(f(name, **values, **({} if "joint" not in f.options else options), **place) for f, values in forces)]
+    def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any, model: Any,
+               options: dict[str, Any], further: dict[str, Any], words: Mapping[str, str] | None = None) -> Connection:  # fmt: skip
+        item = f"{kind} '{name}'"
+        options = options | {key: further.pop(key) for key in ("radius", "normal_force") if key in further and key not in law.params}
+        given = on_coordinates(self, item, law, words or {}, options, model)
+        modelled, extra = law_of(Argument(self, item, "model"), law, model)
+        numbers = self._numbers(item, law, further)
+        place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis),
+                                 "axis_x": None if axis_x is None else reading.unit(axis_x)}  # fmt: skip
+        forces = given.forces()
 
-        item = Connection(name, kind, k, l, laws(modelled), True, start, rate0, drive, model or Kinematic(),
-                          left_open=model is None)
-        item.as_kinematic = laws(law) if item.recursive or item.loose else []
-        if item.loose and modelled is ClearanceRevolute:
-            item.laws.append(JournalContact(name, outer=model.outer, inner=model.inner, normal=model.normal,
-                                            friction=model.friction, length=model.length, **place))  # fmt: skip
-        return self._connect(item)
+        def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
+            drives = {cls.drive_name(c): value for c, value in given.of("prescribed").items()}
+            own = {**numbers, **given.own} if cls is law else {}
+            kept = extra.get("kept") or given.unreadable
+            joint = cls(name, **{**drives, **extra, **own, "kept": kept}, **place)
+            on = {"joint": cls, "kept": joint.kept}
+            return [joint, *(f(name, **{**values, **on}, **place) for f, values in forces)]
+
+        found = Connection(name, kind, k, l, laws(modelled, extra), True, given.of("start"), given.of("start_rate"),
+                           given.of("prescribed"), model or Kinematic(), left_open=model is None)  # fmt: skip
+        found.as_kinematic = laws(law, {}) if found.recursive or found.loose else []
+        if isinstance(model, Clearance) and modelled is law.loose:
+            found.laws.append(JournalContact(name, outer=model.outer, inner=model.inner, normal=model.normal,
+                                             friction=model.friction, length=model.length, **place))  # fmt: skip
+        return self._connect(found)
+
+    def _numbers(self, item: str, law: type[Joint], further: dict[str, Any]) -> dict[str, Any]:
+        """Parameters and options of a joint by name."""
+        own = {key for key in (*law.params, *law.options) if key not in law.derived()}
+        found = {}
+        for key, value in further.items():
+            if key not in own:
+                self.problems.append(f"{item}: it has no argument {key!r}; its parameters are {sorted(own) or 'none'}")
+            else:
+                read = reading.driven(law.params[key].unit) if key in law.params else reading.as_given
+                found[key] = value if value is None else read(Argument(self, item, key), value)
+        for key in sorted(own & law.params.keys() - found.keys()):
+            if key not in law.optional:
+                self.problems.append(f"{item}: {key} is missing; give a number in {law.params[key].unit}")
+                found[key] = 1.0
+        return found
+
+
+def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
+    """Direction (3,) of k's pin in a universal joint: that given, or a normal to both shafts."""
+    if pin is None:
+        normal = np.cross(shaft, other)
+        if np.linalg.norm(normal) < 1e-9:
+            normal = np.cross(shaft, np.eye(3)[int(np.argmin(np.abs(shaft)))])
+        return reading.unit(normal)
+    found = reading.unit(pin)
+    if abs(found @ shaft) > 1e-9:
+        arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}", "give a direction normal to the shaft of k")
+        return pins(arg, shaft, other, None)
+    if np.linalg.norm(np.cross(found, other)) < 1e-9:
+        arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l", "give a direction that is not that of the shaft of l")
+        return pins(arg, shaft, other, None)
+    return found

@@ -1,4 +1,4 @@
-"""The model of a joint as the user states it: checks of its values, and the law it selects."""
+"""The model of a joint as the user states it: checks of its values, and what it makes of the joint's law."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from typing import Any
 from mbdae.errors import LawError
 from mbdae.laws.contact import Normal
 from mbdae.laws.friction import Coulomb, Friction
-from mbdae.laws.joints import ClassicalPrismatic, ClassicalRevolute, ClearanceRevolute, Prismatic, Revolute
-from mbdae.scene.components import Classical, Clearance, Constrained, Kinematic, Recursive
+from mbdae.scene.components import Classical, Clearance, Constrained, JointModel, Kinematic, Recursive
 from mbdae.scene.reading import Argument, instance, quantity
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.values import shown
 
 MODELS = "mb.Kinematic(), mb.Classical(), mb.Recursive() or mb.Clearance(outer, inner, normal)"  #: for messages
-#: kinematic law -> the law of the same joint with its coordinate as an unknown
-CLASSICAL: dict[type[Joint], type[Joint]] = {Revolute: ClassicalRevolute, Prismatic: ClassicalPrismatic}
 a_friction = instance(Friction, "friction law", "give mb.Coulomb(mu, v_c), mb.LuGre(...) or None", Coulomb(0.0, 1.0))
 normal_law = instance(Normal, "normal law", "give mb.Hertz(stiffness, damping)")
 
@@ -63,16 +60,38 @@ def _read_clearance(arg: Argument, model: Clearance) -> None:
         friction_law(arg.part("model.friction"), model.friction)
 
 
-def law_of(arg: Argument, law: type[Joint], model: Any) -> tuple[type[Joint], dict[str, float]]:
-    """The law of a joint in the model stated, and scaling and penalty (paper Eq. 2) where they differ from 1 and 0."""
-    if isinstance(model, Clearance):
-        if law is Revolute:
-            return ClearanceRevolute, {"tilting": model.length is not None}
-        arg.wrong(f"{shown(model)} exists for revolute joints only", "use mb.Kinematic(), mb.Classical() or mb.Recursive()")
-    if not isinstance(model, Constrained):
-        return CLASSICAL[law] if isinstance(model, Recursive) else law, {}
-    if law is Prismatic and model != type(model)():
-        arg.wrong(shown(model), "scaling and penalty exist for revolute joints only; omit them")
+def _augments(model: JointModel) -> bool:
+    """Whether it has a scaling or penalty (paper Eq. 2)."""
+    return isinstance(model, Constrained) and (model.scaling != 1 or model.penalty != 0)
+
+
+def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
+    """What a joint lacks for a model, and what to use instead; None where it can be modelled so."""
+    name = law.__name__
+    if isinstance(model, Clearance) and law.loose is None:
+        return f"{shown(model)} exists for joints with a pin in a race, not for a {name}", \
+            "use mb.Kinematic(), mb.Classical() or mb.Recursive()"  # fmt: skip
+    if _augments(model) and "scaling" not in law.params:
+        return shown(model), f"a {name} has no scaling and penalty; omit them"
+    if isinstance(model, Classical | Recursive) and not law.coordinates:
+        return f"{shown(model)}, but a {name} has no coordinates", "use mb.Kinematic()"
+    if isinstance(model, Recursive) and not law.states_motion():
+        return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"
+    return None
+
+
+def law_of(arg: Argument, law: type[Joint], model: JointModel | None) -> tuple[type[Joint], dict[str, Any]]:
+    """The law of a joint in the model stated, and what the model gives it: whether its coordinates are kept, scaling and penalty
+    (paper Eq. 2) where they differ from 1 and 0."""
+    wrong = None if model is None else refusal(law, model)
+    if wrong is not None or model is None:
+        if wrong is not None:
+            arg.wrong(*wrong)
         return law, {}
-    extra = ({"scaling": model.scaling} if model.scaling != 1 else {}) | ({"penalty": model.penalty} if model.penalty else {})
-    return law if isinstance(model, Kinematic) else CLASSICAL[law], extra
+    if isinstance(model, Clearance):
+        assert law.loose is not None
+        return law.loose, {"tilting": model.length is not None}
+    if not isinstance(model, Constrained):
+        return law, {"kept": True}
+    extra = {"scaling": model.scaling} if model.scaling != 1 else {}
+    return law, extra | ({"penalty": model.penalty} if model.penalty else {}) | {"kept": isinstance(model, Classical)}

@@ -9,10 +9,11 @@ import numpy as np
 
 from mbdae.scene import reading
 from mbdae.scene.reading import Argument
-from mbdae.symbolic.law import Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force
 from mbdae.values import shown
 
-NEEDED = ("name", "k", "l", "at", "axis", "at_l")
+NEEDED = ("name", "k", "l", "at", "axis", "at_l", "axis_x")
 
 
 def own_copy(arg: Argument, law: Any) -> Joint | Force:
@@ -33,6 +34,10 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force:
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
+    if law.axis_x is not None:
+        found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
+    for side in law.frames[2:]:
+        setattr(found, side, reading.body(head.part(side), getattr(law, side)))
     if law.at_l is not None:
         found.at_l = reading.point(head.part("at_l"), law.at_l)
     for key, parameter in law.params.items():

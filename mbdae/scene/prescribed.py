@@ -12,11 +12,9 @@ from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jump
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.scene.components import BeamLoad, Connection
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
-#: (kind of joint, parameter of its law) -> argument of the statement
-_ARGUMENTS = {("revolute", "drive"): "angle", ("prismatic", "drive"): "position"}
 _RAMP = "; join the pieces by a smooth ramp such as h*(3*x**2 - 2*x**3), x = (mb.t - t1)/T from 0 to 1"
 JUMP = 1e-7  #: smallest jump reported, over the largest value: below are the rounding errors of the expression
 MOST = 20_000  #: number of stretches in which values are checked, at most
@@ -38,7 +36,8 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
         for key, parameter in law.params.items():
             value = getattr(law, key)
             if value is not None and getattr(se.sympify(value), "free_symbols", None):
-                what = f"{kind} '{name}': {_ARGUMENTS.get((kind, key), key)} = {value}"
+                drives = law.drives() if isinstance(law, Joint) else {}
+                what = f"{kind} '{name}': {drives.get(key, key)} = {value}"
                 yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from mbdae.inputs import timed
 from mbdae.scene.components import Array, Body, Place
+from mbdae.symbolic.joint import Joint
 from mbdae.values import BadValueError, array, entries, number, shown, text, whole, word
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -77,7 +78,7 @@ def reads(**readers: Reader) -> Callable[[F], F]:
 def _plain(arg: Argument, reader: Reader, parameter: inspect.Parameter, value: Any) -> Any:
     """The plain value of an argument; of `*points` each point by its number."""
     if parameter.kind is not inspect.Parameter.VAR_POSITIONAL:
-        return reader(arg, value)
+        return reader(arg, value)  # of **further by as_given: they are read where the joint is known
     return tuple(reader(arg.part(f"{arg.option[:-1]} {i + 1}"), v) for i, v in enumerate(value))
 
 
@@ -265,6 +266,26 @@ def instance(what: type, noun: str, remedy: str, instead: Any = None) -> Reader:
         return instead
 
     return read
+
+
+def as_given(arg: Argument, value: Any) -> Any:
+    """The value as it is, checked elsewhere."""
+    return value
+
+
+def joint_class(arg: Argument, value: Any) -> Any:
+    """A class derived from mb.Joint."""
+    if isinstance(value, type) and issubclass(value, Joint) and value is not Joint:
+        return value
+    arg.wrong(f"{shown(value)} is no class of a joint", "give a class derived from mb.Joint, such as mb.Revolute")
+    return Nothing
+
+
+class Nothing(Joint):
+    """A joint in place of one that is not known, whose mistake has been reported."""
+
+    def constraints(self, k: Any, l: Any) -> dict[str, Any]:
+        return {}
 
 
 def nobody(scene: Any) -> Body:

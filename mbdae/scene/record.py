@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from types import FunctionType
@@ -56,6 +56,8 @@ def encode(value: Any, own: Own | None = None) -> Any:
         return _encode_law(value, own)
     if isinstance(value, type | FunctionType):
         return {"class": stored_name(value, own)}
+    if isinstance(value, Mapping):
+        return {"by": {str(key): encode(v, own) for key, v in value.items()}}
     if isinstance(value, list | tuple):
         return [encode(v, own) for v in value]
     if isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "biufUS":
@@ -82,7 +84,8 @@ def _encode_expression(value: Any) -> Any:
 
 def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
     values = {key: encode(getattr(law, key), own) for key in (*type(law).params, *type(law).options)}
-    places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l")}
+    places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
+    places |= {"others": {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}} if len(law.frames) > 2 else {}
     return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}
 
 

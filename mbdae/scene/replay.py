@@ -19,17 +19,18 @@ import numpy as np
 from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
-from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive
+from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, stored_name, without_module
 from mbdae.scene.section import Section
-from mbdae.symbolic.law import Force, Joint, Law, TwoBodyLaw
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
 from mbdae.values import array, shown
 
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
-    "beam": (str, Body), "law": (Joint, Force), "model": (JointModel,), "friction": (Friction,), "section": (Section,),
+    "beam": (str, Body), "law": (Joint, Force), "joint": (type,), "model": (JointModel,), "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
     "curve": (str, FunctionType),
 }  # fmt: skip
 
@@ -42,7 +43,7 @@ def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
     homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
-    return {stored_name(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance)}
+    return {stored_name(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance, Stop)}
 
 
 class Known:
@@ -141,7 +142,7 @@ def _options(value: Any, scene: Any, known: Known) -> dict[str, Any]:
 
 
 def _object(value: Any, scene: Any, known: Known) -> Any:
-    cls = known.find(value["object"], Part, Section, JointModel)
+    cls = known.find(value["object"], Part, Section, JointModel, Stop)
     given = _options(value["fields"], scene, known)
     if not issubclass(cls, Part):
         return _made(cls, given)
@@ -153,15 +154,16 @@ def _object(value: Any, scene: Any, known: Known) -> Any:
 
 def _law(value: Any, scene: Any, known: Known) -> Law:
     cls = known.find(value["law"], Joint, Force)
-    at_l = _decode(value["at_l"], scene, known)
-    at_l = np.asarray(at_l, dtype=float) if isinstance(at_l, list) else at_l
+    at_l, axis_x = (_decode(value.get(key), scene, known) for key in ("at_l", "axis_x"))
+    at_l, axis_x = (np.asarray(one, dtype=float) if isinstance(one, list) else one for one in (at_l, axis_x))
     places = {key: _decode(value[key], scene, known) for key in ("k", "l", "at", "axis")}
     for key, one in {"name": value["name"], **places}.items():
         if not (isinstance(one, _KINDS[key]) if key in _KINDS else _is_number(one)):
             raise SceneError([f"{key} = {shown(one)} is not what a law takes there"])
     given = _options(value["values"], scene, known)
     stated = {key: v for key, v in given.items() if key in cls.params or key in cls.options or not _of_part(cls, key)}
-    sides = {} if at_l is None else {"at_l": at_l}
+    sides = {key: one for key, one in (("at_l", at_l), ("axis_x", axis_x)) if one is not None}
+    sides |= _decode(value["others"], scene, known) if "others" in value else {}
     law: Law = _rebuilt(cls, TwoBodyLaw, {"name": value["name"], **places, **sides, **stated},
                         lambda law: all(getattr(law, key, None) == v for key, v in stated.items()))  # fmt: skip
     return law
@@ -211,7 +213,9 @@ _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,
-    frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values"}): _law,
+    frozenset({"by"}): lambda value, scene, known: {str(k): _decode(v, scene, known) for k, v in value["by"].items()},
+    **{frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values", *more}): _law
+       for more in ((), ("axis_x",), ("axis_x", "others"))},
 }  # fmt: skip
 
 
@@ -245,8 +249,9 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
         bound = signature.bind(scene, *arguments[0], **arguments[1])
     except TypeError as error:
         raise SceneError([f"it takes other arguments: {error}"]) from None
-    for name, value in list(bound.arguments.items())[1:]:
-        if value is None or signature.parameters[name].default is value:
+    given = dict(list(bound.arguments.items())[1:])
+    for name, value in {**given, **given.pop("further", {})}.items():
+        if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
             raise SceneError([f"{name} = {shown(value)} is not what {method} takes there"])
@@ -257,6 +262,8 @@ def _is_number(value: Any) -> bool:
     """Numbers, expressions, places, and lists of these."""
     if isinstance(value, list | tuple):
         return all(_is_number(v) for v in value)
+    if isinstance(value, dict):
+        return all(_is_number(v) for v in value.values())
     if isinstance(value, bool):
         return False
     return value is None or isinstance(value, int | float | Place) or hasattr(value, "free_symbols")
@@ -276,7 +283,7 @@ def refuse_losses(scene: Any, copy: Any) -> None:
         for law, again in zip(old.laws, new.laws, strict=False):
             if type(law) is not type(again) or _is_built_in(type(law)):
                 continue
-            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l"}):
+            for name in sorted(vars(law).keys() - {"params", "states", *_KINDS, "at", "axis", "at_l", "axis_x"}):
                 if name not in vars(again) or encode(vars(law)[name]) != encode(vars(again)[name]):
                     raise SceneError([f"'{old.name}': {name} of {type(law).__name__} would be lost: declare it in the class, in "
                                       f"`params` (a number) or `options` (anything else that can be stored)"])  # fmt: skip

@@ -127,11 +127,10 @@ class SceneData(BeamStatements, JointStatements):
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     def replace(self, *names: str, model: JointModel) -> Any:
-        """A new scene with another model of the named revolute or prismatic joints, without names of all of them (a model
-        with scaling or penalty: of all revolute ones)."""
+        """A new scene with another model of the named joints, without names of all joints that admit it."""
         return replaced(self, names, model)
 
     def recursive(self) -> Any:
-        """A new scene whose revolute and prismatic joints are recursive where they form a tree; joints that close loops
-        become kinematic, joints on point masses stay as they are."""
+        """A new scene whose joints are recursive where they form a tree; joints that close loops become kinematic, joints on point
+        masses stay as they are."""
         return with_recursive_tree(self)

@@ -39,7 +39,7 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     first = sorted(scene.joints if joints is None else joints, key=_rank)
     for joint in first:
         a, b = leader(joint.k, leads), leader(joint.l, leads)
-        if a is b:
+        if a is b or joint.others:
             closing.append(joint)
         else:
             leads[a] = b
@@ -73,4 +73,4 @@ def _rank(c: Connection) -> tuple[bool, ...]:
 
 def is_held(joint: Connection) -> bool:
     """Whether the start of the joint's coordinate is fixed by the user."""
-    return joint.prescribed is not None or joint.hold is not None or joint.hold_rate is not None
+    return bool(joint.prescribed or joint.hold or joint.hold_rate)

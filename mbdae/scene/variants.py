@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from functools import cache
 from inspect import signature
 from typing import Any
 
 from mbdae.errors import SceneError
-from mbdae.scene.components import Beam, Classical, JointModel, Kinematic, Recursive
+from mbdae.scene.components import Beam, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.items import SceneItems
-from mbdae.scene.joints import JointStatements
-from mbdae.scene.models import MODELS
+from mbdae.scene.models import MODELS, refusal
 from mbdae.scene.record import STATEMENTS, Statement, encode
 from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
-#: statements whose joint has models, and the position of the argument `model` among those that follow self
-MODELLED = {name: list(arguments).index("model") - 1 for name, method in vars(JointStatements).items()
-            if callable(method) and "model" in (arguments := signature(method).parameters) and name in STATEMENTS}
+@cache
+def _model_places() -> dict[str, int | None]:
+    """Statements whose item may have a joint model, with the position of the argument `model` among those that follow self; None:
+    it is given by name only."""
+    found = {}
+    for name, method in STATEMENTS.items():
+        arguments = list(signature(method).parameters)
+        if "model" in arguments or "further" in arguments:
+            found[name] = arguments.index("model") - 1 if "model" in arguments else None
+    return found
 
 
 def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> Any:
@@ -26,20 +33,22 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
         raise SceneError(scene.problems)
     if not isinstance(model, JointModel):
         raise SceneError([f"replace: model = {shown(model)} is not a joint model; use {MODELS}"])
-    known = [c.name for c in scene.connections if c.kind in MODELLED]
+    known = [c.name for c in scene.joints if c.has_models]
     wrong = [n for n in names if not (isinstance(n, str) and n in known)]
     if wrong:
-        raise SceneError([f"replace: names = {shown(n)} is no revolute or prismatic joint of scene '{scene.name}'; it has {known}"
+        raise SceneError([f"replace: names = {shown(n)} is no joint with coordinates of scene '{scene.name}'; it has {known}"
                           for n in wrong])  # fmt: skip
-    plain = model in (Kinematic(), Classical(), Recursive())
-    chosen = set(names or (c.name for c in scene.connections if c.kind == "revolute" or (plain and c.name in known)))
+    refused = {n: refusal(type(_ideal(scene[n])), model) for n in names}
+    if any(refused.values()):
+        raise SceneError([f"replace: '{n}': {' '.join(why)}" for n, why in refused.items() if why])
+    chosen = set(names or (n for n in known if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:
         raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])
     statements: list[Statement] = []
-    own = dict(scene.own)
+    own, places = dict(scene.own), _model_places()
     for method, args, kwargs in scene.statements:
-        if method in MODELLED and (args[0] if args else kwargs["name"]) in chosen:
-            args, kwargs = _with_model(args, kwargs, encode(model, own), MODELLED[method])
+        if method in places and _stated_name(method, args, kwargs) in chosen:
+            args, kwargs = _with_model(args, kwargs, encode(model, own), places[method])
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
     found = replay(data, type(scene), Known(own))
@@ -47,22 +56,40 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     return found
 
 
+def _ideal(joint: Connection) -> Any:
+    """The law of a joint without play."""
+    return joint.as_kinematic[0] if joint.loose else joint.joint
+
+
+def _stated_name(method: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
+    """The name of the item of a statement."""
+    names = list(signature(STATEMENTS[method]).parameters)[1:]
+    given = {**dict(zip(names, args, strict=False)), **kwargs}
+    return given["name"] if "name" in given else given["law"]["name"]
+
+
 def with_recursive_tree(scene: SceneItems) -> Any:
     """The scene with a spanning tree of recursive joints; see `SceneData.recursive`."""
     if scene.problems:
         raise SceneError(scene.problems)
-    turning = [c for c in scene.joints if c.kind in MODELLED and not (c.k.is_point or c.l.is_point or c.loose or c.rubs)]
+    turning = [c for c in scene.joints if may_be_recursive(c)]
     closing = [c.name for c in spanning_tree(scene, turning).closing]
     tree = [c.name for c in turning if c.name not in closing]
     variant: Any = replaced(scene, tuple(tree), Recursive()) if tree else scene
     return replaced(variant, tuple(closing), Kinematic()) if closing else variant
 
 
+def may_be_recursive(c: Connection) -> bool:
+    """Whether a joint can be recursive where it closes no loop."""
+    points = c.k.is_point or c.l.is_point
+    return c.has_models and refusal(type(_ideal(c)), Recursive()) is None and not (points or c.loose or c.rubs)
+
+
 def with_open_tree(scene: SceneItems) -> Any | None:
     """The scene with recursive joints in place of those whose model its statements leave open, where the joints of rigid bodies
     form a tree in which nothing can stick; None where there is nothing to change, or a statement cannot be repeated."""
     joints = [c for c in scene.joints if not c.loose]
-    open_ = [c.name for c in joints if c.left_open and not (c.k.is_point or c.l.is_point)]
+    open_ = [c.name for c in joints if c.left_open and may_be_recursive(c)]
     sticking = any(law.may_stick(law.states) for c in joints for law in c.laws)
     if not open_ or sticking or scene.problems or any(isinstance(b, Beam) for b in scene.bodies):
         return None
@@ -74,8 +101,8 @@ def with_open_tree(scene: SceneItems) -> Any | None:
         return None
 
 
-def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int) -> tuple[list[Any], dict[str, Any]]:
-    """Arguments of a joint's statement with another model, by position (`place`) or by name as it was given."""
-    if len(args) > place:
+def _with_model(args: list[Any], kwargs: dict[str, Any], model: Any, place: int | None) -> tuple[list[Any], dict[str, Any]]:
+    """Arguments of a joint's statement with another model, by position (`place`) or by name."""
+    if place is not None and len(args) > place:
         return [*args[:place], model, *args[place + 1 :]], kwargs
     return args, {**kwargs, "model": model}

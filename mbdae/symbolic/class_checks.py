@@ -99,6 +99,20 @@ def _word(found: Any) -> Any:
     return found
 
 
+def _coordinates(found: Any) -> Any:
+    return _by_name(_expression)(found) if isinstance(found, Mapping) else _or_none(_expression)(found)
+
+
+def _tie(found: Any) -> Any:
+    return tuple(_several(_expression, 2)(found)) if isinstance(found, tuple | list) else _expression(found)
+
+
+def _motion(found: Any) -> Any:
+    if not callable(getattr(found, "along", None)):
+        raise _WrongError(f"{shown(found)}, which is no motion")
+    return found
+
+
 def _size(found: Any) -> Any:
     """A number, or numbers of an array; infinite or of any smallness: the penetration of an impact at next to no speed is no
     mistake."""
@@ -120,7 +134,10 @@ RETURNS: dict[str, tuple[Check, str]] = {
     "initial": (_by_name(_expression), "a dictionary with the start value of every state"),
     "strains": (_by_name(_expression), "a dictionary of strains by the name of their stress"),
     "observed": (_by_name(_several(_expression)), "a dictionary of lists of expressions"),
-    "coordinate": (_or_none(_expression), "an expression (rad or m), or None"),
+    "coordinate": (_coordinates, "an expression (rad or m), a dictionary of them by coordinate, or None"),
+    "ties": (_by_name(_tie), "a dictionary by coordinate of rows, or of pairs (row, positive expression)"),
+    "motion": (_motion, "a motion, such as from_k.along('z', self.displacement).about('z', self.angle)"),
+    "thrust": (_or_none(_pair(_expression)), "(coordinate, force on it), two expressions, or None"),
     "energy": (_expression, "an expression, J"), "dissipation": (_expression, "an expression, W"),
     "kinetic_energy": (_expression, "an expression, J"), "damping_force": (_expression, "an expression, N"),
     "elastic_force": (_expression, "an expression, N"), "coefficient": (_expression, "an expression, a pure number"),

@@ -6,16 +6,17 @@ Sign: residual = M u' + G^T lambda + (internal, gyroscopic) - applied.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
-from mbdae.symbolic.law import Element, Force, Joint, Law, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.rebuild import nodes, one_sided, without_overflow
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
@@ -40,7 +41,7 @@ class Derived:
     energy: Expr
     dissipated_power: Expr
     work_power: Expr
-    coordinate: Expr
+    coordinates: dict[str, Expr]  #: values of a joint's coordinates where they can be read, by name
     states: tuple[str, ...]
     state_rates: tuple[Expr, ...]
     state_starts: tuple[Expr, ...]
@@ -53,8 +54,8 @@ class Derived:
 
     @property
     def sides(self) -> tuple[Frame, ...]:
-        """The frames a law is stated on, without a joint coordinate."""
-        return self.frames[:2]
+        """The frames a law is stated on, without joint coordinates."""
+        return self.frames[: len(self.law.frames)]
 
     @property
     def row_forces(self) -> list[Expr]:
@@ -83,6 +84,19 @@ class Derived:
         return isinstance(self.law, Joint) and bool(self.force)
 
     @property
+    def pressing(self) -> Vec | None:
+        """The part of a joint's reaction force that presses surfaces together where friction acts; None where the law states its
+        resistance by itself."""
+        if not isinstance(self.law, Joint) or self.law.friction is None:
+            return None
+        return self.law.pressing(*self.sides, _reaction_on_l(self.law, self.rows, self.G))
+
+    @property
+    def rubbing(self) -> tuple[Expr, Expr] | None:
+        """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
+        return self.law.rubbing(*self.sides, _reaction_on_l(self.law, self.rows, self.G)) if isinstance(self.law, Joint) else None
+
+    @property
     def stabilisers(self) -> list[Expr]:
         """Symbols of the stabilising multipliers mu."""
         return [se.Symbol(f"mu_{row}") for row in self.rows]
@@ -91,16 +105,21 @@ class Derived:
 @lru_cache(maxsize=512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
-    frames = tuple(make_frame(s, *side) for s, side in zip("b" if len(sides) == 1 else "klc"[: len(sides)], sides, strict=True))
+    law = cls.symbolic(structure)
+    frames = tuple(make_frame(s, *side) for s, side in zip(side_names(law), sides, strict=True))
     if structure.timed and cls.timeless:
         raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
-    law = cls.symbolic(structure)
-    for name in law.own_coordinates:
-        setattr(law, name, frames[2].q[0])
+    for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=True):
+        setattr(law, name, frame.q[0])
     return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
 
-FORCES = ("energy", "dissipation", "wrench")  #: a force law states one of them at least
+def side_names(law: Law) -> tuple[str, ...]:
+    """Names of the frames of a law: those of bodies, then "c", "c2", ... of the coordinates that are its unknowns."""
+    return (*law.frames, *("c" if n == 0 else f"c{n + 1}" for n in range(len(law.own_coordinates))))
+
+
+FORCES = ("energy", "dissipation", "wrench", "thrust")  #: a force law states one of them at least
 _TIME = se.Symbol("t")
 
 
@@ -113,6 +132,22 @@ def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
     return clock
 
 
+class _Stated(NamedTuple):
+    """Forces as a law states them: potential energy, Rayleigh function, force and torque on l, generalised force on a coordinate."""
+
+    energy: Expr
+    rayleigh: Expr
+    force: Vec
+    torque: Vec
+    thrust: tuple[Expr, Expr] | None
+
+    def parts(self) -> dict[str, Any]:
+        """By names for messages."""
+        along, push = self.thrust or (_ZERO, _ZERO)
+        return {"the energy": self.energy, "the dissipation": self.rayleigh, "the force": self.force, "the torque": self.torque,
+                "the coordinate of its thrust": along, "the thrust": push}  # fmt: skip
+
+
 class _Derivation:
     """The steps from a statement to a `Derived`."""
 
@@ -123,22 +158,31 @@ class _Derivation:
         self._refuse_clashes()
         self._refuse_undefined()
         rows, vanished, undefined, g, G = self._constraints()
-        force, powers = self._forces(_reactions(self.law, rows, vanished))
+        force, powers = self._forces(_reactions(self.law, rows, vanished), _reaction_on_l(self.law, rows, G))
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
         return Derived(
             self.law, self.frames, tuple(rows), tuple(vanished), tuple(undefined), tuple(g), tuple(G), force, energy, dissipated,
             work,
-            resolve(self._coordinate()), states, rates, starts, self.variation,
+            self._coordinates(), states, rates, starts, self.variation,
         )  # fmt: skip
 
-    def _coordinate(self) -> Expr:
-        stated = self.law.coordinate(*self.frames[:2]) if isinstance(self.law, Joint) and self._oriented() else None
-        return _ZERO if stated is None else self.variation.name(stated)
+    def _coordinates(self) -> dict[str, Expr]:
+        stated = self.law.read(*self.sides) if self._oriented() or self.law.own_coordinates else {}
+        return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
+
+    @property
+    def sides(self) -> tuple[Frame, ...]:
+        """Frames of bodies."""
+        return self.frames[: len(self.law.frames)]
 
     def _oriented(self) -> bool:
-        return all(f.kind.oriented for f in self.frames[:2])
+        return all(f.kind.oriented for f in self.sides)
+
+    @cached_property
+    def _names(self) -> set[str]:
+        return {f.side for f in self.frames}
 
     def _undefined(self, e: Any) -> list[tuple[Frame, str]]:
         """Quantities in an expression (or vector) that its node does not have, with the frames; frames with axes first."""
@@ -169,7 +213,7 @@ class _Derivation:
             law = type(self.law).__name__
             if frame.kind.oriented:
                 raise LawError(f"{what} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
-                               f"with self.angle(k, l), the angle about the axis, or the axes x, y, z, or use space='planar'")
+                               f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use space='planar'")
             raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
                            f"use s.rigid_body")  # fmt: skip
 
@@ -183,12 +227,12 @@ class _Derivation:
     @cached_property
     def _rows(self) -> dict[str, Expr]:
         """The rows of a joint as stated."""
-        return self.law.constraints(*self.frames[:2]) if isinstance(self.law, Joint) else {}
+        return self.law.rows(*self.sides)
 
     def _refuse_clashes(self) -> None:
         """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
         law, kind = self.law, type(self.law).__name__
-        taken = dict.fromkeys(_names_of_frames(), "the frames")
+        taken = dict.fromkeys(_names_of_frames((*"bklc", *sorted(self._names - set("bklc")))), "the frames")
         taken |= {f"{mark}_{row}": f"row '{row}'" for row in self._rows for mark in ("lambda", "mu")}
         taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
         taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
@@ -198,12 +242,12 @@ class _Derivation:
 
     def _refuse_undefined(self) -> None:
         """Raise LawError where a joint between nodes with axes contains quantities that these nodes do not have."""
-        law, sides = self.law, self.frames[:2]
+        law, sides = self.law, self.sides
         stated: list[tuple[str, Any]] = []
-        if isinstance(law, Joint) and self._oriented():
+        if self._oriented():
             stated += [(f"row '{name}'", e) for name, e in self._rows.items()]
-            stated += [("the coordinate", law.coordinate(*sides) or _ZERO)]
-            stated += [(f"the branch '{name}'", e) for name, e in law.branches(*sides).items()]
+            stated += [(f"the coordinate '{name}'", e) for name, e in law.read(*sides).items()]
+            stated += [(f"the branch '{name}'", e) for name, e in law.positives(*sides).items()]
         for what, e in stated:
             self._refuse(what, e)
             self._refuse_speeds(what, e)
@@ -252,37 +296,43 @@ class _Derivation:
             raise LawError(f"{type(self.law).__name__} is not planar: {what} acts out of the plane")
         return Vec(move[0], move[1], 0), Vec(0, 0, turn[2])
 
-    def _stated(self, reactions: Mapping[str, Expr]) -> tuple[Expr, Expr, Vec, Vec] | None:
-        """Potential energy, Rayleigh function, force and torque as stated; None where the law states no force."""
-        law, (k, l) = self.law, self.frames[:2]
+    def _stated(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> _Stated | None:
+        """What the law states of its forces; None where it states none."""
+        law, sides = self.law, self.sides
         if isinstance(law, Force):
             if all(getattr(type(law), name) is getattr(Force, name) for name in FORCES):
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
-            force, torque = law.wrench(k, l) or (ZERO, ZERO)
-            parts = law.energy(k, l), law.dissipation(k, l), *force, *torque
-            energy, rayleigh, *applied = (without_overflow(one_sided(part)) for part in parts)
-            return energy, rayleigh, Vec(*applied[:3]), Vec(*applied[3:])
-        wrench = law.resistance(k, l, reactions) if isinstance(law, Joint) else None
-        return None if wrench is None else (_ZERO, _ZERO, *wrench)
+            wrench = law.wrench(*sides) or (ZERO, ZERO)
+            if len(sides) > 2 and type(law).wrench is not Force.wrench:
+                raise LawError(f"{type(law).__name__} acts on more than two bodies, where a wrench between k and l says too little; "
+                               f"state its energy, dissipation or thrust")  # fmt: skip
+            return _Stated(law.energy(*sides), law.dissipation(*sides), *wrench, law.thrust(*sides))
+        if not isinstance(law, Joint):
+            return None
+        stated, rubbing = law.resistance(*sides, reactions), law.rubbing(*sides, force_on_l)
+        return None if stated is None and rubbing is None else _Stated(_ZERO, _ZERO, *(stated or (ZERO, ZERO)), rubbing)
 
-    def _forces(self, reactions: Mapping[str, Expr]) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
+    def _forces(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:
         """Left-hand-side forces per side; energy, dissipated power and power of applied loads."""
         law, v = self.law, self.variation
         if isinstance(law, Element):
             return {}, (v.name(law.kinetic_energy(self.frames[0])), _ZERO, _ZERO)
-        stated = self._stated(reactions)
+        stated = self._stated(reactions, force_on_l)
         if stated is None:
             return {}, (_ZERO, _ZERO, _ZERO)
-        for what, part in zip(("the energy", "the dissipation", "the force", "the torque"), stated, strict=True):
+        for what, part in stated.parts().items():
             self._refuse(what, part)
-        self._refuse_speeds("the energy", stated[0])
-        energy, rayleigh = v.name(stated[0]), v.name(stated[1])
-        wrench = (Vec(*map(v.name, stated[2])), Vec(*map(v.name, stated[3])))
+        self._refuse_speeds("the energy", stated.energy)
+        energy, rayleigh = (v.name(without_overflow(one_sided(e))) for e in (stated.energy, stated.rayleigh))
+        wrench = tuple(Vec(*(v.name(without_overflow(one_sided(c))) for c in part)) for part in (stated.force, stated.torque))
+        along, push = (v.name(without_overflow(one_sided(e))) for e in stated.thrust or (_ZERO, _ZERO))
         force: dict[str, Pair] = {}
         dissipated, loads = _ZERO, _ZERO
         clocked = sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
         for f in self.frames:
-            drag, load = v.velocity_gradient(f, rayleigh), self._wrench_on(f, wrench)
+            drag, load = v.velocity_gradient(f, rayleigh), self._wrench_on(f, wrench)  # type: ignore[arg-type]
+            if push != 0:
+                load = (load[0] + v.gradient(f, along)[0] * -push, load[1] + v.gradient(f, along)[1] * -push)
             dissipated += _power(drag, f)
             loads -= _power(load, f)
             total = (sum(p, ZERO) for p in zip(v.gradient(f, energy), drag, load, strict=True))
@@ -293,7 +343,7 @@ class _Derivation:
     def _wrench_on(self, f: Frame, wrench: tuple[Vec, Vec]) -> Pair:
         """Covector of the wrench at l.r on one side (left-hand side: minus what is applied)."""
         force, torque = wrench
-        if f.side == "c":
+        if f.side not in ("k", "l") or all(e == 0 for e in (*force, *torque)):
             return ZERO, ZERO
         sign = -1 if f.side == "l" else 1
         if not f.kind.turns:
@@ -304,7 +354,7 @@ class _Derivation:
         """Internal states on which the law depends for these frames, their rates and start values."""
         used = set().union(*(e.free_symbols for e in used_in))
         names = tuple(n for n in self.law.states if se.Symbol(f"state_{n}") in used)
-        rates, starts = (self.law.rates(*self.frames[:2]), self.law.initial(*self.frames[:2])) if names else ({}, {})
+        rates, starts = (self.law.rates(*self.sides), self.law.initial(*self.sides)) if names else ({}, {})
         for what, table in (("the rate", rates), ("the start", starts)):
             for n in names:
                 if n not in table:
@@ -315,10 +365,10 @@ class _Derivation:
         return names, ready[0], ready[1]
 
 
-@lru_cache(maxsize=1)
-def _names_of_frames() -> tuple[str, ...]:
+@lru_cache(maxsize=64)
+def _names_of_frames(sides: tuple[str, ...]) -> tuple[str, ...]:
     """Names of the symbols of frames on every kind of node."""
-    return tuple({str(s) for side in "bklc" for kind in NodeKind for s in make_frame(side, kind).symbols})
+    return tuple({str(s) for side in sides for kind in NodeKind for s in make_frame(side, kind).symbols})
 
 
 def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
@@ -338,6 +388,12 @@ def _scaled(law: Any, e: Expr) -> Expr:
 
 def _reactions(law: Any, rows: Iterable[str], vanished: Iterable[str]) -> dict[str, Expr]:
     return {row: _scaled(law, se.Symbol(f"lambda_{row}")) for row in rows} | dict.fromkeys(vanished, _ZERO)
+
+
+def _reaction_on_l(law: Any, rows: Sequence[str], G: Sequence[dict[str, Pair]]) -> Vec:
+    """Reaction force of a joint on l, N, inertial components."""
+    forces = [_scaled(law, se.Symbol(f"lambda_{row}")) for row in rows if "l" in law.frames]
+    return sum((pairs["l"][0] * -force for force, pairs in zip(forces, G, strict=False)), ZERO)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

@@ -2,19 +2,21 @@
 
 A law declares its parameters with units and states one or more of
 
+    motion(from_k)     -> chain of motions         joints (`symbolic/joint.py`): what their coordinates leave free
     constraints(k, l)  -> {row name: expression}   rows g = 0; reactions follow by virtual work
     energy(k, l)       -> expression               potential energy, J
     dissipation(k, l)  -> expression               Rayleigh function (half the dissipated power), W
     wrench(k, l)       -> (force, torque)          applied on l at l.r, the opposite on k at the same point
-    resistance(k, l, reactions) -> (force, torque) joints only: the same, by the joint's own reactions; it dissipates
+    thrust(k, l)       -> (expression, force)      a generalised force on what the expression measures
+    resistance(k, l, reactions) -> (force, torque) joints only: as `wrench`, by the joint's own reactions; it dissipates
     observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
-on abstract frames (`symbolic/frames.py`). Everything else is derived: generalised forces, constraint Jacobian
-and its rate, Jacobians, planar and grounded variants, kernels. A parameter left at None is absent from the
-statement; a parameter may be a number or a function of time.
+on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is derived:
+generalised forces, constraint Jacobian and its rate, Jacobians, planar and grounded variants, kernels. A parameter left at None
+is absent from the statement; a parameter may be a number or a function of time.
 """
 
 from __future__ import annotations
@@ -28,12 +30,12 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.class_checks import check_class
-from mbdae.symbolic.frames import Frame, angle
+from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.part import Parameter, Part, PartStructure, params
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import shown
 
-__all__ = ["AUGMENTED", "Element", "Force", "Joint", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
+__all__ = ["AUGMENTED", "Element", "Force", "Law", "Parameter", "Structure", "TwoBodyLaw", "params"]
 
 #: paper Eq. 2: V = scaling lambda.c + penalty c.c of the rows c; the force of a row is scaling lambda + 2 penalty c
 AUGMENTED = params(scaling=("1", "factor of the rows and their multipliers"), penalty=("N m", "factor of the squared rows"))
@@ -54,9 +56,10 @@ class Law:
     params: Mapping[str, Parameter] = MappingProxyType({})
     options: ClassVar[tuple[str, ...]] = ()  #: attributes that change the statement itself (classes, flags, parts)
     states: Mapping[str, Parameter] = MappingProxyType({})
-    coordinates: ClassVar[Mapping[str, Parameter]] = {}  #: massless unknowns of the joint the law belongs to (at most one)
+    frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
+    loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
     #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
     sticks: ClassVar[bool | None] = None
@@ -64,7 +67,7 @@ class Law:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        check_class(cls, ("name", "k", "l", "at", "axis", "at_l"))
+        check_class(cls, ("name", "k", "l", "at", "axis", "at_l", "axis_x"))
 
     def __init__(self, name: str, **values: Any) -> None:
         self.name = name
@@ -117,8 +120,12 @@ class Law:
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
-        """Names of the joint coordinates this law reads; attributes of those names hold them in a derivation."""
-        return tuple(self.coordinates)
+        """Names of the joint coordinates that are unknowns of this law; attributes of those names hold them in a derivation."""
+        return ()
+
+    def coordinates_in(self, item: str) -> list[tuple[str, str]]:
+        """The coordinates that are unknowns of this law as a part of an item: joint and name of each."""
+        return [(item, name) for name in self.own_coordinates]
 
     @classmethod
     def symbolic(cls, structure: Structure) -> Any:
@@ -138,6 +145,18 @@ class Law:
         """States in which the law is not defined by its nature: of "half turn", "points together" (see `mb.selftest`)."""
         return ()
 
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
+        """The rows of the law in its equations, by name."""
+        return {}
+
+    def read(self, *frames: Frame) -> dict[str, Expr]:
+        """Values of the coordinates of a joint, by name."""
+        return {}
+
+    def positives(self, *frames: Frame) -> dict[str, Expr]:
+        """Expressions that must be positive, where the rows alone admit a second solution, by name."""
+        return {}
+
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
         """Time derivative of every internal state."""
         return {}
@@ -148,52 +167,28 @@ class Law:
 
 
 class TwoBodyLaw(Law):
-    """A law between two bodies. k, l: bodies or places; at, at_l: where it acts on both, and on l where that is elsewhere, m;
-    axis: direction of the frames' z; all as drawn."""
+    """A law between two bodies, or as many as `frames` names. k, l: bodies or places; at, at_l: where it acts on all, and on l where
+    that is elsewhere, m; axis, axis_x: directions of the frames' z and x (None: any normal to z); all as drawn. Bodies of further
+    frames are given by the names of these."""
 
-    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None,
+    frames: ClassVar[tuple[str, ...]] = ("k", "l")
+
+    def __init__(self, name: str, k: Any, l: Any, at: Any = None, axis: Any = (0, 0, 1), at_l: Any = None, axis_x: Any = None,
                  **values: Any) -> None:  # fmt: skip
+        for side in self.frames[2:]:
+            if side not in values:
+                raise LawError(f"{type(self).__name__} {shown(name)}: {side} is missing; say {side}=body")
+            setattr(self, side, values.pop(side))
         super().__init__(name, **values)
-        self.k, self.l, self.at, self.axis, self.at_l = k, l, at, axis, at_l
+        self.k, self.l, self.at, self.axis, self.at_l, self.axis_x = k, l, at, axis, at_l, axis_x
 
     def point_on(self, side: str) -> Any:
-        """Where it acts on body "k" or "l" as drawn, (3,), m."""
+        """Where it acts on the body of a frame as drawn, (3,), m."""
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
-class Joint(TwoBodyLaw):
-    """A law between two bodies stated by `constraints`; `coordinate` names its free relative motion."""
-
-    coordinate_unit: ClassVar[str] = ""
-    #: (travel along, turn about) k.z of l per unit of the coordinate, a one-parameter group: what makes the joint recursive
-    twist: ClassVar[tuple[int, int] | None] = None
-    welds: ClassVar[bool] = False  #: whether it leaves no relative motion: bodies joined at a node may then share its unknowns
-
-    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        """Rows that vanish, by name."""
-        raise LawError(f"joint law {type(self).__name__} does not state `constraints(self, k, l)`")
-
-    def coordinate(self, k: Frame, l: Frame) -> Expr | None:
-        """The relative motion the joint leaves free (angle in rad or displacement in m), 0 as drawn; None if several."""
-        return None
-
-    def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
-        """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
-
-        reactions: the force of every row (N or N m) by its name, 0 where the row vanishes. None: there is none."""
-        return None
-
-    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        """Expressions that must be positive, where the rows alone admit a second solution (a joint half a turn off)."""
-        return {}
-
-    def angle(self, k: Frame, l: Frame) -> Expr:
-        """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
-        return angle(k, l)
-
-
 class Force(TwoBodyLaw):
-    """A law between two bodies stated by `energy`, `dissipation` or `wrench`."""
+    """A law between bodies stated by `energy`, `dissipation`, `wrench` or `thrust`."""
 
     external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
 
@@ -207,6 +202,10 @@ class Force(TwoBodyLaw):
 
     def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l, inertial frame."""
+        return None
+
+    def thrust(self, k: Frame, l: Frame) -> tuple[Expr, Expr] | None:
+        """A length or angle of the motion, and the force (N or N m) on the bodies that does work as it grows."""
         return None
 
     def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
@@ -232,6 +231,8 @@ class Force(TwoBodyLaw):
 
 class Element(Law):
     """A body: its node's frame carries a kinetic energy."""
+
+    frames: ClassVar[tuple[str, ...]] = ("b",)
 
     def kinetic_energy(self, b: Frame) -> Expr:
         """Kinetic energy in `b.center_velocity` and `b.spin` (body components), J."""

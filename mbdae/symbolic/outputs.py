@@ -154,6 +154,8 @@ def jacobian_G(d: Derived) -> list[tuple[Target, Expr]]:
 
 def reaction(d: Derived) -> list[tuple[Target, Expr]]:
     """Force and torque (about l.r) on body l, inertial components: minus the covector of side l."""
+    if len(d.sides) < 2:  # a law on coordinates alone: its forces appear in the joints of these
+        return [(("reaction", i), se.Integer(0)) for i in range(6)]
     l = d.frames[1]
     side = l if l.kind.moves else d.frames[0]
     sign = -1 if side is l else 1
@@ -174,10 +176,9 @@ def power(d: Derived) -> list[tuple[Target, Expr]]:
 
 
 def coordinate(d: Derived) -> list[tuple[Target, Expr]]:
-    """The coordinate of a joint that has one, and its rate."""
-    if d.coordinate == 0:
-        return []
-    return [(("c",), d.coordinate), (("cd",), d.variation.resolve(d.variation.rate(d.coordinate)))]
+    """The coordinates of a joint, ("c", name), and their rates, ("cd", name)."""
+    rate, resolve = d.variation.rate, d.variation.resolve
+    return [entry for name, e in d.coordinates.items() for entry in ((("c", name), e), (("cd", name), resolve(rate(e))))]
 
 
 def state_rows(d: Derived) -> list[tuple[Target, Expr]]:

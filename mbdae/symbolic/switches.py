@@ -16,7 +16,8 @@ import symengine as se
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.functions import KINDS
-from mbdae.symbolic.law import Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force
 from mbdae.symbolic.outputs import Target, input_symbols, insert
 from mbdae.symbolic.vectors import Expr, Vec
 
@@ -69,18 +70,19 @@ def _statements(d: Derived) -> Iterator[tuple[Any, bool]]:
     law = d.law
     if not isinstance(law, Force | Joint):
         return
-    k, l = d.sides
+    sides = d.sides
     if isinstance(law, Force):
-        if law.gaps(k, l):
+        if law.gaps(*sides):
             return  # a contact: its gaps are watched
-        yield law.energy(k, l), False
-        yield law.dissipation(k, l), True
-        yield from ((part, False) for part in law.wrench(k, l) or ())
+        yield law.energy(*sides), False
+        yield law.dissipation(*sides), True
+        yield from ((part, False) for part in (*(law.wrench(*sides) or ()), *(law.thrust(*sides) or ())))
     else:
-        yield from ((e, False) for row, e in law.constraints(k, l).items() if row in d.rows)
-        yield from ((part, False) for part in law.resistance(k, l, d.reactions) or ())
+        yield from ((e, False) for row, e in law.rows(*sides).items() if row in d.rows)
+        yield from ((part, False) for part in law.resistance(*sides, d.reactions) or ())
+        yield from ((part, False) for part in d.rubbing or ())
     if d.states:
-        yield from ((e, False) for e in law.rates(k, l).values())
+        yield from ((e, False) for e in law.rates(*sides).values())
 
 
 class _Search:

@@ -1,10 +1,10 @@
 """Trees of recursive joints: the motion of every body as a function of joint coordinates, by one program.
 
-A body is carried where its position follows from another body and a joint coordinate c: a joint with the twist (travel, turn)
-moves l relative to k by the screw exp(c (travel, turn)) about k.z; a weld has no coordinate, its twist is (0, 0). The program
-goes from the root outwards (positions, velocities, accelerations), evaluates the laws between the bodies, and projects their
-forces from the leaves to the root: the residual of the joint coordinates and of a free root. Its Jacobian is the derivative of
-the program, which contains the geometric stiffness (paper Eqs. 24-33).
+A body is carried where its position follows from another body and the coordinates of a joint, by the motion that the joint
+states (`symbolic/motion.py`): elementary motions one after the other, none for a weld. The program goes from the root outwards
+(positions, velocities, accelerations), evaluates the laws between the bodies, and projects their forces from the leaves to the
+root: the residual of the joint coordinates and of a free root. Its Jacobian is the derivative of the program, which contains the
+geometric stiffness (paper Eqs. 24-33).
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
-from mbdae.symbolic.law import Joint, Structure
+from mbdae.symbolic.joint import Joint, motion_of
+from mbdae.symbolic.law import Structure
+from mbdae.symbolic.motion import Motion, Step, half_turn
+from mbdae.symbolic.motion import turned as turned_axes
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import product, rate_from_spatial_spin, rotation_columns, rotation_per_component
@@ -33,18 +36,16 @@ class Link:
     """The joint that carries node `j` (its place in the tree, from 1) from node `parent` (0: the root)."""
 
     law: type[Joint]
+    structure: Structure
     parent: int
     side: str  #: of the joint on which the parent is, "k" or "l"
     kind: NodeKind  #: of the node carried
     axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
-    prescribed: bool
     numbers: Numbers
-    twist: tuple[int, int]  #: (0, 0): it has no coordinate
-
-    @property
-    def free(self) -> bool:
-        """Whether its coordinate is an unknown."""
-        return not self.prescribed and self.twist != (0, 0)
+    moves: bool  #: False of a joint that only holds a point where it is
+    coordinates: tuple[str, ...]
+    prescribed: tuple[bool, ...]  #: coordinate by coordinate
+    first: int  #: number of its first coordinate among those of the tree, from 1
 
 
 @dataclass(frozen=True)
@@ -92,10 +93,47 @@ class State:
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
 
 
-class TreeProgram:
-    """The program of a tree. Nodes: 0 the root, j the one carried by link j; -j is the joint coordinate of link j.
+@dataclass
+class _Moved:
+    """An elementary motion, the first and second rate of its amount, and its derivatives by the free coordinates of the tree."""
 
-    inputs: symbol -> its place: ("q" | "u" | "up", node, i), ("clock", j, 0 | 1 | 2) a prescribed coordinate and its
+    step: Step
+    rate: Expr
+    second: Expr
+    slopes: dict[int, Expr]
+
+
+def _moved(step: Step, coordinates: list[tuple[list[Expr], int | None]], program: Program) -> _Moved:
+    """coordinates: symbols of value, rate and second rate of every coordinate of the joint, and its number where it is free."""
+    first = [se.diff(step.amount, c[0]) for c, _ in coordinates]
+    rate = sum((d * c[1] for d, (c, _) in zip(first, coordinates, strict=True)), se.Integer(0))
+    second = sum((d * c[2] for d, (c, _) in zip(first, coordinates, strict=True)), se.Integer(0))
+    for c, _ in coordinates:
+        second += sum((se.diff(d, c[0]) * c[1] * o[1] for d, (o, _) in zip(first, coordinates, strict=True)), se.Integer(0))
+    slopes = {n: program.let(d) for d, (_, n) in zip(first, coordinates, strict=True) if n is not None and d != 0}
+    named = Step(step.turns, step.axis, program.let(step.amount))
+    return _Moved(named, program.let(rate), program.let(second), slopes)
+
+
+@dataclass
+class _Arm:
+    """The way from a parent node to the node carried: offset of the joint on the parent, the motions with their directions and
+    displacements, the whole way to the end of them, and back from there to the node carried."""
+
+    offset: Vec
+    parts: list[tuple[_Moved, Vec, Vec]] = field(default_factory=list)
+    total: Vec = ZERO
+    back: Vec = ZERO
+
+    def add(self, moved: _Moved, direction: Vec, displacement: Vec) -> None:
+        """One motion more."""
+        self.parts.append((moved, direction, displacement))
+
+
+class TreeProgram:
+    """The program of a tree. Nodes: 0 the root, j the one carried by link j; -c is coordinate c of the tree.
+
+    inputs: symbol -> its place: ("q" | "u" | "up", node, i), ("clock", c, 0 | 1 | 2) a prescribed coordinate and its
     rates, ("number", owner, name), ("timed", owner, name) parameters, ("wu" | "wq", j, i) rows of laws outside.
     """
 
@@ -103,7 +141,7 @@ class TreeProgram:
         self.structure, self.program = structure, Program()
         self.inputs: dict[Expr, tuple[Any, ...]] = {}
         self.nodes = [self._root(structure.root)]
-        self._arms: list[tuple[Vec, Vec, Vec, Vec]] = []
+        self._arms: list[_Arm] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
         self.force = self._projected("wu", self._members())
@@ -142,64 +180,82 @@ class TreeProgram:
         return self.program.vec(node.of_body([offset])[0]), tuple(map(self.program.vec, node.of_body(columns)))
 
     def _in_body(self, j: int, link: Link, side: str, axes: Axes) -> tuple[list[Expr], list[list[Expr]]]:
-        numbers = {name: self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name.startswith(side)}
+        numbers = {name: self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name.startswith(f"{side}_")}
         offset = [numbers[f"{side}_p{i}"] for i in (1, 2, 3)]
         return offset, axes_pattern(axes, [[numbers[f"{side}_Q{a}{i}"] for i in (1, 2, 3)] for a in "xyz"])[0]
 
-    def _coordinate(self, j: int, link: Link) -> list[Expr]:
-        """c, dc/dt, d2c/dt2, positive from parent to child."""
-        if link.twist == (0, 0):
-            return [se.Integer(0)] * 3
-        if link.prescribed:
-            c = [self._input("clock", j, i) for i in range(3)]
-        else:
-            c = [self._input(what, -j, 0) for what in ("q", "u", "up")]
-        return c if link.side == "k" else [-x for x in c]  # the inverse of a one-parameter group
+    def _motion(self, j: int, link: Link) -> list[_Moved]:
+        """The elementary motions from the parent to the node carried, with their rates."""
+        values, rates = {}, []
+        for n, name in enumerate(link.coordinates):
+            c = link.first + n
+            clocked = link.prescribed[n]
+            here = [self._input("clock", c, i) if clocked else self._input(what, -c, 0) for i, what in enumerate(("q", "u", "up"))]
+            values[name] = here[0]
+            rates.append((here, None if clocked else c))
+        law: Any = link.law.symbolic(link.structure)
+        motion = motion_of(law, values) if link.moves else Motion()
+        numbers = {se.Symbol(name): self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name in law.params}
+        assert motion is not None
+        motion = motion.substituted(numbers)
+        return [_moved(step, rates, self.program) for step in (motion if link.side == "k" else motion.inverse()).steps]
 
     def _carried(self, j: int, link: Link) -> State:
-        """Relative kinematics: v = v_k + w x arm + slide c', w = w_k + spin c', and their rates."""
+        """Relative kinematics, motion by motion: an axis turns with what comes before it, and what comes after it turns with it."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
-        travel, turn = link.twist
-        (c, cd, cdd), (s, axes) = self._coordinate(j, link), self._frame(j, link, link.side, k, link.axes[0])
-        spin, slide = axes[2] * turn, axes[2] * travel
-        arm = vec(s + slide * c)
-        w, al = vec(k.w + spin * cd), vec(k.al + spin * cdd + k.w.cross(spin) * cd)
-        along = vec(k.w.cross(arm) + slide * cd)
-        v = vec(k.v + along)
-        a = vec(k.a + k.al.cross(arm) + k.w.cross(along) + k.w.cross(slide) * cd + slide * cdd)
+        s, axes = self._frame(j, link, link.side, k, link.axes[0])
+        arms, w, al = _Arm(s), k.w, k.al
+        v, a = ZERO, ZERO  # of the joint's point relative to the parent's node
+        arm = s  # since the last rotation, during which all turns with w
+        speed, change = ZERO, ZERO
+        for m in [*self._motion(j, link), None]:
+            if m is not None and not m.step.turns:
+                e = vec(m.step.direction(axes))  # type: ignore[arg-type]
+                arms.add(m, e, e * m.step.amount)
+                arm, speed, change = arm + e * m.step.amount, speed + e * m.rate, change + e * m.second
+                continue
+            arm = vec(arm)
+            along = vec(w.cross(arm) + speed)
+            v, a = v + along, a + al.cross(arm) + w.cross(along) + w.cross(speed) + change
+            arms.total = arms.total + arm
+            arm, speed, change = ZERO, ZERO, ZERO
+            if m is not None and link.kind.turns:
+                e = vec(m.step.direction(axes))  # type: ignore[arg-type]
+                arms.add(m, e, ZERO)
+                w, al = vec(w + e * m.rate), vec(al + e * m.second + w.cross(e) * m.rate)
+                axes = tuple(map(vec, turned_axes(axes, m.step)))  # type: ignore[arg-type]
+        v, a, arms.total = vec(k.v + v), vec(k.a + a), vec(arms.total)
         child = State(link.kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO)
+        self._arms.append(arms)
         if not link.kind.turns:
-            child.r, child.v, child.a = vec(k.r + arm), v, a
-            self._arms.append((arm, ZERO, spin, slide))
+            child.r, child.v, child.a = vec(k.r + arms.total), v, a
             return child
         child.w, child.al = w, al
-        self._orient(child, k, (j, link, other), axes, turn * c)
+        self._orient(child, k, (j, link, other), axes, arms)
         offset, _ = self._in_body(j, link, other, link.axes[1])
-        t = vec(child.of_body([offset])[0])
+        arms.back = t = vec(child.of_body([offset])[0])
         wt = vec(w.cross(t))
-        child.r, child.v, child.a = vec(k.r + arm - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
-        self._arms.append((arm, t, spin, slide))
+        child.r, child.v, child.a = vec(k.r + arms.total - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
         return child
 
-    def _orient(self, child: State, k: State, place: tuple[int, Link, str], axes: tuple[Vec, ...], angle: Expr) -> None:
-        """Rotation of the node carried: the joint's axes turned by the angle about z, times Q^T."""
+    def _orient(self, child: State, k: State, place: tuple[int, Link, str], axes: tuple[Vec, ...], arms: _Arm) -> None:
+        """Rotation of the node carried: the joint's axes at the end of its motion, times Q^T."""
         (j, link, other), let, vec = place, self.program.let, self.program.vec
         if child.kind is NodeKind.PLANAR:
             drawn = [self._number(f"link{j}", f"{side}_theta0", link.numbers) for side in (other, link.side)]
-            child.heading = let(k.heading + axes[2][2] * angle + drawn[0] - drawn[1])
+            angle = sum((m.step.amount * e[2] for m, e, _ in arms.parts if m.step.turns), se.Integer(0))
+            child.heading = let(k.heading + angle + drawn[0] - drawn[1])
             bx = Vec(let(se.cos(child.heading)), let(se.sin(child.heading)), 0)
             child.R = (bx, UNIT[2].cross(bx), UNIT[2])
             return
-        cos, sin = let(se.cos(angle)), let(se.sin(angle))
-        x, y = vec(axes[0] * cos + axes[1] * sin), vec(axes[1] * cos - axes[0] * sin)
         _, Q = self._in_body(j, link, other, link.axes[1])
-        child.R = tuple(vec(x * Q[0][i] + y * Q[1][i] + axes[2] * Q[2][i]) for i in range(3))  # type: ignore[assignment]
-        half = [se.cos(angle / 2), 0, 0, se.sin(angle / 2)]
-        to_joint = [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)]
+        child.R = tuple(vec(axes[0] * Q[0][i] + axes[1] * Q[1][i] + axes[2] * Q[2][i]) for i in range(3))  # type: ignore[assignment]
+        P = product(k.P, [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)])
+        for m, _, _ in arms.parts:
+            P = product(P, half_turn(m.step)) if m.step.turns else P
         from_joint = [self._number(f"link{j}", f"{other}_P{i}", link.numbers) for i in range(4)]
-        inverse = [from_joint[0], *(-x for x in from_joint[1:])]
-        child.P = list(map(let, product(product(product(k.P, to_joint), half), inverse)))
+        child.P = list(map(let, product(P, [from_joint[0], *(-x for x in from_joint[1:])])))
 
     # -- laws of the tree
 
@@ -280,13 +336,16 @@ class TreeProgram:
             total[j] = _sum(total[j], self._load(role, j))
         rows: dict[tuple[int, int], Expr] = {}
         for j, link in reversed(list(enumerate(self.structure.links, start=1))):
-            arm, t, spin, slide = self._arms[j - 1]
-            F = vec(total[j][0])
-            M = vec(total[j][1] - t.cross(F))
-            if link.free:
-                row = spin @ M + slide @ F
-                rows[-j, 0] = self.program.let(row if link.side == "k" else -row)
-            total[link.parent] = _sum(total[link.parent], (F, M + arm.cross(F)))
+            arms, F = self._arms[j - 1], vec(total[j][0])
+            M, left = vec(total[j][1] - arms.back.cross(F)), arms.total  # about the end of the joint's motion
+            of: dict[int, Expr] = {}
+            for m, e, moved in reversed(arms.parts):
+                for c, slope in m.slopes.items():
+                    at_step = vec(M + (arms.total - left).cross(F)) if left is not arms.total else M
+                    of[c] = of.get(c, se.Integer(0)) + slope * (e @ (at_step if m.step.turns else F))
+                left = left if moved is ZERO else vec(left - moved)
+            rows |= {(-c, 0): self.program.let(row) for c, row in of.items()}
+            total[link.parent] = _sum(total[link.parent], (F, M + arms.total.cross(F)))
         if self.nodes[0].kind.moves:
             rows |= self._root_rows(role, *map(vec, total[0]))
         return {place: e for place, e in rows.items() if e != 0}

@@ -221,7 +221,7 @@ def _continued(mechanics: Mechanics, start: Start) -> Start:
     wanted = tuple(mechanics.numbering.states.values())
     if start.names is not None and start.names != wanted:
         s = Starter(mechanics, start.t).states(start.q, start.u)
-        known = {wanted[n]: start.coordinates[joint] for joint, n in mechanics.followed.items() if joint in start.coordinates}
+        known = {wanted[n]: start.coordinates[key] for key, n in mechanics.followed.items() if key in start.coordinates}
         known |= dict(zip(start.names, start.s, strict=True))
         s = np.array([known.get(name, value) for name, value in zip(wanted, s, strict=True)])
     a, multipliers = mechanics.accelerations(t, start.q[None], start.u[None], s[None])

@@ -14,7 +14,8 @@ from mbdae.reports.report import exported
 from mbdae.reports.statement import structure_of
 from mbdae.reports.states import random_state
 from mbdae.reports.vectors import Base, Product, Vector
-from mbdae.symbolic.law import Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Force
 
 EDITS = 20
 LAWS = sorted((law for law in exported().values() if issubclass(law, Joint | Force)), key=lambda law: law.__name__)

@@ -3,13 +3,14 @@
 from mbdae.laws.forces.applied import AppliedForce, AppliedTorque
 from mbdae.laws.forces.bushing import Bushing
 from mbdae.laws.forces.gravity import Gravity
-from mbdae.laws.forces.joint_drive import JointForce, JointTorque
-from mbdae.laws.forces.joint_spring import JointDamper, JointSpring
+from mbdae.laws.forces.joint_damper import JointDamper
+from mbdae.laws.forces.joint_friction import JointFriction
+from mbdae.laws.forces.joint_load import JointLoad
+from mbdae.laws.forces.joint_spring import JointSpring
 from mbdae.laws.forces.point_spring import PointSpring
 from mbdae.laws.forces.rotational_bushing import RotationalBushing
-from mbdae.laws.forces.slide_friction import SlideFriction
 
 __all__ = [
-    "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointForce", "JointSpring", "JointTorque",
-    "PointSpring", "RotationalBushing", "SlideFriction",
+    "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointFriction", "JointLoad", "JointSpring",
+    "PointSpring", "RotationalBushing",
 ]  # fmt: skip

@@ -15,6 +15,7 @@ class Gravity(Force):
     )  # fmt: skip
 
     external = True
+    loads = True
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         return -self.mass * (components(self.gx, self.gy, self.gz) @ l.center)

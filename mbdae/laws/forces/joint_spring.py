@@ -1,30 +1,15 @@
-"""Spring and damper on the free coordinate of a joint, turn after turn."""
+"""Spring on a coordinate of a joint, turn after turn."""
 
 from __future__ import annotations
 
-from mbdae.symbolic.frames import Frame, NodeKind
-from mbdae.symbolic.law import Force, Parameter, Structure, params
+from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.law import Parameter, params
 from mbdae.symbolic.variation import nearest_turn, rate
 from mbdae.symbolic.vectors import Expr
 
 
-class _OnCoordinate(Force):
-    """A law on the free coordinate of the joint it belongs to: its relative motion, or its own unknown."""
-
-    options = ("joint",)
-
-    @property
-    def own_coordinates(self) -> tuple[str, ...]:
-        return tuple(self.joint.coordinates)
-
-    def _coordinate(self, k: Frame, l: Frame) -> Expr:
-        joint = self.joint.symbolic(Structure())
-        for name in self.own_coordinates:
-            setattr(joint, name, getattr(self, name))
-        return joint.coordinate(k, l)
-
-
-class JointSpring(_OnCoordinate):
+class JointSpring(OnCoordinate):
     """V = stiffness (c - rest)^2 / 2 of the joint's coordinate c (angle or displacement); paper Eq. 18, any attitude.
 
     In space the angle is known modulo a turn only, unless the joint keeps it as an unknown. One differential state
@@ -40,23 +25,13 @@ class JointSpring(_OnCoordinate):
     states = {"followed": Parameter("rad", "angle followed through all turns")}  # noqa: RUF012
 
     def energy(self, k: Frame, l: Frame) -> Expr:
-        c = self._coordinate(k, l)
-        known_modulo_turns = self.joint.coordinate_unit == "rad" and not self.own_coordinates
-        if known_modulo_turns and NodeKind.PLANAR not in (k.kind, l.kind):
+        c = self.value(k, l)
+        if self.known_modulo_turns(k, l):
             c = nearest_turn(c, self.followed)
         return self.stiffness * (c - self.rest) ** 2 / 2
 
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return {"followed": rate(self._coordinate(k, l))}
+        return {"followed": rate(self.value(k, l))}
 
     def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return {"followed": self._coordinate(k, l) + self.turns}
-
-
-class JointDamper(_OnCoordinate):
-    """Rayleigh function damping (dc/dt)^2 / 2 of the joint's coordinate c; paper Eq. 19, any attitude."""
-
-    params = params(damping=("N m s/rad or N s/m", "damping"))
-
-    def dissipation(self, k: Frame, l: Frame) -> Expr:
-        return self.damping * rate(self._coordinate(k, l)) ** 2 / 2
+        return {"followed": self.value(k, l) + self.turns}

@@ -29,6 +29,17 @@ def near_angle(k: Frame, l: Frame, angle: Expr) -> Expr:
     return k.x @ (l.x * se.cos(angle) - l.y * se.sin(angle))
 
 
+def tied_angle(k: Frame, l: Frame, angle: Expr) -> tuple[Expr, Expr]:
+    """The row that holds an angle about k.z, and what is positive on its right branch."""
+    return turned_by(k, l, angle), near_angle(k, l, angle)
+
+
+def on_axis(k: Frame, l: Frame) -> dict[str, Expr]:
+    """The point of l stays on the axis k.z: forces along k.x and k.y, N."""
+    d = l.r - k.r
+    return {"offset_x": k.x @ d, "offset_y": k.y @ d}
+
+
 def same_attitude(k: Frame, l: Frame) -> dict[str, Expr]:
     """l does not turn relative to k."""
     return {**same_axis(k, l), "twist": k.x @ l.y}

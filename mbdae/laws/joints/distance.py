@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Joint, params
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import params
 from mbdae.symbolic.vectors import Expr
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbdae.laws.joints.coincidence import same_attitude, upright
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
 

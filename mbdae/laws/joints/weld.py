@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from mbdae.laws.joints.coincidence import same_attitude, same_point, upright
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.motion import Motion
 from mbdae.symbolic.vectors import Expr
 
 
 class Weld(Joint):
     """l moves with k."""
 
-    welds = True
+    def motion(self, from_k: Motion) -> Motion:
+        return from_k
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_point(k, l) | same_attitude(k, l)

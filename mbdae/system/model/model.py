@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -17,7 +18,8 @@ from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Sta
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.law import Element, Joint, Structure
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
@@ -48,6 +50,11 @@ class Group:
     def derived(self) -> Derived:
         """The derivation all instances share."""
         return derive(*self.key)
+
+    @cached_property
+    def side_numbers(self) -> dict[str, int]:
+        """Numbers of the frames among the nodes of an instance, by their names."""
+        return {f.side: n for n, f in enumerate(self.derived.frames)}
 
 
 @dataclass
@@ -101,8 +108,12 @@ class Model:
 
     @property
     def joint_coordinates(self) -> list[Node]:
-        """Nodes of joints that keep their coordinate as an unknown; named as the joint."""
+        """Coordinates of joints that keep them as unknowns."""
         return [n for n in self.nodes if n.body is None]
+
+    def coordinate_node(self, joint: str, coordinate: str) -> Node | None:
+        """A joint's coordinate that is an unknown of its own; None where it is not."""
+        return next((n for n in self.joint_coordinates if (n.joint, n.coordinate) == (joint, coordinate)), None)
 
     @property
     def recursive(self) -> list[Connection]:
@@ -197,10 +208,12 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     by_body = {n.body: n for n in nodes}
     lines = [Line(b, m.mesh, [by_body[s] for s in m.stations], turning, scene) for b, m in meshes.items()]
     for c in scene.joints:
-        if laws_of(c, kept)[0].own_coordinates:
-            nodes.append(Node(c.name, None, NodeKind.COORDINATE, q, u, c.joint.coordinate_unit))
+        law = laws_of(c, kept)[0]
+        for name in law.own_coordinates:
+            called = c.name if len(law.coordinates) == 1 else f"{c.name}.{name}"
+            nodes.append(Node(called, None, NodeKind.COORDINATE, q, u, law.coordinates[name].unit, c.name, name))
             q, u = q + 1, u + 1
-    by_joint = {n.name: n for n in nodes if n.body is None}
+    by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     undefined: list[str] = []
@@ -208,8 +221,8 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
-        if law.own_coordinates:
-            ends, sides = (*ends, by_joint[item]), (*sides, _COORDINATE)
+        own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
+        ends, sides = (*ends, *own), (*sides, *(_COORDINATE,) * len(own))
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
         timed = {p: v for p, v in values.items() if not isinstance(v, float)}
         numbers |= {p: v for p, v in values.items() if p not in timed}
@@ -220,7 +233,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             undefined += [f"{item}.{row}" for row in derived.undefined]
             if isinstance(law, Joint) and not scene[item].loose:
                 refused += without_rows(item, derived)
-            if "drive" in derived.vanished:
+            if isinstance(law, Joint) and law.drives().keys() & set(derived.vanished):
                 refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
                                f"use s.rigid_body")  # fmt: skip
         except LawError as error:
@@ -230,9 +243,9 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
     if refused:
         raise SceneError(refused)
-    if by_joint:
+    if by_coordinate:
         massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
-        massless.instances += [Instance(JointCoordinate(n), (node,), {}, {}, n) for n, node in by_joint.items()]
+        massless.instances += [Instance(JointCoordinate(n.name), (n,), {}, {}, n.name) for n in by_coordinate.values()]
         groups[massless.key] = massless
     return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached,
                  undefined)  # fmt: skip
@@ -264,8 +277,8 @@ def _laws(scene: SceneData, kept: Mapping[str, str], attached: Mapping[tuple[str
             gravity = Gravity(b.name, scene.ground, b, b.position, mass=float(b.mass), **field_)
             out.append((gravity, (scene.ground, b), b.name))
     for c in scene.connections:
-        ends = (attached.get((c.name, "k"), c.k), attached.get((c.name, "l"), c.l))
-        out += [(law, ends, c.name) for law in laws_of(c, kept)]
+        sides = {side: attached.get((c.name, side), body) for side, body in (("k", c.k), ("l", c.l), *c.others.items())}
+        out += [(law, tuple(sides[side] for side in law.frames), c.name) for law in laws_of(c, kept)]
     return out
 
 
@@ -286,10 +299,10 @@ def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
     if isinstance(law, Element):
         assert nodes[0] is not None
         return ((nodes[0].kind, Axes.GENERAL),), {}
-    J = joint_axes(law, bodies[0])
+    J = joint_axes(law, bodies[0]) if bodies else np.eye(3)
     sides: list[Side] = []
     numbers: dict[str, float] = {}
-    for side, body, node in zip("kl", bodies, nodes, strict=True):
+    for side, body, node in zip(law.frames, bodies, nodes, strict=True):
         kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
         Q = body.rotation.T @ J
         offset = body.rotation.T @ (law.point_on(side) - body.position)
@@ -309,7 +322,10 @@ def joint_axes(law: Any, k: Body) -> Array:
     if law.axes_of == "l":
         return law.l.rotation  # type: ignore[no-any-return]
     z = np.asarray(law.axis, dtype=float)
-    if abs(z[2]) < 1e-14:
+    if law.axis_x is not None:
+        x = np.asarray(law.axis_x, dtype=float) - (law.axis_x @ z) * z
+        x /= np.linalg.norm(x)
+    elif abs(z[2]) < 1e-14:
         x = np.array([0.0, 0.0, 1.0])
     else:
         helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]

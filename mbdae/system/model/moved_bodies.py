@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.tree import OPERATIONS
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
@@ -26,7 +26,7 @@ from mbdae.system.model.trees import Place, Tree
 def acting_on(instance: Instance) -> list[Node]:
     """The moving nodes a law reads and acts on: a spring on a joint's own coordinate touches that alone."""
     own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
-    return [n for n in (instance.nodes[2:] if own else instance.nodes) if n is not None]
+    return [n for n in (instance.nodes[len(instance.law.frames) :] if own else instance.nodes) if n is not None]
 
 
 class MovedBodies:
@@ -80,10 +80,11 @@ class MovedBodies:
         if head in ("q", "u", "up", "wu", "wq"):
             return slot_of(numbering, tree, place)
         if head == "clock":
-            g, i = tree.joints[owner - 1]
-            if "drive" in numbering.model.groups[g].instances[i].numbers:  # held at a constant value
-                return numbering.slot(g, i, "drive") if name == 0 else numbering.width - 1
-            return numbering.slot(g, i, "drive" + ("", "_dot", "_ddot")[name])
+            j, drive = next((j, drive) for j, c, drive in tree.driven if c == owner)
+            g, i = tree.joints[j - 1]
+            if drive in numbering.model.groups[g].instances[i].numbers:  # held at a constant value
+                return numbering.slot(g, i, drive) if name == 0 else numbering.width - 1
+            return numbering.slot(g, i, drive + ("", "_dot", "_ddot")[name])
         g, i = _instance(tree, owner)
         if "_P" in name:
             return numbering.further + self._constants[tree.joints[0], owner, name]

@@ -13,7 +13,7 @@ from mbdae.symbolic.frames import NodeKind
 @dataclass(frozen=True)
 class Node:
     """A moving node: its name and body (None for a joint's own coordinate), kind, and where it starts in q and u;
-    unit of its translations, or of the coordinate."""
+    unit of its translations, or of the coordinate; of a coordinate the joint and its name there."""
 
     name: str
     body: Body | None
@@ -21,6 +21,8 @@ class Node:
     q: int
     u: int
     unit: str = "m"
+    joint: str = ""
+    coordinate: str = ""
 
     def position(self, q: Array) -> Array:
         """Position (3,) of the node in q (nq,), m."""

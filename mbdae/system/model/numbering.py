@@ -27,9 +27,16 @@ COORDINATES = {
     NodeKind.PLANAR: (("x", "y", "theta"), ("vx", "vy", "omega")),
     NodeKind.POINT: (("x", "y", "z"), ("vx", "vy", "vz")),
     NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
-    NodeKind.COORDINATE: (("angle",), ("rate",)),
 }
-_SIDES = {"b": 0, "k": 0, "l": 1, "c": 2}  #: place of a frame's node in an instance
+
+
+def _names(node: Node) -> tuple[list[str], list[str]]:
+    """Names of the entries of q and u of a node."""
+    if node.kind is NodeKind.COORDINATE:
+        alone = node.name == node.joint
+        return [f"{node.joint}.{node.coordinate}"], [f"{node.joint}.{'rate' if alone else f'{node.coordinate}_rate'}"]
+    q, u = ([f"{node.name}.{c}" for c in part] for part in COORDINATES[node.kind])
+    return q, u
 
 
 @dataclass(frozen=True)
@@ -198,7 +205,8 @@ class Numbering:
 
     def node_of(self, target: Target, g: int, i: int) -> Node:
         """The node of a target ("q" | "u" | ..., side, component)."""
-        node = self.model.groups[g].instances[i].nodes[_SIDES[target[1]]]
+        group = self.model.groups[g]
+        node = group.instances[i].nodes[group.side_numbers[target[1]]]
         assert node is not None
         return node
 
@@ -270,11 +278,10 @@ class Numbering:
         """Name of every unknown."""
         names = ["?"] * self.n
         for node in self.free:
-            for head, entries in zip("qu", COORDINATES[node.kind], strict=True):
-                slides = head == "q" and node.kind is NodeKind.COORDINATE and node.unit == "m"
-                for i, c in enumerate(("displacement",) if slides else entries):
+            for head, entries in zip("qu", _names(node), strict=True):
+                for i, name in enumerate(entries):
                     if not self.shares(node, i, head):
-                        names[self.node_place(head, node, i)] = f"{node.name}.{c}"
+                        names[self.node_place(head, node, i)] = name
         names[self.start["z"] : self.start["z"] + len(self.stresses)] = self.stresses
         for key, position in self._state.items():
             names[self.start["s"] + position] = self.states[key]

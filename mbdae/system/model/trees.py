@@ -11,7 +11,8 @@ from mbdae.errors import SceneError
 from mbdae.scene.components import Body, Connection
 from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.law import Element, Force, Joint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force
 from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
@@ -30,7 +31,7 @@ class Tree:
 
     structure: TreeStructure
     nodes: tuple[Node | None, ...]
-    coordinates: tuple[Node | None, ...]  #: of the joints, None of a weld
+    coordinates: tuple[Node, ...]  #: of all joints, in their order
     joints: tuple[Place, ...]
     names: tuple[str, ...]  #: of the joints
     members: tuple[Place, ...]
@@ -39,16 +40,22 @@ class Tree:
     @property
     def moved_nodes(self) -> tuple[Node, ...]:
         """Nodes without unknowns: the bodies but the root, and prescribed coordinates."""
-        driven = [c for c, link in zip(self.coordinates, self.structure.links, strict=True) if link.prescribed]
+        driven = [self.node(-c) for _, c, _ in self.driven]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
+
+    @property
+    def driven(self) -> list[tuple[int, int, str]]:
+        """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes it."""
+        return [(j, link.first + n, link.law.drive_name(name)) for j, link in enumerate(self.structure.links, start=1)
+                for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True)) if driven]  # fmt: skip
 
     @property
     def rigid(self) -> tuple[str, ...]:
         """Names of the welds."""
-        return tuple(name for name, c in zip(self.names, self.coordinates, strict=True) if c is None)
+        return tuple(name for name, link in zip(self.names, self.structure.links, strict=True) if not link.coordinates)
 
     def node(self, j: int) -> Node:
-        """A node by its number in the tree; -j the coordinate of joint j."""
+        """A node by its number in the tree; -c is coordinate c."""
         found = self.nodes[j] if j >= 0 else self.coordinates[-j - 1]
         assert found is not None
         return found
@@ -69,7 +76,7 @@ def refused(joints: list[Joined]) -> list[str]:
     found = []
     for c, k, l in joints:
         for body in (k, l):
-            if body.is_point and (c.turns or body is k):
+            if body.is_point and (body is k or any(c.unit(name) == "rad" for name in c.coordinates)):
                 found.append(f"{c.kind} '{c.name}': model=mb.Recursive() needs an orientation of '{body.name}', a point mass has "
                              f"none; use s.rigid_body, or model=mb.Kinematic()")  # fmt: skip
         a, b = leader(k, leads), leader(l, leads)
@@ -146,34 +153,42 @@ def _edges(root: Body, joints: list[Joined]) -> list[tuple[Body, Connection, Bod
 def _tree(model: Model, root: Body, edges: list[tuple[Body, Connection, Body]], places: dict[str, Place]) -> Tree:
     bodies = [root, *(child for _, _, child in edges)]
     nodes = tuple(model.node(b) for b in bodies)
-    by_name = {n.name: n for n in model.joint_coordinates}
     joints = tuple(places[c.name] for _, c, _ in edges)
     numbers = tuple(_with_quaternions(model.groups[g].instances[i], model.groups[g].key[2]) for g, i in joints)
-    links = tuple(_link(model, bodies.index(parent), c, model.node(child), place, own)
-                  for (parent, c, child), place, own in zip(edges, joints, numbers, strict=True))  # fmt: skip
+    coordinates: list[Node] = []
+    made: list[Link] = []
+    for (parent, c, child), place, own in zip(edges, joints, numbers, strict=True):
+        made.append(_link(model, bodies.index(parent), model.node(child), place, own, len(coordinates) + 1))
+        found = [model.coordinate_node(c.name, name) for name in made[-1].coordinates]
+        coordinates += [node for node in found if node is not None]
+    links = tuple(made)
     kind = nodes[0].kind if nodes[0] is not None else NodeKind.PLANAR_GROUND if model.planar else NodeKind.GROUND
     numbered = {n: j for j, n in enumerate(nodes) if n is not None}
     members = tuple((g, i) for g, i, instance in model.instances() if _is_member(instance, numbered))
     stated = tuple(_member(model, g, i, numbered) for g, i in members)
     names = tuple(c.name for _, c, _ in edges)
-    coordinates = tuple(map(by_name.get, names))
-    return Tree(TreeStructure(kind, links, stated), nodes, coordinates, joints, names, members, numbers)
+    return Tree(TreeStructure(kind, links, stated), nodes, tuple(coordinates), joints, names, members, numbers)
 
 
-def _link(model: Model, parent: int, c: Connection, child: Node | None, place: Place, numbers: dict[str, float]) -> Link:
+def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: dict[str, float], first: int) -> Link:
+    """first: number of its first coordinate in the tree."""
     assert child is not None
     group, instance = model.groups[place[0]], model.groups[place[0]].instances[place[1]]
     sides = group.key[2]
     outward = child is instance.nodes[1]
     axes = (sides[0][1], sides[1][1]) if outward else (sides[1][1], sides[0][1])
-    rounded = _rounded(numbers, model.length)
-    twist = group.key[0].twist or (0, 0)
-    return Link(group.key[0], parent, "k" if outward else "l", child.kind, axes, c.prescribed is not None, rounded, twist)
+    law, structure, _ = group.key
+    coordinates = tuple(instance.law.own_coordinates)
+    prescribed = tuple(name in instance.law.prescribed for name in coordinates)
+    moves = bool(coordinates) or instance.law.welds
+    return Link(law, structure, parent, "k" if outward else "l", child.kind, axes, _rounded(numbers, model.length), moves, coordinates,
+                prescribed, first)  # fmt: skip
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
     """Numbers of a joint, with the quaternions of its axes on both sides where they are spatial."""
-    own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_")}
+    stated = instance.law.params.keys() - instance.law.derived()
+    own = {name: v for name, v in instance.numbers.items() if name[:2] in ("k_", "l_") or name in stated}
     for side, (kind, _) in zip("kl", sides[:2], strict=True):
         if kind in (NodeKind.SPATIAL, NodeKind.GROUND):
             Q = np.array([[own[f"{side}_Q{a}{i}"] for a in "xyz"] for i in (1, 2, 3)])
@@ -200,7 +215,7 @@ def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
     """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
-    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates
+    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates and law.frames[:2] in (("b",), ("k", "l"))
             and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
 
 

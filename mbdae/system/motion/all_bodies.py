@@ -82,11 +82,10 @@ class AllBodies:
                     values[:, _part(nodes[name], head, turning)] = values[:, _part(leader, head, turning)]
 
     def _prescribed(self, W: Array, tree: Tree, out: dict[str, Array]) -> None:
-        for j, link in enumerate(tree.structure.links, start=1):
-            if link.prescribed:
-                for order, head in enumerate(("q", "u", "up")):
-                    slot = self.moved.slot(self.numbering, tree, ("clock", j, order))
-                    out[head][:, _first(tree.node(-j), head)] = W[:, slot]
+        for _, c, _ in tree.driven:
+            for order, head in enumerate(("q", "u", "up")):
+                slot = self.moved.slot(self.numbering, tree, ("clock", c, order))
+                out[head][:, _first(tree.node(-c), head)] = W[:, slot]
 
     def velocity_map(self, W: Array) -> Array:
         """T (nt, nu of all nodes, nu of the unknowns): velocities of all nodes per velocity of an unknown."""
@@ -163,10 +162,13 @@ class TreeMechanics(Mechanics):
                 g, i = tree.joints[j - 1]
                 names = self.model.groups[g].derived.rows
                 rows = [numbers[g, i, r] for r in range(len(names))]
-                node, own = tree.node(j), [n for n, name in zip(rows, names, strict=True) if name != "drive"]
+                drives = {name: c for at, c, name in tree.driven if at == j}
+                node, own = tree.node(j), [n for n, name in zip(rows, names, strict=True) if name not in drives]
                 body = slice(node.u, node.u + node.kind.sizes[1])
                 on_body = G[:, own, body].transpose(0, 2, 1)
                 multipliers[:, own] = np.linalg.solve(on_body, left[:, body, None])[..., 0]
                 left -= np.einsum("tij,ti->tj", G[:, own], multipliers[:, own])
-                if len(own) < len(rows):  # a drive balances the force that is left on its coordinate
-                    multipliers[:, rows[-1]] = left[:, tree.node(-j).u] / G[:, rows[-1], tree.node(-j).u]
+                for row, name in zip(rows, names, strict=True):
+                    if name in drives:  # a drive balances the force that is left on its coordinate
+                        u = tree.node(-drives[name]).u
+                        multipliers[:, row] = left[:, u] / G[:, row, u]

@@ -42,13 +42,13 @@ class States:
         return [g for g, group in enumerate(self.model.groups) if group.derived.reactive]
 
     @cached_property
-    def followed(self) -> dict[str, int]:
-        """Number of the internal state that follows a joint's coordinate through whole turns, by the joint's name."""
+    def followed(self) -> dict[tuple[str, str], int]:
+        """Number of the internal state that follows a joint's coordinate through whole turns, by the names of both."""
         found = {}
         for n, (g, i, j) in enumerate(self.numbering.states):
             group = self.model.groups[g]
             if group.derived.states[j] == group.instances[i].law.follows:
-                found[group.instances[i].item] = n
+                found[group.instances[i].item, group.instances[i].law.name_of_coordinate] = n
         return found
 
     @cached_property

@@ -32,7 +32,7 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
     if not lost and len(size):
         values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
         lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
-    joints = {n.name for n in all_bodies.model.joint_coordinates}
+    joints = {n.joint for n in all_bodies.model.joint_coordinates}
     return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
 
 
@@ -100,9 +100,9 @@ def normal_force_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     if not d.reactive:
         return []
     v = d.variation
-    if not hasattr(d.law, "pressing"):  # a law of one's own: all its reactions count
+    if d.pressing is None:  # a law of one's own: all its reactions count
         return [(("counts", j), se.Integer(1)) for j in range(len(d.rows))]
-    pressing = [v.name(c) for c in d.law.pressing(*d.sides, d.reactions)]
+    pressing = [v.name(c) for c in d.pressing]
     return [(("counts", j), v.resolve(sum(v.diff(c, s) ** 2 for c in pressing) ** 0.5)) for j, s in enumerate(d.multipliers)]
 
 

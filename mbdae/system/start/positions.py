@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,26 +13,29 @@ from mbdae.scene.components import Body, Connection
 from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.law import Joint
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
-from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
+from mbdae.system.model.rotations import quaternion_product, rotation_matrices
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.start.bent_beams import can_bend, closed_by_bending
+from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.least_change import largest_violation, least_change, violations
 from mbdae.system.start.rigid_beams import RigidMotions
 
+Held = tuple[Connection, str, float]  #: a joint, its coordinate, the value held
 CLOSED = 1e-12  #: relative to the scene's length and 1 rad: a closed loop
 
 
 def coordinate_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """The joint coordinate, its rate and its gradient."""
+    """The coordinates of a joint, their rates and their gradients, ("C", side, column, name)."""
     out, v = coordinate(d), d.variation
-    for f in d.frames if out else ():
-        pair = tuple(type(part)(*map(v.resolve, part)) for part in v.gradient(f, d.coordinate))
-        out += [(("C", *t[1:]), e) for t, e in scatter_pair(f, pair)]  # type: ignore[arg-type]
+    for name, value in d.coordinates.items():
+        for f in d.frames:
+            pair = tuple(type(part)(*map(v.resolve, part)) for part in v.gradient(f, value))
+            out += [(("C", *t[1:], name), e) for t, e in scatter_pair(f, pair)]  # type: ignore[arg-type]
     return out
 
 
@@ -39,7 +43,7 @@ def branch_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     """Expressions that must be positive on the right branch of the constraints."""
     if not isinstance(d.law, Joint) or not all(f.kind.oriented for f in d.sides):
         return []
-    return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.branches(*d.sides).items()]
+    return [(("branch", name), d.variation.resolve(d.variation.name(e))) for name, e in d.law.positives(*d.sides).items()]
 
 
 class ConsistentPositions:
@@ -61,8 +65,7 @@ class ConsistentPositions:
         motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
         for parent, joint, child in self.tree.edges:
             P, r = motion[parent]
-            value = self.held_value(joint) or 0.0
-            dP, dr = _motion(joint, value if joint.l is child else -value)
+            dP, dr = JointMotion(joint, self.t[0]).drawn(self.held_values(joint), joint.l is child)
             motion[child] = (quaternion_product(P, dP), rotation_matrices(P) @ dr + r)
         q = np.zeros(self.model.nq)
         for node, body in self.model.bodies:
@@ -74,7 +77,7 @@ class ConsistentPositions:
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
         for node in self.model.joint_coordinates:
-            q[node.q] = self.held_value(self.scene[node.name]) or 0.0
+            q[node.q] = self.held_values(self.scene[node.joint]).get(node.coordinate, 0.0)
         return q
 
     def _unwrapped_heading(self, body: Body) -> float:
@@ -82,22 +85,17 @@ class ConsistentPositions:
         turn, at = 0.0, body.owner
         while at not in self.tree.roots:
             parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
-            if joint.turns:
-                turn += (self.held_value(joint) or 0.0) * (1 if joint.l is at else -1) * np.sign(joint.joint.axis[2])
+            turn += JointMotion(joint, self.t[0]).planar_turn(self.held_values(joint)) * (1 if joint.l is at else -1)
             at = parent
         return body.heading + turn
 
-    def held_value(self, joint: Connection) -> float | None:
-        """Start value of a joint's coordinate, if the user fixed it."""
-        if joint.prescribed is not None:
-            return timed.value_at(joint.prescribed, self.t[0])
-        return None if joint.hold is None else float(joint.hold)
+    def held_values(self, joint: Connection) -> dict[str, float]:
+        """Start values of a joint's coordinates that the user fixed."""
+        return joint.hold | {c: timed.value_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
-    def held_rate(self, joint: Connection) -> float | None:
-        """Start rate of a joint's coordinate, if the user fixed it."""
-        if joint.prescribed is not None:
-            return timed.rate_at(joint.prescribed, self.t[0])
-        return None if joint.hold_rate is None else float(joint.hold_rate)
+    def held_rates(self, joint: Connection) -> dict[str, float]:
+        """Start rates of a joint's coordinates that the user fixed."""
+        return joint.hold_rate | {c: timed.rate_at(value, self.t[0]) for c, value in joint.prescribed.items()}
 
     def close(self, q: Array) -> Array:
         """Close loops by rigid motions of the beams: mass-weighted Gauss-Newton with backtracking on the constraints and the held
@@ -144,44 +142,46 @@ class ConsistentPositions:
 
     def _cannot_close(self, worst: int, g: Array, A: Array) -> str:
         if worst >= self.mechanics.m:
-            joint = self._held_joints(self.held_value)[worst - self.mechanics.m]
-            unit = "rad" if joint.turns else "m"
-            return (f"the held value {self.held_value(joint):.6g} of '{joint.name}' cannot be reached: the loop stays off by "
-                    f"{abs(g[worst]):.3g} {unit}; change it, or the lengths of the loop")  # fmt: skip
+            joint, c, value = self._held(self.held_values)[worst - self.mechanics.m]
+            return (f"the held value {value:.6g} of '{joint.name}' cannot be reached: the loop stays off by "
+                    f"{abs(g[worst]):.3g} {joint.unit(c)}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
         unit = "m" if np.any(A[worst][~self.mechanics.rotational]) else "rad"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip
 
-    def _held_joints(self, value: Any) -> list[Connection]:
-        """Held joints whose value is not a constraint row already; none without `holding`."""
-        return [] if not self.holding else [c for c in self.scene.joints if c.prescribed is None and value(c) is not None]
+    def _held(self, values: Callable[[Connection], dict[str, float]]) -> list[Held]:
+        """Held coordinates whose value is not a constraint row already; none without `holding`."""
+        return [(joint, c, value) for joint in self.scene.joints if self.holding
+                for c, value in values(joint).items() if c not in joint.prescribed]  # fmt: skip
 
-    def _coordinates(self, q: Array, u: Array, joints: list[Connection]) -> tuple[Array, Array, Array]:
+    def _coordinates(self, q: Array, u: Array, held: list[Held]) -> tuple[Array, Array, Array]:
         """Values (j,), rates (j,) and gradients (j, nu) of joint coordinates."""
-        order = {c.name: i for i, c in enumerate(joints)}
-        value, speed, C = np.zeros(len(joints)), np.zeros(len(joints)), np.zeros((len(joints), self.mechanics.nu))
-        for g, p, values in self.mechanics.evaluate(coordinate_outputs, self.t, q[None], u[None]) if joints else []:
+        order = {(joint.name, c): i for i, (joint, c, _) in enumerate(held)}
+        value, speed, C = np.zeros(len(held)), np.zeros(len(held)), np.zeros((len(held), self.mechanics.nu))
+        for g, p, values in self.mechanics.evaluate(coordinate_outputs, self.t, q[None], u[None]) if held else []:
             for i, instance in enumerate(self.model.groups[g].instances):
-                j = order.get(instance.item)
-                if j is None:
-                    continue
-                value[j], speed[j] = values[0, i, 0], values[0, i, 1]
-                for o, target in enumerate(p.targets[2:], start=2):
-                    C[j, self.mechanics.numbering.velocity(target, g, i)] += values[0, i, o]
+                for o, (head, *place) in enumerate(p.targets):
+                    j = order.get((instance.item, place[-1]))
+                    if j is None:
+                        continue
+                    if head == "C":
+                        C[j, self.mechanics.numbering.velocity(("u", *place[:-1]), g, i)] += values[0, i, o]
+                    else:
+                        (value if head == "c" else speed)[j] = values[0, i, o]
         return value, speed, C
 
     def _closure(self, q: Array) -> Array:
-        joints = self._held_joints(self.held_value)
-        value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), joints)
-        off: Array = value - np.array([self.held_value(c) for c in joints], dtype=float)
-        turns = np.array([2 * np.pi if c.turns else 0.0 for c in joints])
+        held = self._held(self.held_values)
+        value, _, _ = self._coordinates(q, np.zeros(self.mechanics.nu), held)
+        off: Array = value - np.array([wanted for _, _, wanted in held], dtype=float)
+        turns = np.array([2 * np.pi if joint.unit(c) == "rad" and not joint.kept else 0.0 for joint, c, _ in held])
         off -= turns * np.round(off / (2 * np.pi))
         return np.concatenate([self.mechanics.position_residual(self.t, q[None])[0], off])
 
     def _closure_jacobian(self, q: Array) -> Array:
-        _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held_joints(self.held_value))
+        _, _, C = self._coordinates(q, np.zeros(self.mechanics.nu), self._held(self.held_values))
         return np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
 
     def _least_change(self, A: Array, right: Array, q: Array, stated: Array | None = None, off: Array | None = None) -> Array:
@@ -240,14 +240,3 @@ class ConsistentPositions:
                                         f"draw the bodies nearer to their start")  # fmt: skip
         if problems:
             raise StartError(problems)
-
-
-def _motion(joint: Connection, value: float) -> tuple[Array, Array]:
-    """Rigid motion (quaternion, displacement) that a joint's coordinate makes of its drawn place."""
-    law: Any = joint.joint
-    if value == 0 or not (joint.turns or joint.slides):
-        return np.eye(4)[0], np.zeros(3)
-    if joint.slides:
-        return np.eye(4)[0], value * law.axis
-    P = turned(np.eye(4)[0], value * law.axis)
-    return P, law.at - rotation_matrices(P) @ law.at

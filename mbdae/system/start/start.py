@@ -21,13 +21,14 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
+from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.positions import ConsistentPositions
 
 
 @dataclass
 class Start:
     """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
-    other joint models also the names of its internal states `s`, and the coordinates (rad or m, turns counted) of its joints."""
+    other joint models also the names of its internal states `s`, and by joint and name the coordinates (rad or m, turns counted)."""
 
     t: float
     q: Array
@@ -37,7 +38,7 @@ class Start:
     multipliers: Array
     changes: list[str] = field(default_factory=list)
     names: tuple[str, ...] | None = None
-    coordinates: dict[str, float] = field(default_factory=dict)
+    coordinates: dict[tuple[str, str], float] = field(default_factory=dict)
 
 
 def state_start_outputs(d: Derived) -> list[tuple[Target, Expr]]:
@@ -78,24 +79,25 @@ class Starter(ConsistentPositions):
             elif node.kind is NodeKind.SPATIAL:
                 u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
         for node in self.model.joint_coordinates:
-            u[node.u] = self.held_rate(self.scene[node.name]) or 0.0
+            u[node.u] = self.held_rates(self.scene[node.joint]).get(node.coordinate, 0.0)
         return u
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
+        """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
-        law: Any = joint.joint
-        point = r + R @ parent.rotation.T @ (law.at - parent.position) if not parent.is_point else r
-        axis = R @ parent.rotation.T @ law.axis
-        rate = (self.held_rate(joint) or 0.0) * (1 if joint.l is child else -1)
-        slide = rate * axis if joint.slides else np.zeros(3)
-        spin = w + (rate * axis if joint.turns else np.zeros(3))
+        motion, outwards = JointMotion(joint, self.t[0]), joint.l is child
+        way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
+        _, Rk = place[joint.k.owner]
+        to_now = Rk @ joint.k.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
+        point = r if parent.is_point else r + R @ parent.rotation.T @ (motion.at - parent.position)
+        point = point + to_now @ way if outwards else point
+        sign = 1.0 if outwards else -1.0
+        turning = w + sign * to_now @ spin
         if np.any(child.angular_velocity):
-            spin = child.angular_velocity
-        carried = v + np.cross(w, point - r) + np.cross(spin, rc - point) + slide
-        if joint.slides:
-            carried = v + np.cross(w, rc - r) + slide
-        return (child.velocity if np.any(child.velocity) else carried), spin
+            turning = child.angular_velocity
+        carried = v + np.cross(w, point - r) + sign * to_now @ slide + np.cross(turning, rc - point)
+        return (child.velocity if np.any(child.velocity) else carried), turning
 
     def _poses(self, q: Array) -> dict[Body, tuple[Array, Array]]:
         poses = {self.scene.ground: (np.zeros(3), np.eye(3))}
@@ -128,10 +130,10 @@ class Starter(ConsistentPositions):
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
         """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
         velocities first, then of all."""
-        joints = self._held_joints(self.held_rate)
-        _, _, C = self._coordinates(q, u, joints)
+        held = self._held(self.held_rates)
+        _, _, C = self._coordinates(q, u, held)
         A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
-        wanted = np.array([self.held_rate(c) for c in joints], dtype=float)
+        wanted = np.array([rate for _, _, rate in held], dtype=float)
         stated = np.vstack([np.zeros((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
 
         def off(u: Array) -> Array:
@@ -152,7 +154,7 @@ class Starter(ConsistentPositions):
                                     "with velocities of least elastic power")  # fmt: skip
                 return slow, np.zeros(self.rigid.size)
         worst, m = int(np.argmax(np.abs(left))), self.mechanics.m
-        name = self.mechanics.rows[worst].name if worst < m else f"rate of {joints[worst - m].name}"
+        name = self.mechanics.rows[worst].name if worst < m else f"rate of {held[worst - m][0].name}"
         raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                           f"release one of the prescribed or held rates"])  # fmt: skip
 

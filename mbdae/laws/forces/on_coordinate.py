@@ -1,0 +1,40 @@
+"""What forces on a coordinate of a joint have in common."""
+
+from __future__ import annotations
+
+from mbdae.symbolic.frames import Frame, NodeKind
+from mbdae.symbolic.law import Force, Structure
+from mbdae.symbolic.vectors import Expr
+
+
+class OnCoordinate(Force):
+    """A law on one coordinate of the joint it belongs to: as the frames show it, or, where it is kept, as an unknown of its own.
+
+    options: joint (its class), coordinate (the name), kept."""
+
+    options = ("joint", "coordinate", "kept")
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return (self.name_of_coordinate,) if self.kept else ()
+
+    @property
+    def name_of_coordinate(self) -> str:
+        """The coordinate it acts on: that stated, or the first of the joint."""
+        return self.coordinate or next(iter(self.joint.coordinates))
+
+    @property
+    def unit(self) -> str:
+        """rad or m."""
+        return str(self.joint.coordinates[self.name_of_coordinate].unit)
+
+    def value(self, k: Frame, l: Frame) -> Expr:
+        """The coordinate."""
+        if self.kept:
+            return getattr(self, self.name_of_coordinate)
+        plain = Structure(options=tuple((option, None) for option in self.joint.options))
+        return self.joint.symbolic(plain).read(k, l)[self.name_of_coordinate]
+
+    def known_modulo_turns(self, k: Frame, l: Frame) -> bool:
+        """Whether the frames show an angle in (-pi, pi] only."""
+        return self.unit == "rad" and not self.kept and NodeKind.PLANAR not in (k.kind, l.kind)

@@ -1,0 +1,140 @@
+"""Options of a joint that belong to its coordinates: one value where it has one coordinate, else values by coordinate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
+from mbdae.laws.friction import Friction
+from mbdae.scene import reading
+from mbdae.scene.components import Clearance, JointModel, Recursive
+from mbdae.scene.models import friction_law
+from mbdae.scene.reading import FEEDS, Argument, Reader
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.values import shown
+
+#: option -> reader for angles and for displacements
+READERS: dict[str, tuple[Reader, Reader]] = {
+    "prescribed": (reading.driven("rad"), reading.driven("m")),
+    "start": (reading.quantity("rad"), reading.quantity("m")),
+    "start_rate": (reading.quantity("rad/s"), reading.quantity("m/s")),
+    "spring": (reading.quantity("N m/rad"), reading.quantity("N/m")),
+    "damper": (reading.quantity("N m s/rad", "not negative", FEEDS), reading.quantity("N s/m", "not negative", FEEDS)),
+    "load": (reading.driven("N m"), reading.driven("N")),
+    "friction": (friction_law, friction_law),
+    "radius": (reading.quantity("m", "positive"),) * 2,
+    "normal_force": (reading.quantity("N", "not negative"),) * 2,
+}
+Made = tuple[type[TwoBodyLaw], dict[str, Any]]  #: a law and its values
+
+
+@dataclass
+class OnCoordinates:
+    """What acts on the coordinates of a joint, by option and coordinate; `own`: values of the joint's own law."""
+
+    law: type[Joint]
+    values: dict[str, dict[str, Any]]
+    own: dict[str, Any] = field(default_factory=dict)
+
+    def of(self, option: str) -> dict[str, Any]:
+        """The values of an option by coordinate."""
+        return self.values.get(option, {})
+
+    @property
+    def unreadable(self) -> bool:
+        """Whether something acts on a coordinate that can only be read where it is an unknown of its own."""
+        acted = any(self.of(option) for option in ("spring", "damper", "load", "friction"))
+        tied = self.law.ties is not Joint.ties
+        return (acted and self.law.coordinate is Joint.coordinate) or bool(self.of("prescribed") and not tied)
+
+    def forces(self) -> list[Made]:
+        """The force laws on the coordinates."""
+        return [(made[0], {"coordinate": c, **made[1]}) for c in self.law.coordinates for made in self._on(c)]
+
+    def _on(self, c: str) -> list[Made]:
+        found: list[Made] = []
+        if c in self.of("spring"):
+            start = self.of("start").get(c, 0.0) if self.law.coordinates[c].unit == "rad" else 0.0
+            turns = 2 * math.pi * round(start / (2 * math.pi))
+            found.append((JointSpring, {"stiffness": self.of("spring")[c], "rest": 0.0, "turns": turns}))
+        if c in self.of("damper"):
+            found.append((JointDamper, {"damping": self.of("damper")[c]}))
+        if c in self.of("load"):
+            found.append((JointLoad, {"load": self.of("load")[c]}))
+        if c in self.of("normal_force") and c in self.of("friction"):
+            given = {"friction": self.of("friction")[c], "normal_force": self.of("normal_force")[c]}
+            found.append((JointFriction, given | ({"radius": self.of("radius")[c]} if c in self.of("radius") else {})))
+        return found
+
+
+def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, str], given: Mapping[str, Any],
+                   model: JointModel | None) -> OnCoordinates:  # fmt: skip
+    """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the statement,
+    where that is another one."""
+    values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
+              for option, readers in READERS.items()}  # fmt: skip
+    found = OnCoordinates(law, values)
+    for option in ("start", "start_rate"):
+        for c in sorted(found.of(option).keys() & found.of("prescribed").keys()):
+            scene.problems.append(f"{item}: its prescribed value fixes the start already; omit {words.get(option, option)} = "
+                                  f"{found.of(option)[c]:g}")  # fmt: skip
+    wrong = _friction_mistakes(found, words, model)
+    scene.problems += [f"{item}: {text}" for text in wrong]
+    if wrong:
+        found.values |= {"friction": {}, "radius": {}, "normal_force": {}}
+    own = [c for c in found.of("friction") if c not in found.of("normal_force")]
+    if own:
+        found.own = {"friction": found.of("friction")[own[0]], "rubs": own[0] if len(law.coordinates) > 1 else None}
+        found.own |= {"friction_radius": found.of("radius")[own[0]]} if own[0] in found.of("radius") else {}
+    return found
+
+
+def by_coordinate(arg: Argument, law: type[Joint], value: Any, readers: tuple[Reader, Reader]) -> dict[str, Any]:
+    """Values by coordinate of an option given as one value or as a mapping; empty where it is not given."""
+    names = list(law.coordinates)
+    if value is None:
+        return {}
+    if not names:
+        arg.wrong(shown(value), f"a {law.__name__} has no coordinates; omit it")
+        return {}
+    if not isinstance(value, Mapping):
+        if len(names) > 1:
+            arg.wrong(shown(value), f"say for which of its coordinates, as in {{'{names[0]}': ...}}; it has {', '.join(names)}")
+            return {}
+        return {names[0]: readers[law.coordinates[names[0]].unit == "m"](arg, value)}
+    found = {}
+    for name, one in value.items():
+        if name not in names:
+            arg.wrong(shown(value), f"there is no coordinate {shown(name)}; it has {', '.join(names)}")
+        elif one is not None:
+            found[name] = readers[law.coordinates[name].unit == "m"](arg.part(f"{arg.option}['{name}']"), one)
+    return found
+
+
+def _friction_mistakes(found: OnCoordinates, words: Mapping[str, str], model: JointModel | None) -> list[str]:
+    """What is wrong with the friction of a joint, one sentence each."""
+    friction, radius, normal = (found.of(option) for option in ("friction", "radius", "normal_force"))
+    wrong = []
+    for option, unit, values in (("radius", "m", radius), ("normal_force", "N", normal)):
+        for c in values.keys() - friction.keys():
+            wrong.append(f"{option} = {values[c]:g} {unit} does nothing without friction=; give mb.Coulomb(mu, v_c), or omit it")
+    for c, law in friction.items():
+        assert isinstance(law, Friction)
+        if found.law.coordinates[c].unit == "rad" and c not in radius:
+            wrong.append("radius = None: friction in a bearing needs the radius of its pin, a positive number in m")
+    if friction and isinstance(model, Clearance):
+        given = " and ".join(f"{o}=" for o in ("friction", "radius", "normal_force") if found.of(o))
+        wrong.append(f"friction of a joint with clearance belongs to its model: omit {given}, say "
+                     f"model=mb.Clearance(outer, inner, normal, friction=...)")  # fmt: skip
+    own = [c for c in friction if c not in normal]
+    if own and isinstance(model, Recursive):
+        wrong.append("its friction follows from its reaction, and a recursive joint has none among its unknowns; use "
+                     "model=mb.Kinematic() or a given normal_force")  # fmt: skip
+    if len(own) > 1:
+        wrong.append(f"friction on {' and '.join(own)}: friction that follows from the joint's reaction can act against one "
+                     f"coordinate; give a normal_force for the others")  # fmt: skip
+    return wrong

@@ -1,0 +1,255 @@
+"""Joints: a law states the coordinates of a joint and its motion, or rows that vanish, or both.
+
+The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive joint,
+the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows* (`constraints`)
+state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates from the frames
+then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies as an unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Frame, angle
+from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.symbolic.motion import Motion
+from mbdae.symbolic.part import Parameter
+from mbdae.symbolic.variation import let, rate
+from mbdae.symbolic.vectors import Expr, Vec
+
+OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
+UNITS = ("rad", "m")  #: of coordinates
+SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
+
+
+class Joint(TwoBodyLaw):
+    """A law between two bodies stated by `coordinates` and `motion`, by `constraints`, or by both.
+
+    Every joint has the parameters `drive` (with several coordinates `drive_<name>`), the prescribed value of a coordinate, and
+    `friction_radius`, and the options kept (its coordinates are unknowns of their own), friction (a friction law) and rubs (the
+    name of the coordinate against which it acts, by default the first)."""
+
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion it leaves free: rad or m, 0 as drawn
+    loose: ClassVar[type[Joint] | None] = None  #: the joint that remains where pin and race have play
+    optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
+    _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters that follow from the coordinates
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        if isinstance(cls.params, Mapping) and isinstance(cls.coordinates, Mapping):
+            stated = {name: entry for name, entry in cls.params.items() if name not in cls._derived}
+            drives = {cls.drive_name(c): Parameter(getattr(entry, "unit", ""), f"prescribed {c}") for c, entry in cls.coordinates.items()}
+            radius = {"friction_radius": Parameter("m", "radius at which friction acts: lever of its force")} if drives else {}
+            cls.params = {**drives, **stated, **radius}
+            cls._derived = frozenset({*drives, *radius} - stated.keys())
+        if isinstance(cls.options, tuple | list):
+            cls.options = (*(o for o in cls.options if o not in OPTIONS), *OPTIONS)
+        super().__init_subclass__(**kwargs)
+        for name, entry in cls.coordinates.items():
+            if entry.unit not in UNITS:
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad' or 'm'")
+        if hasattr(cls, "coordinate_unit"):
+            raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in place of "
+                           f"coordinate_unit")  # fmt: skip
+
+    def __init__(self, name: str, *args: Any, **values: Any) -> None:
+        super().__init__(name, *args, **values)
+        self.kept = bool(self.kept) or self.must_keep()
+
+    # -- what a joint states
+
+    def motion(self, from_k: Motion) -> Motion:
+        """The axes of l, reached from those of k by the joint's coordinates."""
+        return from_k
+
+    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Rows that vanish, by name, without the coordinates."""
+        raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
+
+    def coordinate(self, k: Frame, l: Frame) -> Any:
+        """The coordinates as the frames show them, by name (an expression where there is one); None: they cannot be read."""
+        return None
+
+    def ties(self, k: Frame, l: Frame) -> dict[str, Any]:
+        """By coordinate a row that vanishes where the coordinate has its value (`self.<name>`) and grows with that value; a pair
+        with an expression that is positive there, where the row vanishes elsewhere too (half a turn off)."""
+        return {}
+
+    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        """Expressions that must be positive, where the rows alone admit a second solution (a joint half a turn off)."""
+        return {}
+
+    def pressing(self, k: Frame, l: Frame, force: Vec) -> Vec:
+        """The part of the joint's reaction force on l (N) that presses the surfaces together: that normal to k.z."""
+        along: Vec = k.z * (k.z @ force)
+        return force - along
+
+    def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
+        """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
+
+        reactions: the force of every row (N or N m) by its name, 0 where the row vanishes. None: there is none."""
+        return None
+
+    def relative_angle(self, k: Frame, l: Frame) -> Expr:
+        """Rotation of l relative to k about the joint axis (see `symbolic.frames.angle`)."""
+        return angle(k, l)
+
+    # -- what follows from it
+
+    @classmethod
+    def drive_name(cls, coordinate: str) -> str:
+        """Name of the parameter, and of the row, that prescribes a coordinate."""
+        return "drive" if len(cls.coordinates) == 1 else f"drive_{coordinate}"
+
+    @classmethod
+    def drives(cls) -> dict[str, str]:
+        """Coordinates by the names of the rows that prescribe them."""
+        return {cls.drive_name(c): c for c in cls.coordinates}
+
+    @classmethod
+    def derived(cls) -> frozenset[str]:
+        """Parameters and options that every joint has: a statement gives them by words of its own."""
+        return cls._derived | set(OPTIONS)
+
+    @classmethod
+    def states_motion(cls) -> bool:
+        """Whether it states its motion."""
+        return cls.motion is not Joint.motion
+
+    @classmethod
+    def states_rows(cls) -> bool:
+        """Whether it states rows without coordinates, or with them but no motion."""
+        return cls.constraints is not Joint.constraints
+
+    @classmethod
+    def must_keep(cls) -> bool:
+        """Whether its coordinates are unknowns in every model: nothing states the joint without them."""
+        without = cls.states_rows() and (cls.states_motion() or cls.coordinate is not Joint.coordinate)
+        return bool(cls.coordinates) and not without
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return tuple(self.coordinates) if self.kept else ()
+
+    @property
+    def prescribed(self) -> dict[str, str]:
+        """Prescribed coordinates with the names of their parameters."""
+        return {c: name for name, c in self.drives().items() if getattr(self, name) is not None}
+
+    def rows(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        if not self.kept:
+            rows, ties = dict(self.constraints(k, l)), self._ties(k, l) if self.prescribed else {}
+            for c, name in self.prescribed.items():
+                if c not in ties:
+                    raise LawError(f"{type(self).__name__} states no row that prescribes its {c} without it as an unknown; use "
+                                   f"model=mb.Classical()")  # fmt: skip
+                rows[name] = ties[c][0]
+            return rows
+        rows = self._rows_with_coordinates(k, l)
+        return rows | {name: getattr(self, name) - getattr(self, c) for c, name in self.prescribed.items() if name not in rows}
+
+    def _rows_with_coordinates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        ties = self._complete_ties(k, l)
+        if ties:
+            return dict(self.constraints(k, l)) | {c: row for c, (row, _) in ties.items()}
+        if not self.states_motion():
+            return dict(self.constraints(k, l))
+        moved, axes = self._pose(k)
+        d = l.r - k.r - moved
+        return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
+
+    def positives(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        stated = dict(self.branches(k, l)) if self.states_rows() else {}
+        ties = self._complete_ties(k, l) if self.kept else self._ties(k, l) if self.prescribed else {}
+        if self.kept and not ties and self.states_motion():
+            axes = self._pose(k)[1]
+            return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
+        held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
+        return stated | {f"{c}, not half a turn off": positive for c, positive in held.items()}
+
+    def _pose(self, k: Frame) -> Any:
+        return self.motion(Motion()).pose((k.x, k.y, k.z))
+
+    def _complete_ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+        """Ties of all coordinates; none where one has none."""
+        ties = self._ties(k, l) if self.states_rows() and self.states_motion() else {}
+        return ties if ties.keys() == self.coordinates.keys() else {}
+
+    def _ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+        """Rows and positive expressions of the ties, with prescribed values where coordinates are no unknowns."""
+        law = self
+        if not self.kept:
+            law = copy(self)
+            values = {c: getattr(self, name) for name, c in self.drives().items()}
+            vars(law).update({c: se.Symbol(f"free_{c}") if value is None else value for c, value in values.items()})
+        return {c: tie if isinstance(tie, tuple) else (tie, None) for c, tie in law.ties(k, l).items()}
+
+    def read(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        if self.kept:
+            return {c: getattr(self, c) for c in self.coordinates}
+        found = self.coordinate(k, l)
+        if found is None or isinstance(found, Mapping):
+            return dict(found or {})
+        return dict.fromkeys(self.coordinates, found)
+
+    @property
+    def welds(self) -> bool:
+        """Whether it leaves no relative motion: bodies joined at a node may then share its unknowns."""
+        motion = symbolic_motion(self)
+        return motion is not None and not motion.steps
+
+    @property
+    def holds_point(self) -> bool:
+        """Whether the point of l stays at that of k: a joint of a mass point that leaves it no motion."""
+        motion = symbolic_motion(self)
+        return motion is not None and not motion.slides
+
+    # -- friction by the joint's own reaction
+
+    @property
+    def rubbed(self) -> str:
+        """The coordinate against which its friction acts."""
+        return self.rubs or next(iter(self.coordinates))
+
+    def lever(self) -> Expr:
+        """Length by which the rate of the rubbed coordinate becomes a sliding velocity: a radius, 1 for a displacement."""
+        return self.friction_radius if self.coordinates[self.rubbed].unit == "rad" else se.Integer(1)
+
+    def sliding(self, k: Frame, l: Frame) -> Expr:
+        """Velocity of l relative to k where they rub, m/s."""
+        return let(self.lever() * rate(self.read(k, l)[self.rubbed]))
+
+    def rubbing(self, k: Frame, l: Frame, force: Vec) -> tuple[Expr, Expr] | None:
+        """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
+        if self.friction is None:
+            return None
+        if not (k.kind.oriented and l.kind.oriented):
+            raise LawError("friction in a joint needs axes on both sides; a point mass has none")
+        pressing = self.pressing(k, l, force)
+        normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
+        return self.read(k, l)[self.rubbed], let(-self.friction.coefficient(self.sliding(k, l)) * normal) * self.lever()
+
+    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return {} if self.friction is None else dict(self.friction.rate(self.sliding(k, l)))
+
+    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        return {} if self.friction is None else dict(self.friction.initial(self.sliding(k, l)))
+
+
+def motion_of(law: Joint, values: Mapping[str, Expr]) -> Motion | None:
+    """The motion of a joint at values of its coordinates; None where it states none."""
+    if not law.states_motion():
+        return None
+    at = copy(law)
+    vars(at).update(values)
+    return at.motion(Motion())
+
+
+def symbolic_motion(law: Joint) -> Motion | None:
+    """The motion of a joint with a symbol of its name for every coordinate."""
+    return motion_of(law, {c: se.Symbol(c) for c in law.coordinates})

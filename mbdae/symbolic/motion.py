@@ -1,0 +1,118 @@
+"""The motion that a joint allows, as elementary motions one after the other: along an axis, about an axis.
+
+A joint states it by a chain that begins at the axes of k and ends at those of l, as in
+
+    def motion(self, from_k):
+        return from_k.along("z", self.displacement).about("z", self.angle)
+
+Every axis is fixed in the axes reached so far; an amount may be any function of the joint's coordinates and parameters. The pose
+of l relative to k, its velocity, the forces on the coordinates and the inverse motion follow from the chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
+from mbdae.values import BadValueError, array, shown
+
+AXES = dict(zip("xyz", UNIT, strict=True))
+Triad = tuple[Vec, Vec, Vec]  #: three axes, inertial components
+
+
+@dataclass(frozen=True)
+class Step:
+    """An elementary motion: by `amount` (m or rad) along or about `axis`, a unit vector in the axes reached so far."""
+
+    turns: bool
+    axis: Vec
+    amount: Expr
+
+    def direction(self, axes: Triad) -> Vec:
+        """The axis in inertial components."""
+        x, y, z = self.axis
+        found: Vec = axes[0] * x + axes[1] * y + axes[2] * z
+        return found
+
+
+class Motion:
+    """A chain of elementary motions."""
+
+    def __init__(self, steps: Sequence[Step] = ()) -> None:
+        self.steps = tuple(steps)
+
+    def along(self, axis: Any, amount: Expr) -> Motion:
+        """Further along an axis ("x", "y", "z", or three numbers) by an amount, m."""
+        return Motion((*self.steps, Step(False, _axis(axis), _amount(amount))))
+
+    def about(self, axis: Any, amount: Expr) -> Motion:
+        """Further about an axis ("x", "y", "z", or three numbers) by an angle, rad."""
+        return Motion((*self.steps, Step(True, _axis(axis), _amount(amount))))
+
+    def inverse(self) -> Motion:
+        """The motion that takes l back to k."""
+        return Motion([Step(s.turns, s.axis, -s.amount) for s in reversed(self.steps)])
+
+    def substituted(self, table: Any) -> Motion:
+        """The same with symbols of its amounts replaced."""
+        return Motion([Step(s.turns, s.axis, s.amount.subs(table)) for s in self.steps])
+
+    @property
+    def turns(self) -> bool:
+        """Whether it contains a rotation."""
+        return any(step.turns for step in self.steps)
+
+    @property
+    def slides(self) -> bool:
+        """Whether it contains a displacement."""
+        return any(not step.turns for step in self.steps)
+
+    def pose(self, axes: Triad) -> tuple[Vec, Triad]:
+        """Displacement from the start and axes at the end, for the axes at the start, inertial components."""
+        moved = ZERO
+        for step in self.steps:
+            if step.turns:
+                axes = turned(axes, step)
+            else:
+                moved = moved + step.direction(axes) * step.amount
+        return moved, axes
+
+
+def turned(axes: Triad, step: Step) -> Triad:
+    """Axes turned about an axis fixed in them: Rodrigues' formula."""
+    cos, sin, n = se.cos(step.amount), se.sin(step.amount), step.axis
+    found = []
+    for e in UNIT:
+        image = e * cos + n.cross(e) * sin + n * ((n @ e) * (1 - cos))
+        found.append(axes[0] * image[0] + axes[1] * image[1] + axes[2] * image[2])
+    return found[0], found[1], found[2]
+
+
+def half_turn(step: Step) -> list[Expr]:
+    """Quaternion of an elementary rotation."""
+    return [se.cos(step.amount / 2), *(step.axis * se.sin(step.amount / 2))]
+
+
+def _axis(axis: Any) -> Vec:
+    if isinstance(axis, str) and axis in AXES:
+        return AXES[axis]
+    try:
+        given = array(axis, (3,))
+    except BadValueError:
+        given = None
+    if given is None or not (given @ given) > 0:
+        raise LawError(f"motion: axis = {shown(axis)}: give 'x', 'y', 'z' or three numbers of a direction in the joint's axes")
+    unit = given / (given @ given) ** 0.5
+    return Vec(*(int(c) if c in (0.0, 1.0, -1.0) else float(c) for c in unit))
+
+
+def _amount(amount: Any) -> Expr:
+    try:
+        return se.sympify(amount)
+    except Exception as error:
+        raise LawError(f"motion: amount = {shown(amount)} is no expression of the joint's coordinates and parameters") from error

@@ -1,0 +1,72 @@
+"""The motion of a joint in numbers: where its coordinates put a body, and how fast."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.inputs import timed
+from mbdae.scene.components import Connection
+from mbdae.symbolic.joint import Joint, symbolic_motion
+from mbdae.symbolic.motion import Step
+from mbdae.system.base import Array
+from mbdae.system.model.model import joint_axes
+from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
+
+NO_TURN = np.eye(4)[0]
+
+
+class JointMotion:
+    """The elementary motions of a joint as drawn, at a time t of its timed parameters; none where it states no motion."""
+
+    def __init__(self, item: Connection, t: float = 0.0) -> None:
+        law: Any = (item.as_kinematic or item.laws)[0] if item.loose else item.joint
+        motion = symbolic_motion(law) if isinstance(law, Joint) else None
+        self._steps = motion.steps if motion is not None else ()
+        self._t, self.at = t, np.asarray(law.at, dtype=float)
+        self._axes = joint_axes(law, item.k)
+
+    def _direction(self, step: Step) -> Array:
+        """Its axis as drawn (3,)."""
+        return np.asarray(self._axes @ np.array([float(c) for c in step.axis]))
+
+    def _amount(self, e: Any, values: dict[str, float]) -> float:
+        numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
+        found = e.subs(numbers)
+        return timed.value_at(found, self._t) if found.free_symbols else float(found)
+
+    def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
+        """Rigid motion (quaternion, displacement) of l's drawn place by values of the coordinates, 0 where none is given; of k's
+        place relative to l where it is not outwards."""
+        P, r = NO_TURN, np.zeros(3)
+        for step in self._steps:
+            amount, axis = self._amount(step.amount, values), self._direction(step)
+            if amount and step.turns:
+                dP = turned(NO_TURN, amount * axis)
+                P, r = quaternion_product(P, dP), r + rotation_matrices(P) @ (self.at - rotation_matrices(dP) @ self.at)
+            elif amount:
+                r = r + rotation_matrices(P) @ (amount * axis)
+        if outwards:
+            return P, r
+        back = P * np.array([1.0, -1.0, -1.0, -1.0])
+        return back, -rotation_matrices(back) @ r
+
+    def planar_turn(self, values: dict[str, float]) -> float:
+        """Rotation of l about z, whole turns included, rad."""
+        return sum(self._amount(s.amount, values) * float(self._direction(s)[2]) for s in self._steps if s.turns)
+
+    def rates(self, values: dict[str, float], rates: dict[str, float]) -> tuple[Array, Array, Array]:
+        """Where l's joint point is from k's, its velocity and the angular velocity of l relative to k, (3,) each, in axes as drawn
+        and fixed to k."""
+        P, way, v, w = NO_TURN, np.zeros(3), np.zeros(3), np.zeros(3)
+        for step in self._steps:
+            axis = rotation_matrices(P) @ self._direction(step)
+            amount = self._amount(step.amount, values)
+            rate = sum(self._amount(se.diff(step.amount, se.Symbol(c)), values) * r for c, r in rates.items())
+            if step.turns:
+                w, P = w + rate * axis, quaternion_product(P, turned(NO_TURN, amount * self._direction(step)))
+            else:
+                way, v = way + amount * axis, v + rate * axis + np.cross(w, amount * axis)
+        return way, v, w
