@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
     from mbdae.scene.section import Section
     from mbdae.sweep import sweep
+    from mbdae.symbolic.coupling import Coupling
     from mbdae.symbolic.joint import Joint
     from mbdae.symbolic.law import Force, params
     from mbdae.system.base import Switches
@@ -48,7 +49,7 @@ __version__ = "0.1.0"
 #: name -> module it comes from, imported on first use so that `import mbdae` stays light
 _HOME = {
     "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
-    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction",
+    "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction", "Coupling": "mbdae.symbolic.coupling",
     "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints", "FixedOrientation": "mbdae.laws.joints",
     "Force": "mbdae.symbolic.law", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
@@ -66,7 +67,7 @@ _HOME = {
 
 __all__ = [
     "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance",
-    "Coulomb", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
+    "Coulomb", "Coupling", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
     "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError",
     "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical",
     "StartError", "SteadyError", "Switches", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params",

@@ -12,24 +12,27 @@ from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.scene import reading
 from mbdae.scene.beams import check_attachments
 from mbdae.scene.components import Array, Body, Clearance, Connection, Kinematic, Place
-from mbdae.scene.items import SceneItems
+from mbdae.scene.couplings import CouplingStatements
 from mbdae.scene.models import joint_model, law_of
 from mbdae.scene.own_laws import own_copy
 from mbdae.scene.reading import Argument, reads
 from mbdae.scene.record import statement
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.values import shown
 
 
-class ConnectionStatements(SceneItems):
+class ConnectionStatements(CouplingStatements):
     """`add`, and the entry of every joint and force into the scene."""
 
     @reads(law=own_copy, model=joint_model)
     @statement
-    def add(self, law: Joint | Force, model: Any = None) -> Connection:
-        """Add a joint or force law, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a copy: what
-        happens to the law afterwards does not change it."""
+    def add(self, law: Joint | Force | Coupling, model: Any = None) -> Connection:
+        """Add a joint, force or coupling, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a copy:
+        what happens to the law afterwards does not change it."""
+        if isinstance(law, Coupling):
+            return self._add_coupling(law)
         if law.at is None:
             law.at = point_of(law.l)
         law.axis = reading.unit(law.axis)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbdae.scene import reading
 from mbdae.scene.reading import Argument
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force
 from mbdae.values import shown
@@ -16,14 +17,15 @@ from mbdae.values import shown
 NEEDED = ("name", "k", "l", "at", "axis", "at_l", "axis_x")
 
 
-def own_copy(arg: Argument, law: Any) -> Joint | Force:
+def own_copy(arg: Argument, law: Any) -> Joint | Force | Coupling:
     """A copy of a law with checked bodies, places and parameters; a force law without effect where `law` is no law."""
-    if not isinstance(law, Joint | Force):
-        arg.wrong(f"{shown(law)} is no joint or force law", "give an object of a class derived from mb.Joint or mb.Force, with "
-                   "its name, bodies and parameters")  # fmt: skip
+    if not isinstance(law, Joint | Force | Coupling):
+        arg.wrong(f"{shown(law)} is no joint, force or coupling", "give an object of a class derived from mb.Joint, mb.Force or "
+                   "mb.Coupling, with its name, bodies and parameters")  # fmt: skip
         return _nothing(arg)
     kind = type(law).__name__
-    missing = [key for key in (*NEEDED, *law.params, *law.options) if key not in vars(law)]
+    needed = ("name", "of") if isinstance(law, Coupling) else NEEDED
+    missing = [key for key in (*needed, *law.params, *law.options) if key not in vars(law)]
     if missing:
         arg.wrong(f"a {kind} without {missing[0]}", f"let {kind}.__init__ call super().__init__(name, k, l, at=at, axis=axis, "
                    f"**parameters)")  # fmt: skip
@@ -31,6 +33,19 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force:
     found: Any = copy.copy(law)
     found.name = reading.name(Argument(arg.scene, kind, "name"), law.name)
     head = Argument(arg.scene, f"{kind} '{found.name}'", "")
+    if not isinstance(law, Coupling):
+        _read_places(head, law, found)
+    for key, parameter in law.params.items():
+        value = getattr(law, key)
+        read = reading.quantity(parameter.unit) if law.timeless else reading.driven(parameter.unit)
+        setattr(found, key, None if value is None else read(head.part(key), value))
+    for key in law.options:
+        _refuse_unhashable(head.part(key), getattr(law, key))
+    return found  # type: ignore[no-any-return]
+
+
+def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
+    """Bodies, points and directions of a law into its copy."""
     found.k, found.l = (reading.body(head.part(side), getattr(law, side)) for side in "kl")
     found.at = None if law.at is None else reading.point(head.part("at"), law.at)
     found.axis = reading.direction(head.part("axis"), law.axis)
@@ -40,13 +55,6 @@ def own_copy(arg: Argument, law: Any) -> Joint | Force:
         setattr(found, side, reading.body(head.part(side), getattr(law, side)))
     if law.at_l is not None:
         found.at_l = reading.point(head.part("at_l"), law.at_l)
-    for key, parameter in law.params.items():
-        value = getattr(law, key)
-        read = reading.quantity(parameter.unit) if law.timeless else reading.driven(parameter.unit)
-        setattr(found, key, None if value is None else read(head.part(key), value))
-    for key in law.options:
-        _refuse_unhashable(head.part(key), getattr(law, key))
-    return found  # type: ignore[no-any-return]
 
 
 def _refuse_unhashable(arg: Argument, value: Any) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbdae.inputs import text, timed
 from mbdae.scene.components import Body, Place
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.law import Law
 from mbdae.symbolic.part import Part
 from mbdae.values import number, shown
@@ -84,6 +85,9 @@ def _encode_expression(value: Any) -> Any:
 
 def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
     values = {key: encode(getattr(law, key), own) for key in (*type(law).params, *type(law).options)}
+    if isinstance(law, Coupling):
+        of = {c: at if isinstance(at, str) else ".".join(at) for c, at in law.of.items()}
+        return {"coupling": stored_name(type(law), own), "name": law.name, "of": of, "values": values}
     places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
     places |= {"others": {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}} if len(law.frames) > 2 else {}
     return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}

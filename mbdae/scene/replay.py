@@ -22,6 +22,7 @@ from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
 from mbdae.scene.record import STATEMENTS, Own, Statement, encode, stored_name, without_module
 from mbdae.scene.section import Section
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Force, Law, TwoBodyLaw
 from mbdae.symbolic.part import Part
@@ -30,8 +31,9 @@ from mbdae.values import array, shown
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
-    "beam": (str, Body), "law": (Joint, Force), "joint": (type,), "model": (JointModel,), "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
+    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,), "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
     "curve": (str, FunctionType),
+    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str, tuple, list)), "of": (dict, list),
 }  # fmt: skip
 
 
@@ -41,7 +43,7 @@ _KINDS: dict[str, tuple[type, ...]] = {
 @cache
 def _built_in() -> Own:
     """Laws, parts of laws, joint models and cross-sections that mbdae defines, by name."""
-    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "forces", "contact", "friction")]
+    homes = [import_module(f"mbdae.laws.{home}") for home in ("joints", "couplings", "forces", "contact", "friction")]
     exported = [vars(home)[name] for home in homes for name in home.__all__]
     return {stored_name(cls): cls for cls in (*exported, Section, Kinematic, Classical, Recursive, Clearance, Stop)}
 
@@ -169,6 +171,13 @@ def _law(value: Any, scene: Any, known: Known) -> Law:
     return law
 
 
+def _coupling(value: Any, scene: Any, known: Known) -> Coupling:
+    cls, of = known.find(value["coupling"], Coupling), value["of"]
+    if not (isinstance(of, dict) and all(isinstance(at, str) for at in of.values()) and isinstance(value["name"], str)):
+        raise SceneError([f"of = {shown(of)} is not what a coupling takes there"])
+    return _made(cls, {"name": value["name"], "of": of, **_options(value["values"], scene, known)})  # type: ignore[no-any-return]
+
+
 def _of_part(cls: type[Law], key: str) -> bool:
     """Whether a value is named "<option>_<parameter>": it belongs to a part of the law and is set with that."""
     return any(key.startswith(f"{option}_") for option in cls.options)
@@ -213,6 +222,7 @@ _READERS: dict[frozenset[str], Callable[[Any, Any, Known], Any]] = {
     frozenset({"place", "point"}): _place, frozenset({"expression"}): _expression,
     frozenset({"class"}): lambda value, scene, known: known.find(value["class"], Law, Part, FunctionType),
     frozenset({"object", "fields"}): _object,
+    frozenset({"coupling", "name", "of", "values"}): _coupling,
     frozenset({"by"}): lambda value, scene, known: {str(k): _decode(v, scene, known) for k, v in value["by"].items()},
     **{frozenset({"law", "name", "k", "l", "at", "axis", "at_l", "values", *more}): _law
        for more in ((), ("axis_x",), ("axis_x", "others"))},

@@ -149,6 +149,11 @@ class Law:
         """The rows of the law in its equations, by name."""
         return {}
 
+    @classmethod
+    def drives(cls) -> dict[str, str]:
+        """Coordinates by the names of the rows that prescribe them."""
+        return {}
+
     def read(self, *frames: Frame) -> dict[str, Expr]:
         """Values of the coordinates of a joint, by name."""
         return {}

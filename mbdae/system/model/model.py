@@ -233,7 +233,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             undefined += [f"{item}.{row}" for row in derived.undefined]
             if isinstance(law, Joint) and not scene[item].loose:
                 refused += without_rows(item, derived)
-            if isinstance(law, Joint) and law.drives().keys() & set(derived.vanished):
+            if law.drives().keys() & set(derived.vanished):
                 refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "
                                f"use s.rigid_body")  # fmt: skip
         except LawError as error:

@@ -41,18 +41,19 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: group and instance numbers, row number in the law, name "joint.row"."""
+    """A constraint row: group and instance numbers, row number in the law, name "joint.row", whether it prescribes a coordinate."""
 
     group: int
     instance: int
     row: int
     name: str
+    prescribes: bool = False
 
 
 def constraint_rows(model: Model) -> list[Row]:
     """All constraint rows of a model, in the order of the scene's items."""
     rows = [
-        Row(g, i, r, f"{instance.item}.{name}")
+        Row(g, i, r, f"{instance.item}.{name}", name in group.derived.law.drives())
         for g, group in enumerate(model.groups) if group.derived.rows
         for i, instance in enumerate(group.instances)
         for r, name in enumerate(group.derived.rows)

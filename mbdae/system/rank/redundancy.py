@@ -45,7 +45,7 @@ def analyse(mechanics: Mechanics, starter: Starter, q: Array, always: Container[
     always: rows that recursive joints and shared displacements satisfy; they are kept."""
     if not mechanics.m:
         return RankReport([], degrees_of_freedom=mechanics.nu)
-    closing = {c.name for c in starter.tree.closing}
+    closing = {row.name.rsplit(".", 1)[0] for row in mechanics.rows} - {joint.name for _, joint, _ in starter.tree.edges}
     order = sorted(range(mechanics.m), key=lambda i: (mechanics.rows[i] not in always,
                                                       mechanics.rows[i].name.rsplit(".", 1)[0] in closing))  # fmt: skip
     rows, first = [mechanics.rows[i] for i in order], range(sum(row in always for row in mechanics.rows))
@@ -109,7 +109,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
     B = G * units / lengths
     left, _, right = np.linalg.svd(B)
     W, N = left[:, rank:], right[rank:].T
-    released = [i for i, row in enumerate(mechanics.rows) if not row.name.endswith(".drive")]
+    released = [i for i, row in enumerate(mechanics.rows) if not row.prescribes]
     tangent, rng = null_space(B[released]), np.random.default_rng(11)
     most, beside, seen = 0, B, np.zeros(mechanics.nu)  # the coordinates of nodes that have a row
     for own in (slice(node.u, node.u + node.kind.sizes[1]) for node in mechanics.model.nodes):
@@ -130,7 +130,7 @@ def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tupl
 
 def _other_positions(mechanics: Mechanics, starter: Starter, q: Array, without: Container[str] = ()) -> list[Array]:
     """Positions reached by moving along the freedoms (drives and the rows named released) and closing the loops again."""
-    rows = [row for row in mechanics.rows if not row.name.endswith(".drive") and row.name not in without]
+    rows = [row for row in mechanics.rows if not row.prescribes and row.name not in without]
     released = Mechanics(mechanics.model, rows)
     closer = Starter(released, float(starter.t[0]), holding=False)
     freedoms, rng = free_motions(released, closer.t, q, closer), np.random.default_rng(11)

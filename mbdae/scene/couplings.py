@@ -1,0 +1,152 @@
+"""Statements of couplings between coordinates of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from mbdae.errors import LawError
+from mbdae.laws.couplings import Differential, Gear, Rack, WeightedSum
+from mbdae.scene import reading
+from mbdae.scene.components import Connection
+from mbdae.scene.items import SceneItems
+from mbdae.scene.reading import Argument, reads
+from mbdae.scene.record import statement
+from mbdae.symbolic.coupling import Coupling, Reference
+from mbdae.values import BadValueError, number, shown
+
+NOBODY = ""  #: in place of a coordinate that is not known, whose mistake has been reported
+
+
+def reference(unit: str = "") -> reading.Reader:
+    """The name of a joint, or "joint.coordinate": one of its coordinates, of that unit where one is said; as "joint.coordinate"."""
+
+    def read(arg: Argument, value: Any) -> str:
+        joint, name = found_joint(arg, value)
+        if joint is None:
+            return NOBODY
+        known = [c for c in joint.coordinates if not unit or joint.unit(c) == unit]
+        if name in known or (not name and len(known) == 1):
+            return f"{joint.name}.{name or known[0]}"
+        what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
+        if not known:
+            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has; its coordinates are "
+                      f"{', '.join(joint.coordinates) or 'none'}")  # fmt: skip
+        else:
+            arg.wrong(shown(value), f"say which {what}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
+        return NOBODY
+
+    return read
+
+
+def found_joint(arg: Argument, value: Any) -> tuple[Connection | None, str]:
+    """The joint of a reference, and the coordinate it names."""
+    scene = arg.scene
+    if isinstance(value, Connection) and any(value is c for c in scene.joints):
+        return value, ""
+    text = value if isinstance(value, str) else ""
+    for c in scene.joints:
+        if text == c.name or text in [f"{c.name}.{name}" for name in c.coordinates]:
+            return c, text[len(c.name) + 1 :]
+    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"it has {', '.join(_known(scene)) or 'none'}")
+    return None, ""
+
+
+def _known(scene: Any) -> list[str]:
+    return [repr(f"{c.name}.{name}") for c in scene.joints for name in c.coordinates][:12]
+
+
+def _terms(arg: Argument, value: Any) -> dict[str, float]:
+    """Factors by coordinate."""
+    if not isinstance(value, Mapping) or not value:
+        arg.wrong(shown(value), "give factors by coordinate, such as {'A.angle': 2, 'B.angle': 1}")
+        return {}
+    found: dict[str, float] = {}
+    for key, factor in value.items():
+        at = reference()(arg.part(arg.option), key)
+        try:
+            found[at] = found.get(at, 0.0) + number(factor)
+        except BadValueError as refused:
+            arg.part(f"{arg.option}[{shown(key)}]").wrong(refused, "give a number")
+    if found and not any(found.values()):
+        arg.wrong(shown(value), "every factor is 0, so that it couples nothing; give factors")
+    return found
+
+
+class CouplingStatements(SceneItems):
+    """`couple`, `gear`, `rack`, `differential`: equations between coordinates, 0 as drawn, whole turns counted."""
+
+    @reads(name=reading.name, of=_terms, value=reading.driven("rad or m"))
+    @statement
+    def couple(self, name: str, of: Any, value: Any = 0.0) -> Connection:
+        """The sum of multiples of coordinates, {"A.angle": 18, "C.angle": -18, "P.angle": 24}, has a value: a number or an expression
+        of mb.t."""
+        return self._couple("couple", name, lambda *at: WeightedSum(name, at, list(of.values()), value), list(of))
+
+    @reads(name=reading.name, driving=reference("rad"), driven=reference("rad"), ratio=reading.quantity("1"))
+    @statement
+    def gear(self, name: str, driving: Any, driven: Any, ratio: float) -> Connection:
+        """angle(driven) = ratio * angle(driving) of two joints, relative to their bodies k (a carrier that may move): negative for
+        wheels that mesh outside, positive for a ring gear or a belt."""
+        if ratio == 0 and driving != NOBODY:
+            Argument(self, f"gear '{name}'", "ratio").wrong("0: the driven wheel would not turn", "give the ratio of both angles")
+        return self._couple("gear", name, lambda a, b: Gear(name, {"driving": a, "driven": b}, ratio=ratio), [driving, driven])
+
+    @reads(name=reading.name, pinion=reference("rad"), rack=reference("m"), radius=reading.quantity("m"))
+    @statement
+    def rack(self, name: str, pinion: Any, rack: Any, radius: float) -> Connection:
+        """displacement(rack) = radius * angle(pinion) of two joints; radius in m, negative where the rack moves backwards."""
+        return self._couple("rack", name, lambda a, d: Rack(name, {"angle": a, "displacement": d}, radius=radius), [pinion, rack])
+
+    @reads(name=reading.name, first=reference("rad"), second=reference("rad"), carrier=reference("rad"))
+    @statement
+    def differential(self, name: str, first: Any, second: Any, carrier: Any) -> Connection:
+        """angle(first) + angle(second) = 2 angle(carrier) of three joints."""
+        return self._couple("differential", name, lambda a, b, c: Differential(name, {"first": a, "second": b, "carrier": c}),
+                            [first, second, carrier])  # fmt: skip
+
+    def _couple(self, kind: str, name: str, make: Callable[..., Coupling], of: list[str]) -> Connection:
+        if NOBODY in of or not of:
+            return Connection(name, kind, self.ground, self.ground, [])
+        if len(set(of)) < len(of):
+            self.problems.append(f"{kind} '{name}': it names a coordinate twice; name different ones")
+        return self._coupled(kind, make(*map(self._at, of)))
+
+    def _at(self, text: str) -> Reference:
+        """Joint and coordinate of a reference that has been read."""
+        return next((c.name, name) for c in self.joints for name in c.coordinates if text == f"{c.name}.{name}")
+
+    def _coupled(self, kind: str, law: Coupling) -> Connection:
+        """Enter a coupling: its joints keep their coordinates as unknowns, so that whole turns count."""
+        joints = [self[joint] for joint, _ in law.coordinates_in("")]
+        first = joints[0]
+        law.k, law.l, law.at, law.axis = first.k, first.l, first.joint.at, first.joint.axis
+        for joint in joints:
+            if joint.loose:
+                self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where its angle is not counted over "
+                                     f"turns; give it another model")  # fmt: skip
+            for part in (*joint.laws, *joint.as_kinematic):
+                if hasattr(part, "kept"):
+                    part.kept = True
+        item = Connection(law.name, kind, first.k, first.l, [law])
+        self._claim(law.name)
+        self.connections.append(item)
+        return item
+
+    def _add_coupling(self, law: Coupling) -> Connection:
+        """A coupling of the user's own."""
+        kind, before = type(law).__name__.lower(), len(self.problems)
+        arg = Argument(self, f"{kind} '{law.name}'", "of")
+        of = {c: reference(_unit(law, c))(arg.part(f"of['{c}']"), value) for c, value in law.of.items()}
+        if len(self.problems) > before:
+            return Connection(law.name, kind, self.ground, self.ground, [])
+        law.of = {c: self._at(text) for c, text in of.items()}
+        return self._coupled(kind, law)
+
+
+def _unit(law: Coupling, coordinate: str) -> str:
+    """rad or m where the law states one of them."""
+    if coordinate not in law.coordinates:
+        raise LawError(f"{type(law).__name__} has no coordinate {coordinate!r}")
+    unit = law.coordinates[coordinate].unit
+    return unit if unit in ("rad", "m") else ""

@@ -1,0 +1,48 @@
+"""Couplings: laws between the coordinates of joints, such as gears, racks, belts and differentials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from mbdae.errors import LawError
+from mbdae.symbolic.law import TwoBodyLaw
+from mbdae.symbolic.part import Parameter
+from mbdae.symbolic.vectors import Expr
+from mbdae.values import shown
+
+Reference = tuple[str, str]  #: names of a joint and of its coordinate
+
+
+class Coupling(TwoBodyLaw):
+    """A law on coordinates of joints stated by `constraints`: rows of the coordinates (`self.<name>`) that vanish.
+
+    The forces of its rows act on both bodies of every joint, by virtual work. of: for every coordinate of the law the joint and the
+    coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
+
+    frames: ClassVar[tuple[str, ...]] = ()
+    coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: that it couples, with the unit (rad, m or either)
+
+    def __init__(self, name: str, of: Mapping[str, Any], **values: Any) -> None:
+        self.of = dict(of)
+        super().__init__(name, None, None, **values)
+        missing = [c for c in self.own_coordinates if c not in self.of]
+        unknown = [c for c in self.of if c not in self.own_coordinates]
+        if missing or unknown:
+            raise LawError(f"{type(self).__name__} {shown(name)}: of = {shown(of)}: say which joint's coordinate each of "
+                           f"{', '.join(self.own_coordinates)} is, as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}")
+
+    def constraints(self) -> dict[str, Expr]:
+        """Rows that vanish, by name."""
+        raise LawError(f"coupling {type(self).__name__} does not state `constraints(self)`")
+
+    def rows(self) -> dict[str, Expr]:  # type: ignore[override]
+        return self.constraints()
+
+    @property
+    def own_coordinates(self) -> tuple[str, ...]:
+        return tuple(self.coordinates)
+
+    def coordinates_in(self, item: str) -> list[Reference]:
+        return [self.of[name] for name in self.own_coordinates]
