@@ -58,8 +58,8 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
 
 
 def rates_of(item: Connection) -> dict[str, str]:
-    """Coordinates of a joint by the names of the sensors of their rates."""
-    names = item.coordinates
+    """Angles and displacements of a joint by the names of the sensors of their rates."""
+    names = item.scalars
     return {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
 
 
@@ -68,7 +68,7 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
     name, quantity = split(sensor)
     item = placed(scene, name)[0]
     if isinstance(item, Connection):
-        known = {c: item.unit(c) for c in item.coordinates} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
+        known = {c: item.unit(c) for c in item.scalars} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
         if quantity in known:
             return "speed" if (quantity, known[quantity]) == ("rate", "m/s") else quantity.replace("_", " "), known[quantity]
     return quantity.replace("_", " "), QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
@@ -163,7 +163,7 @@ class ConnectionSensor(ListsAttributes):
         """A coordinate of the joint by its name, (nt,) rad or m, 0 as drawn, whole turns of angles counted; its rate by
         "<name>_rate", or "rate" where there is one coordinate."""
         item = self.__dict__.get("_item")
-        names = item.coordinates if item is not None else ()
+        names = item.scalars if item is not None else ()
         rates = rates_of(item) if names else {}
         if name in names or name in rates:
             found = self._result.coordinate(item, rates.get(name, name))
@@ -171,13 +171,13 @@ class ConnectionSensor(ListsAttributes):
                 raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} cannot be read from the bodies it connects: "
                                   f"use model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
             return found[name in rates]
-        if item is not None and name in ("angle", "displacement", "rate", "angle_rate", "displacement_rate"):
-            has = f"its coordinates: {', '.join(names)}" if names else "it has no coordinates: read its bodies instead"
+        if item is not None and name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
+            has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
             raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._item.coordinates, *rates_of(self._item)]
+        return [*super().__dir__(), *self._item.scalars, *rates_of(self._item)]
 
     @cached_property
     def _wrench(self) -> Array:
