@@ -13,6 +13,7 @@ import symengine as se
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.extremes.pulses import varying
 from mbdae.inputs import timed
+from mbdae.scene.record import stated_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 
@@ -41,23 +42,16 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
 
 def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, inspect.BoundArguments]:
     """Number of the statement of an item, and its arguments by name."""
-    names = [name_of(s) for s in statements]
+    names = [stated_name(s) for s in statements]
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
     return names.index(item), inspect.signature(getattr(type(scene), method)).bind(None, *args, **kwargs)
 
 
-def name_of(statement: Any) -> Any:
-    """Name of the item that a statement makes."""
-    _, args, kwargs = statement
-    first = args[0] if args else kwargs.get("name")
-    return first["name"] if isinstance(first, dict) and "law" in first else first
-
-
 def items_of(scene: SceneData) -> str:
     """Names of all items of a scene, in words."""
-    return ", ".join(repr(n) for n in (name_of(s) for s in scene.statements) if isinstance(n, str))
+    return ", ".join(repr(n) for n in (stated_name(s) for s in scene.statements) if isinstance(n, str))
 
 
 def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:

@@ -162,16 +162,18 @@ class ConnectionSensor(ListsAttributes):
     def __getattr__(self, name: str) -> Array:
         """A coordinate of the joint by its name, (nt,) rad or m, 0 as drawn, whole turns of angles counted; its rate by
         "<name>_rate", or "rate" where there is one coordinate."""
-        item = self.__dict__.get("_item")
-        names = item.scalars if item is not None else ()
-        rates = rates_of(item) if names else {}
+        item: Connection | None = self.__dict__.get("_item")
+        if item is None:
+            return super().__getattr__(name)  # type: ignore[misc,no-any-return]
+        names, rates = item.scalars, rates_of(item)
         if name in names or name in rates:
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
-                raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} cannot be read from the bodies it connects: "
-                                  f"use model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
+                what = rates.get(name, name)
+                raise OptionError(f"{item.kind} '{item.name}': its {what} cannot be read from the bodies it connects: use "
+                                  f"model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
             return found[name in rates]
-        if item is not None and name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
+        if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
             raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]

@@ -25,8 +25,8 @@ SLIGHT = 1e-9  #: rates (m or rad over the unit of a coordinate) and sines of an
 
 @dataclass(frozen=True)
 class Freedom:
-    """The motion of l relative to k that a joint leaves free where it is drawn: by coordinate the velocity (3,) of l's point, m/s,
-    and the angular velocity (3,), rad/s, that a rate of 1 causes; ball: whether it turns about all axes."""
+    """The motion of l relative to k that a joint leaves free where it is drawn: by coordinate the velocity (3,) of l's point
+    (m/s) and the angular velocity (3,) (rad/s) that a rate of 1 causes; ball: whether l turns about all axes."""
 
     rates: dict[str, tuple[Array, Array]]
     ball: bool
@@ -132,7 +132,7 @@ class JointShapes(Collected):
     def _cross(self, item: Connection, turns: list[Array]) -> None:
         """Two crossed pins, the first in a fork of k, the second in a fork of l."""
         at, at_l = ends(item)
-        normal = symbols.unit(np.cross(*turns))
+        normal = symbols.unit(np.cross(turns[0], turns[1]))
         away = at - item.k.position if item.l.is_ground else item.l.position - at_l
         back = (1.0 if normal @ away < 0 else -1.0) * 1.6 * self.mark * normal
         self._add(item.name, "line", symbols.yoke(at, 1.6 * self.mark * turns[0], back), item.k)
