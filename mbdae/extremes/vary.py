@@ -81,7 +81,7 @@ def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]
         s, factor = changed(base, name, value, t_end)
         item, *keys = name.split(".")
         index, call = call_of(base, copy.deepcopy(base.statements), item)
-        pulse = varying(call.arguments, keys, t_end, name)
+        pulse = varying(call, keys, t_end, name)
         if pulse is None:
             return _stops(pulses(s.statements, t_end * factor))
         others = [statement for i, statement in enumerate(s.statements) if i != index]
