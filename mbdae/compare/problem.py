@@ -135,7 +135,8 @@ class Problem:
     @cached_property
     def yardstick(self) -> Equations:
         """Equations in whose unknowns runs are compared: positions and velocities of the bodies, which all joint models have."""
-        own = [c.name for c in self.scene.joints if c.kept and not isinstance(c.model, Kinematic)] if self.scene is not None else []
+        joints = self.scene.joints if self.scene is not None else []
+        own = [c.name for c in joints if c.kept and not isinstance(c.model, Kinematic)]
         if self.scene is None or not own:
             return self.stated
         return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))

@@ -56,7 +56,8 @@ def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]
     signature = inspect.signature(getattr(type(scene), method))
     bound = signature.bind_partial(None)
     further = {key: value for key, value in call.items() if key not in signature.parameters}
-    bound.arguments |= {key: value for key, value in call.items() if key not in further} | ({"further": further} if further else {})
+    bound.arguments |= {key: value for key, value in call.items() if key not in further}
+    bound.arguments |= {"further": further} if further else {}
     return [method, list(bound.args[1:]), dict(bound.kwargs)]
 
 
@@ -211,7 +212,8 @@ def stated_number(scene: SceneData, item: str, kind: str) -> float | None:
     section = call.get("section")
     own = call.get("law", {}).get("values", {})
     springs = _by_coordinate(call, "spring")
-    for holder, key in ((call, "stiffness"), (own, "stiffness"), *springs[: len(springs) == 1], (section, "EA"), (normal, "stiffness")):
+    spring = springs if len(springs) == 1 else []
+    for holder, key in ((call, "stiffness"), (own, "stiffness"), *spring, (section, "EA"), (normal, "stiffness")):
         fields = holder.get("fields", holder) if isinstance(holder, dict) else {}
         if fields.get(key) is not None:
             return float(np.max(np.abs(np.asarray(fields[key], dtype=float))))
