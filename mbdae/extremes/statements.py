@@ -13,7 +13,7 @@ import symengine as se
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.extremes.pulses import varying
 from mbdae.inputs import timed
-from mbdae.scene.record import stated_name
+from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
 
@@ -42,7 +42,7 @@ def changed(scene: SceneData, name: str, value: float, t_end: float = 1.0) -> tu
 
 def call_of(scene: SceneData, statements: Statements, item: str) -> tuple[int, dict[str, Any]]:
     """Number of the statement of an item, and its arguments by name."""
-    names = [stated_name(s) for s in statements]
+    names = [item_name(s) for s in statements]
     if item not in names:
         raise OptionError(f"vary: there is no item '{item}' in scene '{scene.name}'; it has {items_of(scene)}")
     method, args, kwargs = statements[names.index(item)]
@@ -63,7 +63,7 @@ def _statement(scene: SceneData, method: str, call: dict[str, Any]) -> list[Any]
 
 def items_of(scene: SceneData) -> str:
     """Names of all items of a scene, in words."""
-    return ", ".join(repr(n) for n in (stated_name(s) for s in scene.statements) if isinstance(n, str))
+    return ", ".join(repr(n) for n in (item_name(s) for s in scene.statements) if isinstance(n, str))
 
 
 def _set(call: dict[str, Any], method: str, keys: list[str], value: float, name: str) -> float:

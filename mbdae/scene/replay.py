@@ -20,7 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, stated_name, stored_name, without_module
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -31,9 +31,10 @@ from mbdae.values import array, shown
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
-    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,), "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
+    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
+    "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
     "curve": (str, FunctionType),
-    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str, tuple, list)), "of": (dict, list),
+    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
 
 
@@ -81,7 +82,9 @@ class Known:
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
             raise SceneError([f"{what}: {remedy}"])
         one = found[0]
-        if not (issubclass(one, kinds) if isinstance(one, type) else isinstance(one, kinds)):
+        classes = tuple(kind for kind in kinds if kind is not FunctionType)
+        is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
+        if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
             wanted = " or ".join("a function" if kind is FunctionType else f"a {kind.__name__}" for kind in kinds)
             raise SceneError([f"{shown(name)} stands where {wanted} is expected"])
         return one
@@ -282,7 +285,7 @@ def _is_number(value: Any) -> bool:
 
 def _described(entry: Any) -> str:
     """A statement in a message: its method and the name of its item."""
-    return f"{shown(entry[0])} of {shown(stated_name(entry))}"
+    return f"{shown(entry[0])} of {shown(item_name(entry))}"
 
 
 def refuse_losses(scene: Any, copy: Any) -> None:
