@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mbdae.laws.friction import Coulomb, Friction, LuGre
     from mbdae.laws.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
     from mbdae.reports.report import report
-    from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
+    from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.section import Section
     from mbdae.sweep import sweep
     from mbdae.symbolic.coupling import Coupling
@@ -59,7 +59,7 @@ _HOME = {
     "OneStep": "mbdae.integrators.one_step",
     "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
     "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.laws.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
+    "Spherical": "mbdae.laws.joints", "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
     "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.api",
     "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
@@ -70,7 +70,7 @@ __all__ = [
     "Coulomb", "Coupling", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
     "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError",
     "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical",
-    "StartError", "SteadyError", "Switches", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params",
+    "StartError", "SteadyError", "Stop", "Switches", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params",
     "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 

@@ -55,6 +55,14 @@ class Mechanics(States):
         moved = splu(self.weight).solve(G.T.copy()) if self.model.lines else np.linalg.solve(self.weight, G.T)
         return np.asarray(np.einsum("ij,ji->i", G, moved))
 
+    def mobility_with_joints(self, t: float, q: Array, rows: Array) -> Array:
+        """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
+        times, zero = np.full(len(rows), t), np.zeros(rows.shape)
+        with one_thread():
+            solve = self._constrained(times, np.tile(q, (len(rows), 1)), zero)
+            moved = solve(rows, None)[0] - solve(zero, None)[0]
+        return np.asarray(np.einsum("ij,ij->i", rows, moved))
+
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
         """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
         the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""
