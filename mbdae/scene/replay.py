@@ -260,7 +260,8 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
     except TypeError as error:
         raise SceneError([f"it takes other arguments: {error}"]) from None
     given = dict(list(bound.arguments.items())[1:])
-    for name, value in {**given, **given.pop("further", {})}.items():
+    further = given.pop("further", {})
+    for name, value in {**given, **further}.items():
         if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):
