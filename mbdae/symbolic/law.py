@@ -199,22 +199,27 @@ class TwoBodyLaw(Law):
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
+SLOW = 1e-2  #: part of the scene's size that moves in its characteristic time, where nothing is known of a speed
+
+
 class Impact(NamedTuple):
     """What is known of a contact before the run; m, kg, or rad, kg m^2.
 
     mass: smallest effective mass of an impact; speed: of the two sides relative to each other; force: of the ideal joint in its
-    place, 0 where it is not known; gap: the smallest; time: characteristic time of the motion, s."""
+    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: characteristic time of the motion, s."""
 
     mass: float
     speed: float
     force: float
     gap: float
+    size: float
     time: float
 
     @property
     def likely_speed(self) -> float:
-        """Speed at which the gap closes in the characteristic time, or that of the start where it is larger."""
-        return max(self.speed, self.gap / self.time)
+        """The largest of: the speed of the start, that at which the gap closes in the characteristic time, a small part of that at
+        which the whole scene is crossed in it."""
+        return max(self.speed, self.gap / self.time, SLOW * self.size / self.time)
 
 
 class Force(TwoBodyLaw):

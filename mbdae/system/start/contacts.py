@@ -22,15 +22,18 @@ ROUND_OFF = 1e-9  #: speed of two points relative to each other, over their own,
 class ExpectedContact:
     """A contact before the run: that of one one-sided law. SI units; rad, rad/s and kg m^2 where its gaps are angles.
 
-    place: numbers of its group and instance; impact: what is known of it; penetration: at the start; size: to which its gaps are
-    relative, the scene's length (m) or 1 rad."""
+    place: numbers of its group and instance; impact: what is known of it; penetration: at the start."""
 
     item: str
     law: Any
     place: Place
     impact: Impact
     penetration: float
-    size: float
+
+    @property
+    def size(self) -> float:
+        """To what its gaps are relative: the scene's length (m), or 1 rad."""
+        return self.impact.size
 
     @property
     def mass(self) -> float:
@@ -78,9 +81,9 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
         mass = effective_mass(mechanics, start.t, start.q, instance.law.with_joints, rows)
         gap = float(gaps[g, i][0].min())
         force = reactions.get(instance.item, 0.0)
-        impact = Impact(mass, _speed(rows, start.u), force, max(0.0, gap), time)
         size = mechanics.model.length if instance.law.gap_unit == "m" else 1.0
-        found.append(ExpectedContact(instance.item, instance.law, (g, i), impact, max(0.0, -gap), size))
+        impact = Impact(mass, _speed(rows, start.u), force, max(0.0, gap), size, time)
+        found.append(ExpectedContact(instance.item, instance.law, (g, i), impact, max(0.0, -gap)))
     return found
 
 
