@@ -40,11 +40,11 @@ class Contacts:
 
 
 def contacts_at(prepared: Prepared, solution: Solution, expected: Sequence[ExpectedContact]) -> Contacts:
-    """The contacts of one-sided laws, found on the steps of a run."""
+    """The contacts of one or several one-sided laws, found on the steps of a run."""
     gaps = gaps_of(prepared.mechanics, solution.t, *prepared.states(solution.t, solution.y)[:2])
     found = [contacts_of(solution.t, gap, rate) for one in expected
              for gap, rate in zip(*(part.T for part in gaps[one.place]), strict=True)]  # fmt: skip
-    begin, end, peak = (np.concatenate([np.zeros(0), *parts]) for parts in zip(*found, strict=True)) if found else np.zeros((3, 0))
+    begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
     order = np.argsort(begin, kind="stable")
     return Contacts(begin[order], end[order], peak[order])
 

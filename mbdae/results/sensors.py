@@ -186,8 +186,8 @@ class ConnectionSensor(ListsAttributes):
 
     @cached_property
     def contacts(self) -> Contacts:
-        """Begin, end and peak penetration of every contact of a joint with clearance or with limits, found on the steps of the run;
-        of several limited coordinates all in order of time, each penetration in the unit of its coordinate."""
+        """Begin, end and peak penetration of every contact of a joint with clearance or limits, found on the steps of the run; of
+        several limited coordinates all in order of time, each penetration in the unit of its coordinate."""
         known = [one for one in self._result.prepared.contacts if one.item == self._item.name]
         if not known:
             raise OptionError(f"{self._called[14:]} touches nothing: contacts are those of joints with clearance or with limits")

@@ -23,6 +23,7 @@ from mbdae.system.start.contacts import ExpectedContact
 COARSE = 0.1  #: tolerance of positions over the penetration above which a result is doubtful
 ALARM = 0.1  #: energy error over the energy dissipated above which a result is not reliable
 MOVING = 1e-3  #: of the largest kinetic energy: what is compared where less was dissipated
+STORED = 0.1  #: of the largest energy that a contact stores: what is compared where hardly any is dissipated
 FEW_STEPS = 3  #: steps in the shortest contact below which it was not resolved
 #: a backward whirl has at least this ratio of whirl to spin rate, share of the time in contact, and turns around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
@@ -68,14 +69,25 @@ def reliability(result: Result, run: Controlled) -> Assessment:
 
 
 def _of_energy(result: Result) -> list[str]:
-    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate."""
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or a hundredth of what
+    a contact stores, where that is more."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
-    if off <= ALARM * max(lost, MOVING * moving):
+    if off <= ALARM * max(lost, MOVING * moving, STORED * _stored(result)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]  # fmt: skip
+
+
+def _stored(result: Result) -> float:
+    """The largest energy (J) that a contact of a run stores."""
+    found = [0.0]
+    for contact in result.prepared.contacts:
+        deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
+        load = contact.law.elastic_load(deepest) if deepest > 0 else None
+        found.append(load[1] if load is not None else 0.0)
+    return max(found)
 
 
 def _of_constant_steps(result: Result) -> list[str]:
@@ -99,8 +111,8 @@ def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> l
     typical, deepest = float(np.median(contacts.peak)), contacts.deepest
     tolerance = (run.solver.rtol or 0.0) * expected.size
     if typical > 0 and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
-        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: use "
-                     f"rtol = {run.solver.penetration_share * typical / expected.size:.1g}")  # fmt: skip
+        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: "
+                     f"use rtol = {run.solver.penetration_share * typical / expected.size:.1g}")  # fmt: skip
     limit, what, consequence = law.doubtful_depth()
     if deepest > limit:
         found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} ({what}): {consequence}")

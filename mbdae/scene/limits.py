@@ -90,8 +90,8 @@ def mistakes(found: Mapping[str, Mapping[str, Any]], law: type[Joint], words: Ma
         if limited[c] is None:
             continue
         if c in found.get("prescribed", {}):
-            wrong.append(f"limits = {_written(limited[c], law, c)}: its {c} is prescribed, so that no stop can hold it; omit limits "
-                         f"and stop, or prescribe values by a spring that gives way")  # fmt: skip
+            wrong.append(f"limits = {_written(limited[c], law, c)}: its {c} is prescribed, so that no stop can hold it; omit "
+                         f"limits and stop")  # fmt: skip
             continue
         start = found.get("start", {}).get(c)
         if start is not None and not _inside(start, limited[c]):

@@ -11,7 +11,7 @@ A law declares its parameters with units and states one or more of
     resistance(k, l, reactions) -> (force, torque) joints only: as `wrench`, by the joint's own reactions; it dissipates
     observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
-    gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where they are negative, and rates
+    gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
 on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is derived:
@@ -206,7 +206,7 @@ class Impact(NamedTuple):
     """What is known of a contact before the run; m, kg, or rad, kg m^2.
 
     mass: smallest effective mass of an impact; speed: of the two sides relative to each other; force: of the ideal joint in its
-    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: characteristic time of the motion, s."""
+    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: in which its motion changes, s."""
 
     mass: float
     speed: float
@@ -217,8 +217,8 @@ class Impact(NamedTuple):
 
     @property
     def likely_speed(self) -> float:
-        """The largest of: the speed of the start, that at which the gap closes in the characteristic time, a small part of that at
-        which the whole scene is crossed in it."""
+        """The largest of: the speed of the start, that at which the gap closes in `time`, a small part of that at which the whole
+        scene is crossed in it."""
         return max(self.speed, self.gap / self.time, SLOW * self.size / self.time)
 
 
@@ -277,7 +277,7 @@ class Force(TwoBodyLaw):
         return float("inf") + 0 * speed
 
     def expected_depth(self, impact: Impact) -> float:
-        """Penetration (m or rad) to be expected before the run; by default that of a linear spring with its `contact_duration`."""
+        """Penetration (m or rad) expected before the run; by default that of a linear spring with its `contact_duration`."""
         duration, speed = float(self.contact_duration(impact.mass, impact.likely_speed)), impact.likely_speed
         return speed * duration / pi if speed > 0 else inf
 
@@ -290,8 +290,8 @@ class Force(TwoBodyLaw):
         return type(self).__name__
 
     def refuses_start(self, depth: float, size: float, continued: bool) -> str:
-        """Why a start that penetrates by a depth (m or rad) is refused, and the remedy; "" where it is not. size: the scene's length
-        (m), or 1 rad; continued: another run ended there."""
+        """Why a start that penetrates by a depth (m or rad) is refused, and the remedy; "" where it is not. size: the scene's
+        length (m), or 1 rad; continued: another run ended there."""
         return ""
 
     def doubtful_depth(self) -> tuple[float, str, str]:

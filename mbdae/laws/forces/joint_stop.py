@@ -17,8 +17,8 @@ ALLOWED = 1e-6  #: of the scene's length, or rad: way past a limit at the start 
 
 
 class _Limit(NamedTuple):
-    """One limit. Expressions: way of the coordinate past it (> 0 in contact), the rate of that way, the way where positive; sense:
-    1 for an upper, -1 for a lower limit."""
+    """One limit. Expressions: way of the coordinate past it (> 0 in contact), its rate, the way where positive; sense: 1 for an
+    upper, -1 for a lower limit."""
 
     way: Expr
     rate: Expr
@@ -30,9 +30,12 @@ class JointStop(OnCoordinate):
     """Elastic stops at the limits of the joint's coordinate c: one-sided springs with dampers.
 
     With p = c - upper, or lower - c, the way past a limit, the force max(0, stiffness p + damping dp/dt) acts back where p > 0;
-    nothing acts elsewhere. V = stiffness p^2 / 2; where the damper would make the stop pull, p is ahead of the stop and the rest of V
-    is lost. An impact of an inertia m lasts 2 a / w and leaves with exp(-2 z a) of its speed, w = sqrt(stiffness / m), z = damping / (2 m w),
-    a = arccos(z) / sqrt(1 - z^2), or arcosh(z) / sqrt(z^2 - 1): from entry until the force vanishes, without other forces."""
+    nothing acts elsewhere. V = stiffness p^2 / 2. On the way back the force ends before p = 0, where the damper would make the stop
+    pull; the rest of V is lost.
+
+    Impact of an effective mass or inertia m, without other forces, until the force ends: it lasts 2 a / w and leaves with exp(-2 z a)
+    of the speed of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or
+    arcosh(z) / sqrt(z^2 - 1) where z > 1."""
 
     params = params(
         stiffness=("N m/rad or N/m", "stiffness"), damping=("N m s/rad or N s/m", "damping"),
@@ -128,5 +131,5 @@ class JointStop(OnCoordinate):
         if continued or depth <= ALLOWED * size:
             return ""
         low, high = ("none" if limit is None else f"{limit:.6g}" for limit in (self.lower, self.upper))
-        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: hold its start inside them, or draw "
-                f"the scene there")  # fmt: skip
+        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: hold its start inside them, or "
+                f"draw the scene there")  # fmt: skip

@@ -24,7 +24,7 @@ States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) an
 
 @dataclass(frozen=True)
 class ContactPlace:
-    """One place of contact: the numbers of its law's group and instance, its name, its law with numbers, its effective mass at the
+    """One place of contact: numbers of its law's group and instance, its name, its law with numbers, its effective mass at the
     start (kg or kg m^2)."""
 
     place: Place

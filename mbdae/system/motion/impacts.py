@@ -40,8 +40,8 @@ def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
 
 
 def effective_mass(mechanics: Mechanics, t: float, q: Array, with_joints: bool, rows: Array) -> float:
-    """Smallest effective mass (kg or kg m^2) along rows (directions, nu) at positions q (nq,): of the bodies alone, or with all that
-    the joints tie to them; infinite where nothing can move."""
+    """Smallest effective mass (kg or kg m^2) along rows (directions, nu) at positions q (nq,): of the bodies alone, or with all
+    that the joints tie to them; infinite where nothing can move."""
     mobility = mechanics.mobility_with_joints(t, q, rows) if with_joints else mechanics.mobility(rows)
     largest = float(np.max(mobility, initial=0.0))
     return 1 / largest if largest > 0 else np.inf
