@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,6 +124,12 @@ def test_a_run_continues_inside_a_stop():
     second = s.simulate(0.4, accuracy=1e-7, start=first)
     assert "starts with a penetration of" in second.start.changes[0]
     assert second["J"].displacement[-1] == pytest.approx(0.2 - (0.4 - 0.2 - math.pi * math.sqrt(2e-4)), abs=1e-6)
+
+
+def test_the_example_of_the_docs_runs():
+    page = (Path(__file__).parents[2] / "docs" / "contact.md").read_text(encoding="utf-8").split("## Limits of joints")[1]
+    (text, *_) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    exec(compile(text, "contact.md", "exec"), {"__name__": "contact"})
 
 
 def test_rest_on_a_stop_is_found():

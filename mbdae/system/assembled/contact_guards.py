@@ -12,7 +12,7 @@ from mbdae.kernels import plan
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
-from mbdae.system.motion.impacts import Place, approaches, effective_mass
+from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gap_outputs
 from mbdae.system.start.contacts import ExpectedContact
@@ -57,6 +57,7 @@ class ContactGuards:
         self._batch = system.batch(1)
         self._evaluation = Evaluation(self._batch.W, gathers, kernels)
         self._zero = np.zeros(system.n)
+        self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,6 +71,11 @@ class ContactGuards:
 
     def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (places,) each."""
+        if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], y):
+            self._last = t, y.copy(), self._evaluated(t, y)
+        return self._last[2]
+
+    def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         self._batch.fill(np.array([t]), y, self._zero)
         pairs = self._evaluation.values().reshape(-1, 2)
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
@@ -84,6 +90,6 @@ class ContactGuards:
         """Durations of impacts that are near, or last, by the effective masses at the present position."""
         q = self._states(np.array([t]), y[None])[0][0]
         rows = approaches(self._mechanics, t, q)
-        for n in near:
-            p = self.places[n]
-            duration[n] = p.duration(rate[n], effective_mass(self._mechanics, t, q, True, rows[p.place]))
+        masses = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in near])
+        for n, mass in zip(near, masses, strict=True):
+            duration[n] = self.places[n].duration(rate[n], mass)

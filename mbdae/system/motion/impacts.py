@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mbdae.symbolic.derive import Derived
@@ -39,9 +41,11 @@ def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
     return found
 
 
-def effective_mass(mechanics: Mechanics, t: float, q: Array, with_joints: bool, rows: Array) -> float:
-    """Smallest effective mass (kg or kg m^2) along rows (directions, nu) at positions q (nq,): of the bodies alone, or with all
-    that the joints tie to them; infinite where nothing can move."""
-    mobility = mechanics.mobility_with_joints(t, q, rows) if with_joints else mechanics.mobility(rows)
-    largest = float(np.max(mobility, initial=0.0))
-    return 1 / largest if largest > 0 else np.inf
+def effective_masses(mechanics: Mechanics, t: float, q: Array, with_joints: bool, rows: Sequence[Array]) -> list[float]:
+    """Smallest effective mass (kg or kg m^2) along each of several sets of rows (directions, nu) at positions q (nq,): of the bodies
+    alone, or with all that the joints tie to them; infinite where nothing can move."""
+    together = np.concatenate(rows)
+    mobility = mechanics.mobility_with_joints(t, q, together) if with_joints else mechanics.mobility(together)
+    parts = np.split(mobility, np.cumsum([len(part) for part in rows])[:-1])
+    largest = [float(np.max(part, initial=0.0)) for part in parts]
+    return [1 / value if value > 0 else np.inf for value in largest]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from mbdae.symbolic.law import Impact
 from mbdae.system.base import Array
-from mbdae.system.motion.impacts import Place, approaches, effective_mass
+from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gaps_of
 from mbdae.system.start.start import Start
@@ -52,7 +53,8 @@ class ExpectedContact:
 
     def summary(self) -> str:
         """The contact in a line."""
-        return f"'{self.item}' with {self.law.summary_of_contact()}; penetration of about {self.depth:.1g} {self.unit} expected"
+        expected = f"of about {self.depth:.1g} {self.unit} expected" if math.isfinite(self.depth) else "not known before the run"
+        return f"'{self.item}' with {self.law.summary_of_contact()}; penetration {expected}"
 
     def _at_start(self) -> str:
         p, load = self.penetration, self.law.elastic_load(self.penetration)
@@ -78,7 +80,7 @@ def expected_contacts(mechanics: Mechanics, start: Start, reactions: dict[str, f
     found = []
     for (g, i), rows in known.items():
         instance = mechanics.model.groups[g].instances[i]
-        mass = effective_mass(mechanics, start.t, start.q, instance.law.with_joints, rows)
+        (mass,) = effective_masses(mechanics, start.t, start.q, instance.law.with_joints, [rows])
         gap = float(gaps[g, i][0].min())
         force = reactions.get(instance.item, 0.0)
         size = mechanics.model.length if instance.law.gap_unit == "m" else 1.0
