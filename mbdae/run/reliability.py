@@ -69,8 +69,8 @@ def reliability(result: Result, run: Controlled) -> Assessment:
 
 
 def _of_energy(result: Result) -> list[str]:
-    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or a hundredth of what
-    a contact stores, where that is more."""
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or a hundredth of
+    what a contact stores, where that is more."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))

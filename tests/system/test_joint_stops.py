@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import mbdae as mb
+from mbdae.formulations import system_for
 from mbdae.system.prepare import prepare
 
 MASS, V = 2.0, 3.0
@@ -160,6 +161,11 @@ def test_inertia_is_that_of_the_position_where_the_stop_acts():
         assert r.stats.shortest_contact >= 5
         assert r["D"].displacement == pytest.approx(runs[0]["D"].displacement, abs=3e-5)
         assert not r.warnings
+    r = runs[0]
+    t = float(r["D"].contacts.begin[0]) - 1e-4
+    _, (speed,), (duration,) = system_for(r.prepared, mb.GGL(), 2).guards(t, r.solution(t))
+    mass = 2 * float(r(t).energy.kinetic[0]) / speed**2
+    assert duration == pytest.approx(r.prepared.contacts[0].law.contact_duration(mass, speed), rel=1e-6)
 
 
 def test_inertia_counts_what_joints_tie_to_the_bodies():

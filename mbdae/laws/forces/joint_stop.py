@@ -30,11 +30,11 @@ class JointStop(OnCoordinate):
     """Elastic stops at the limits of the joint's coordinate c: one-sided springs with dampers.
 
     With p = c - upper, or lower - c, the way past a limit, the force max(0, stiffness p + damping dp/dt) acts back where p > 0;
-    nothing acts elsewhere. V = stiffness p^2 / 2. On the way back the force ends before p = 0, where the damper would make the stop
-    pull; the rest of V is lost.
+    nothing acts elsewhere. V = stiffness p^2 / 2. On the way back the force ends before p = 0, where the damper would make the
+    stop pull; the rest of V is lost.
 
-    Impact of an effective mass or inertia m, without other forces, until the force ends: it lasts 2 a / w and leaves with exp(-2 z a)
-    of the speed of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or
+    Impact of an effective mass or inertia m, without other forces, until the force ends: it lasts 2 a / w and leaves with
+    exp(-2 z a) of the speed of entry; w = sqrt(stiffness / m), z = damping / (2 m w), a = arccos(z) / sqrt(1 - z^2), or
     arcosh(z) / sqrt(z^2 - 1) where z > 1."""
 
     params = params(
@@ -131,5 +131,5 @@ class JointStop(OnCoordinate):
         if continued or depth <= ALLOWED * size:
             return ""
         low, high = ("none" if limit is None else f"{limit:.6g}" for limit in (self.lower, self.upper))
-        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: hold its start inside them, or "
-                f"draw the scene there")  # fmt: skip
+        return (f"its {self.name_of_coordinate} is outside its limits ({low}, {high}) {self.unit}: hold its start inside them, "
+                f"or draw the scene there")  # fmt: skip
