@@ -206,7 +206,7 @@ class Impact(NamedTuple):
     """What is known of a contact before the run; m, kg, or rad, kg m^2.
 
     mass: smallest effective mass of an impact; speed: of the two sides relative to each other; force: of the ideal joint in its
-    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: in which its motion changes, s."""
+    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: in which motion changes, s."""
 
     mass: float
     speed: float

@@ -1,5 +1,6 @@
 """Limits of joints with stops: statements, mistakes, variants, storage, what check and results say."""
 
+# ruff: noqa: E501
 from __future__ import annotations
 
 import math

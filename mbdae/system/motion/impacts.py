@@ -42,8 +42,8 @@ def approaches(mechanics: Mechanics, t: float, q: Array) -> dict[Place, Array]:
 
 
 def effective_masses(mechanics: Mechanics, t: float, q: Array, with_joints: bool, rows: Sequence[Array]) -> list[float]:
-    """Smallest effective mass (kg or kg m^2) along each of several sets of rows (directions, nu) at positions q (nq,): of the bodies
-    alone, or with all that the joints tie to them; infinite where nothing can move."""
+    """Smallest effective mass (kg or kg m^2) along each of several sets of rows (directions, nu) at positions q (nq,): of the
+    bodies alone, or with all that the joints tie to them; infinite where nothing can move."""
     together = np.concatenate(rows)
     mobility = mechanics.mobility_with_joints(t, q, together) if with_joints else mechanics.mobility(together)
     parts = np.split(mobility, np.cumsum([len(part) for part in rows])[:-1])
