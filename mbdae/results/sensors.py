@@ -11,6 +11,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.notation import QUANTITIES
+from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -201,6 +202,20 @@ class ConnectionSensor(ListsAttributes):
         values."""
         prefix = self._item.name + "."
         return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Begin, end and peak penetration of every contact of a joint with clearance or limits, found on the steps of the run; of
+        several limited coordinates all in order of time, each penetration in the unit of its coordinate."""
+        known = [one for one in self._result.prepared.contacts if one.item == self._item.name]
+        if not known:
+            raise OptionError(f"{self._called[14:]} touches nothing: contacts are those of joints with clearance or with limits")
+        return contacts_at(self._result.prepared, self._result.solution, known)
+
+    def summary(self) -> dict[str, float]:
+        """The contacts in numbers: see `Result.contacts`."""
+        found = self.contacts
+        return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
     @cached_property
     def power(self) -> Array:

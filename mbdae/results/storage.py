@@ -206,8 +206,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     mechanics = mechanics_of(model, rank.kept, all_bodies)
     prepared = Prepared(model, mechanics, rank, start, header["time"], all_bodies)
     _check_unknowns(prepared, unknowns)
-    if any(c.loose for c in scene.joints):
-        prepared.contacts += expected_contacts(mechanics, start, {})
+    prepared.contacts += expected_contacts(mechanics, start, {}, prepared.time)
     return prepared
 
 
