@@ -1,4 +1,4 @@
-"""Random states of a law for `mb.selftest`: both sides as drawn, a state of motion, values of all symbols by name."""
+"""Random states of a law for `mb.selftest`: its sides as drawn, a state of motion, values of all symbols by name."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
 
 
 class States:
-    """Draws the two sides of a law and moves them; `values` holds all symbols of `count` points."""
+    """Draws the sides of a law and moves them; `values` holds all symbols of `count` points."""
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
@@ -42,7 +42,7 @@ class States:
         self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(count)])  #: near the drawn position
 
     def special(self, rotation: float, together: bool) -> Values:
-        """One point with l turned by `rotation` about the joint axis; `together`: its points coincide."""
+        """One point with l (and further sides) turned by `rotation` about the joint axis; `together`: its points coincide."""
         return _stack([self._point(rotation, together)])
 
     def _point(self, relative: Any, together: bool) -> dict[str, float]:
@@ -55,16 +55,17 @@ class States:
             values[name] = self.given.get(name, float(rng.uniform(0.5, 1.5)))
             values |= {f"{name}_dot": float(rng.normal()), f"{name}_ddot": float(rng.normal())}
         free = np.array([0.0, 0.0, 1.0]) if flat else np.ones(3)
-        about = free * (relative * J[:, 2] if np.ndim(relative) == 0 else np.asarray(relative))
+        abouts = [relative * J[:, 2] if np.ndim(relative) == 0 else np.roll(relative, i) for i, _ in enumerate(d.sides[1:])]
+        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # of every side relative to the first
         common = turn(rng.uniform(-1.5, 1.5, 3) * free)
-        if any(f.kind in (NodeKind.GROUND, NodeKind.PLANAR_GROUND) for f in d.frames):
-            common = np.eye(3) if not d.frames[0].kind.moves else turn(about).T
+        for f, R in zip(d.sides, turns, strict=False):
+            if not f.kind.moves:
+                common = R.T
         at: Array | None = None
-        for f in d.frames[2:]:
+        for f in d.frames[len(d.sides) :]:
             values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)} | {f"{f.side}_up1": float(rng.normal())}
-        for f in d.sides:
-            motion = common if f is d.frames[0] else common @ turn(about)
-            at = self._side(values, f, J, motion, at if together else None)
+        for f, R in zip(d.sides, turns, strict=False):
+            at = self._side(values, f, J, common @ R, at if together else None)
         return values
 
     def _side(self, values: dict[str, float], f: Frame, J: Array, motion: Array, at: Array | None) -> Array:

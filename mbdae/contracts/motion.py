@@ -1,0 +1,290 @@
+"""The contract "motion": rows, coordinates, ties and branches of a joint against the motion it states.
+
+l is placed by the motion at random values of the coordinates, k moves at random; the motion is followed in numbers here, step by
+step, not by the expressions from which the rows with coordinates are derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from mbdae.contracts.case import STEP, Case, Measured
+from mbdae.contracts.states import Values, columns, rotation, turn
+from mbdae.kernels import Plan
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.joint import Joint, symbolic_motion
+from mbdae.symbolic.motion import Motion
+from mbdae.symbolic.outputs import Target, coordinate, position, velocity
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.base import Array
+from mbdae.system.model.rotations import quaternion
+
+SOLVED = 1e-11  #: rows below it vanish
+APART = 1e-6  #: m or rad, poses further from each other are two
+CLEAR = 1e-3  #: a branch above it is positive, not only by rounding
+STARTS = 12  #: random places of l from which solutions of the rows are searched
+TRIES = 6  #: starts of the search for coordinates that the frames do not show
+
+
+@dataclass
+class Pose:
+    """Place of l's joint point and axes (columns) relative to those of k, in k's axes, with velocity and angular velocity."""
+
+    d: Array
+    A: Array
+    v: Array
+    w: Array
+
+    def distance(self, other: Pose) -> float:
+        """m or rad, the larger."""
+        return float(max(np.linalg.norm(self.d - other.d), np.linalg.norm(self.A - other.A)))
+
+
+def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
+    """The pose to which a motion leads, step by step. values: of coordinates and parameters; rates: of the coordinates."""
+    d, v, w, A = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
+    for step in motion.steps:
+        amount = float(step.amount.subs(values))
+        speed = sum(float(step.amount.diff(c).subs(values)) * rate for c, rate in rates.items())
+        axis = np.array([float(c) for c in step.axis])
+        if step.turns:
+            w, A = w + speed * (A @ axis), A @ turn(amount * axis)
+        else:
+            way = amount * (A @ axis)
+            d, v = d + way, v + speed * (A @ axis) + np.cross(w, way)
+    return Pose(d, A, v, w)
+
+
+def stated_motion(case: Case) -> Iterator[Measured]:
+    """Everything a joint states against its motion, between two bodies in space."""
+    d = case.d
+    free = (NodeKind.SPATIAL, Axes.GENERAL)
+    if isinstance(d.law, Joint) and d.law.states_motion() and all((f.kind, f.axes) == free for f in d.sides):
+        moving = _Moving(case)
+        yield from moving.rows()
+        yield from moving.read_back()
+        yield from moving.inverse()
+        if not d.law.friction and not case.structure.timed:
+            yield from moving.count()
+            yield from moving.ties()
+            yield from moving.branches()
+            yield from moving.second_solutions()
+
+
+def _stated(d: Derived) -> list[tuple[Target, Expr]]:
+    v = d.variation
+    positives = [(("positive", name), v.resolve(v.name(e))) for name, e in d.law.positives(*d.sides).items()]
+    return [*position(d), *velocity(d), *coordinate(d), *positives]
+
+
+class _Moving:
+    """A joint between two bodies whose l is placed by the motion; `values` are the states, `c` and `cd` coordinates and rates."""
+
+    def __init__(self, case: Case) -> None:
+        self.case, self.d, self.law = case, case.d, case.d.law
+        motion = symbolic_motion(self.law)
+        assert motion is not None
+        self.motion, self.rng = motion, np.random.default_rng(40)
+        self.plan = Plan(self.d, _stated)
+        count = len(next(iter(case.values.values())))
+        reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.coordinates.items()}
+        self.c = {name: self.rng.uniform(-r, r, count) for name, r in reach.items()}
+        self.cd = {name: self.rng.normal(size=count) for name in self.c}
+        self.values = self.placed(case.values, self.c, self.cd)
+
+    # -- placing and evaluating
+
+    def numbers(self, values: Values, c: dict[str, Any], i: int) -> dict[str, float]:
+        """Parameters and coordinates at a point."""
+        return {p: float(values[p][i].real) for p in self.law.params if p in values} | {n: float(a[i]) for n, a in c.items()}
+
+    def axes(self, f: Frame, values: Values) -> tuple[Array, Array]:
+        """Joint points (points, 3) and axes (points, 3, 3) of a side, inertial."""
+        R = rotation(f, values)
+        Q = np.stack([np.stack([values[f"{f.side}_Q{a}{j}"] for j in (1, 2, 3)], axis=-1) for a in "xyz"], axis=-1)
+        arm = np.stack([values[f"{f.side}_p{j}"] for j in (1, 2, 3)], axis=-1)
+        return columns(f.q, values)[:, :3] + np.einsum("pij,pj->pi", R, arm), R @ Q
+
+    def pose(self, values: Values, i: int) -> Pose:
+        """Where l is at a point."""
+        (rk, K), (rl, L) = (self.axes(f, values) for f in self.d.sides)
+        return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
+
+    def placed(self, values: Values, c: dict[str, Any], rates: dict[str, Any]) -> Values:
+        """The states with l where and as fast as the motion takes it, and the unknown and prescribed coordinates there."""
+        count = len(next(iter(values.values())))
+        led = [followed(self.motion, self.numbers(values, c, i), {n: r[i] for n, r in rates.items()}) for i in range(count)]
+        out = self.put(values, led)
+        for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
+            out |= {str(f.q[0]): c[name], str(f.u[0]): rates[name]}
+        out |= {f"{name}_dot": np.zeros(count) for name in self.law.params}
+        for drive, name in self.law.drives().items():
+            out |= {drive: c[name], f"{drive}_dot": rates[name]}
+        return out
+
+    def put(self, values: Values, poses: list[Pose]) -> Values:
+        """The states with l at a pose relative to k at every point, with its velocity."""
+        k, l = self.d.sides
+        out, (rk, K), Rk = dict(values), self.axes(k, values), rotation(k, values)
+        _, L = self.axes(l, values)
+        uk, centre = columns(k.u, values), columns(k.q, values)[:, :3]
+        q, u = [], []
+        for i, at in enumerate(poses):
+            Ql = rotation(l, values)[i].T @ L[i]
+            R = K[i] @ at.A @ Ql.T
+            arm = R @ np.array([values[f"{l.side}_p{j}"][i] for j in (1, 2, 3)])
+            wk, way = Rk[i] @ uk[i, 3:], K[i] @ at.d
+            w = wk + K[i] @ at.w
+            v = uk[i, :3] + np.cross(wk, rk[i] + way - centre[i]) + K[i] @ at.v
+            q.append([*(rk[i] + way - arm), *quaternion(R)])
+            u.append([*(v - np.cross(w, arm)), *(R.T @ w)])
+        out |= {str(s): a for s, a in zip(l.q, np.transpose(q), strict=True)}
+        return out | {str(s): a for s, a in zip(l.u, np.transpose(u), strict=True)}
+
+    def evaluate(self, values: Values) -> dict[Target, NDArray[Any]]:
+        if not self.plan.targets:
+            return {}
+        found = self.plan.kernel.oracle(columns(self.plan.all_inputs.symbols, values))
+        return dict(zip(self.plan.targets, found.T, strict=True))
+
+    @cached_property
+    def found(self) -> dict[Target, NDArray[Any]]:
+        """Everything stated where the motion leads."""
+        return self.evaluate(self.values)
+
+    def slope(self, symbol: str) -> dict[Target, Array]:
+        """Derivatives by a coordinate or its prescribed value."""
+        stepped = self.values | {symbol: self.values[symbol] + 1j * STEP}
+        return {target: e.imag / STEP for target, e in self.evaluate(stepped).items()}
+
+    # -- what must hold
+
+    def rows(self) -> Iterator[Measured]:
+        """Rows vanish where the motion leads, and stay so at its rates."""
+        timed = {str(dp) for dp in self.d.variation.clock.values()}
+        drift = {n: np.zeros(len(next(iter(self.values.values())))) for n in range(len(self.d.rows))}
+        for drive, name in self.law.drives().items():
+            if getattr(self.law, drive) is not None and f"{drive}_dot" not in timed:
+                by = self.slope(drive)
+                drift = {n: drift[n] + by["g", n] * self.cd[name] for n in drift}
+        for n, row in enumerate(self.d.rows):
+            yield f"row '{row}', where the motion puts l,", _largest(self.found["g", n])
+            yield f"rate of row '{row}' at the rates of the motion", _largest(self.found["gd", n] + drift[n])
+
+    def read_back(self) -> Iterator[Measured]:
+        """Coordinates and their rates are those used; angles of frames modulo turns."""
+        for name in self.c if self.d.coordinates else ():
+            if ("c", name) not in self.found:
+                yield f"coordinate '{name}', which `coordinate` does not return,", 1.0
+                continue
+            off = self.found["c", name] - self.c[name]
+            if self.law.coordinates[name].unit == "rad" and not self.law.kept:
+                off = np.exp(1j * off) - 1
+            yield f"coordinate '{name}' as read, against the value of the motion,", _largest(off)
+            yield f"rate of coordinate '{name}' as read", _largest(self.found["cd", name] - self.cd[name])
+
+    def inverse(self) -> Iterator[Measured]:
+        """The way back leads from l to k."""
+        for i in range(len(self.found[next(iter(self.found))])):
+            there = self.pose(self.values, i)
+            back = followed(self.motion.inverse(), self.numbers(self.values, self.c, i), {})
+            yield "place of k by the inverse motion", max(_largest(there.A @ back.A - np.eye(3)), _largest(there.d + there.A @ back.d))
+
+    @property
+    def prescribed(self) -> dict[str, str]:
+        """Prescribed coordinates with their parameters."""
+        return dict(self.law.prescribed)
+
+    def count(self) -> Iterator[Measured]:
+        """Independent rows: six, less the coordinates that are free, and one for each of them that is an unknown."""
+        loose = len(self.c) - len(self.prescribed)
+        wanted = 6 - loose + len(self.law.own_coordinates)
+        for G in self.case.rows(self.values)[1]:
+            sizes = np.linalg.svd(G, compute_uv=False)
+            rank = int(np.sum(sizes > 1e-9 * max(1.0, sizes[0])))
+            which = "a row too many" if rank > wanted else "a row too few"
+            if rank != wanted:
+                yield f"number of independent rows, {rank} where {wanted} leave the motion free ({which}),", abs(rank - wanted)
+            if len(G) > rank:
+                yield f"number of rows, {len(G)} of which {rank} are independent (rows that follow from others),", len(G) - rank
+
+    def ties(self) -> Iterator[Measured]:
+        """A row that ties a coordinate grows with its value."""
+        ties = set(self.law.ties(*self.d.sides)) if self.law.kept and self.law.states_rows() else set()
+        tied = ties if ties == self.law.coordinates.keys() else set()
+        symbols = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
+        symbols |= {drive: drive for drive in self.prescribed.values()}
+        for row, symbol in symbols.items():
+            slope = self.slope(symbol)["g", self.d.rows.index(row)]
+            if _largest(slope) < CLEAR:
+                yield f"row '{row}', which does not depend on the value it ties,", 1.0
+            else:
+                yield f"slope of row '{row}' by the value it ties, which must be positive,", float(max(0.0, -np.min(slope)))
+
+    def branches(self) -> Iterator[Measured]:
+        """What must be positive is so where the motion leads."""
+        for target, e in self.found.items():
+            if target[0] == "positive":
+                least = float(np.min(e.real))
+                yield f"branch '{target[1]}', which must be positive where the motion puts l,", 0.0 if least > 0 else 1 - least
+
+    # -- solutions of the rows that are not meant
+
+    def second_solutions(self) -> Iterator[Measured]:
+        """No place of l satisfies rows and branches unless the motion leads there."""
+        starts, names = self._starts()
+        solved = self.case.solved(starts, fixed=self.d.sides[0].side)
+        found = self.evaluate(solved)
+        g = np.stack([found["g", n].real for n in range(len(self.d.rows))])
+        meant = np.all(np.abs(g) < SOLVED, axis=0)
+        for target, e in found.items():
+            meant &= (e.real > CLEAR) if target[0] == "positive" else True
+        for i in np.flatnonzero(meant):
+            off = self._off(solved, found, int(i))
+            yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
+
+    def _starts(self) -> tuple[Values, list[str]]:
+        """l half a turn off about each of its axes, and anywhere; coordinates that are unknowns anywhere."""
+        count = len(next(iter(self.values.values())))
+        offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
+                ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
+        names = [name for name, _ in offs] + ["found from a random place"] * STARTS
+        picked = np.arange(len(names)) % count
+        values = {name: e[picked] for name, e in self.values.items()}
+        poses = [self.pose(values, i) for i in range(len(names))]
+        for i, (_, R) in enumerate(offs):
+            poses[i].A = poses[i].A @ R
+        for at in poses[len(offs) :]:
+            at.d, at.A = self.rng.normal(size=3), turn(self.rng.uniform(-3, 3, 3))
+        for f in self.d.frames[2:]:
+            values[str(f.q[0])] = values[str(f.q[0])] + np.r_[[0.0] * len(offs), self.rng.uniform(-3, 3, STARTS)]
+        return self.put(values, poses), names
+
+    def _off(self, values: Values, found: dict[Target, NDArray[Any]], i: int) -> float:
+        """Distance of l at a point from where the motion takes it by the coordinates that it shows there."""
+        at = self.pose(values, i)
+        known = {name: found["c", name].real for name in self.c if ("c", name) in found}
+        known |= {name: values[drive].real for name, drive in self.prescribed.items() if not self.law.kept}
+        numbers = self.numbers(values, known, i)
+        unknown = [name for name in self.c if name not in known]
+        if not unknown:
+            return at.distance(followed(self.motion, numbers, {}))
+
+        def off(c: Array) -> Array:
+            there = followed(self.motion, numbers | dict(zip(unknown, c.tolist(), strict=True)), {})
+            return np.r_[there.d - at.d, (there.A - at.A).ravel()]
+
+        fits = (least_squares(off, self.rng.uniform(-3, 3, len(unknown)), xtol=1e-14, ftol=1e-14, gtol=1e-14) for _ in range(TRIES))
+        return min(float(np.linalg.norm(fit.fun)) for fit in fits)
+
+
+def _largest(e: NDArray[Any]) -> float:
+    return float(np.max(np.abs(e), initial=0.0))
