@@ -53,6 +53,13 @@ def scalars(d: Derived) -> list[tuple[Target, Expr]]:
     return [((n,), e) for n, e in named.items() if e != 0]
 
 
+def branches(d: Derived) -> list[tuple[Target, Expr]]:
+    """What must be positive, where the rows alone admit a second solution."""
+    v, oriented = d.variation, all(f.kind.oriented for f in d.sides)
+    found = d.law.positives(*d.sides) if oriented else {}
+    return [(("positive", name), v.resolve(v.name(e))) for name, e in found.items()]
+
+
 def starts(d: Derived) -> list[tuple[Target, Expr]]:
     """Start values of internal states."""
     return [((n,), e) for n, e in zip(d.states, d.state_starts, strict=True)]
@@ -128,8 +135,15 @@ class Case:
 
     @cached_property
     def on_manifold(self) -> Values:
-        """States near the drawn position at which the rows of a joint vanish."""
-        return self.solved(self.states.near)
+        """States near the drawn position at which the rows of a joint vanish and what must be positive is so."""
+        values = self.solved(self.states.near)
+        found = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real if self._branches.targets else ()
+        meant = np.flatnonzero(np.all(found > 0, axis=1)) if len(found) else np.arange(POINTS)
+        return {name: e[meant[:POINTS]] for name, e in values.items()}
+
+    @cached_property
+    def _branches(self) -> Plan:
+        return Plan(self.d, branches)
 
     @cached_property
     def _rows(self) -> Plan:

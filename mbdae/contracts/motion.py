@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from mbdae.contracts.case import STEP, Case, Measured
+from mbdae.contracts.case import STEP, Case, Measured, branches
 from mbdae.contracts.states import Values, columns, rotation, turn
 from mbdae.kernels import Plan
 from mbdae.symbolic.derive import Derived
@@ -80,9 +80,7 @@ def stated_motion(case: Case) -> Iterator[Measured]:
 
 
 def _stated(d: Derived) -> list[tuple[Target, Expr]]:
-    v = d.variation
-    positives = [(("positive", name), v.resolve(v.name(e))) for name, e in d.law.positives(*d.sides).items()]
-    return [*position(d), *velocity(d), *coordinate(d), *positives]
+    return [*position(d), *velocity(d), *coordinate(d), *branches(d)]
 
 
 class _Moving:
