@@ -178,7 +178,7 @@ class Case:
             start += f.kind.sizes[1]
             if f.kind is NodeKind.SPATIAL:
                 P = np.stack([values[str(s)] for s in f.q[3:]], axis=-1)
-                new = np.hstack([part[:, :3], [turned(p, w) - p for p, w in zip(P, part[:, 3:], strict=True)]])
+                new = np.hstack([part[:, :3], turned(P, part[:, 3:]) - P])
             else:
                 new = part
             out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}

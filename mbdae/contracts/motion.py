@@ -240,7 +240,8 @@ class _Moving:
         """No place of l satisfies rows and branches unless the motion leads there."""
         starts, names = self._starts()
         solved = self.case.solved(starts, fixed=self.d.sides[0].side)
-        found = self.evaluate(solved)
+        with np.errstate(all="ignore"):  # half a turn off, where angles are not defined
+            found = self.evaluate(solved)
         g = np.stack([found["g", n].real for n in range(len(self.d.rows))])
         meant = np.all(np.abs(g) < SOLVED, axis=0)
         for target, e in found.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,12 @@ class States:
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
         self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
-        self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * count)])  #: near the drawn position
+        self._count = count
+
+    @cached_property
+    def near(self) -> Values:
+        """States near the drawn position, four times as many."""
+        return _stack([self._point(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
 
     def special(self, rotation: float, together: bool) -> Values:
         """One point with l (and further sides) turned by `rotation` about the joint axis; `together`: its points coincide."""

@@ -45,22 +45,26 @@ def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, 
 
 def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
     """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only;
-    options that are tried once: with all parameters, and without the optional ones."""
+    other values of the options with fewer of these."""
     found: list[Structure] = []
     whole, once = choices(law, options)
-    for choice in (*whole, *once):
+    for i, choice in enumerate((*whole, *once)):
         fixed = tuple((o, choice[o]) for o in law.options)
         idle = _idle(law, choice)
         idle |= {d for d in law.drives() if not _derivable(law, Structure(idle | law.drives().keys() - {d}, options=fixed))}
         needed = [p for p in law.params if p not in idle]
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
-        absences = [frozenset[str](), *(frozenset([p]) for p in optional), *(optional - {p} for p in optional), optional]
-        absences = absences if choice in whole else [frozenset(), optional]
-        tried = [Structure(idle | a, options=fixed) for a in sorted(dict.fromkeys(absences), key=lambda a: (len(a), sorted(a)))]
-        found += [s for s in tried if s.absent == idle or _derivable(law, s)]
+        tried = [Structure(idle | a, options=fixed) for a in _absences(optional, choice in whole and (i == 0 or not choice.get("kept")))]
+        found += [s for s in (tried if i <= len(whole) else tried[-1:]) if s.absent == idle or _derivable(law, s)]
         if needed and choice in whole and not law.timeless and not issubclass(law, Element):
             found.append(Structure(idle, frozenset(needed), fixed))
     return found
+
+
+def _absences(optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
+    """Which of the optional parameters are left out: none, all, and where it is thorough each, and all but one."""
+    some = [*(frozenset([p]) for p in optional), *(optional - {p} for p in optional)] if thorough else []
+    return sorted(dict.fromkeys([frozenset[str](), *some, optional]), key=lambda absent: (len(absent), sorted(absent)))
 
 
 def _idle(law: type[Law], choice: Choice) -> frozenset[str]:
