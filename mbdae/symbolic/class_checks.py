@@ -187,9 +187,12 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
+    unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")  # what a class of the base says by default
 
     @wraps(method)
     def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
+        if unstated and len(self.frames) > 2:
+            args = (*args[:2], *args[len(self.frames) :])
         where = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
