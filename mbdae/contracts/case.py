@@ -138,8 +138,8 @@ class Case:
         """States near the drawn position at which the rows of a joint vanish and what must be positive is so."""
         values = self.solved(self.states.near)
         found = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real if self._branches.targets else ()
-        meant = np.flatnonzero(np.all(found > 0, axis=1)) if len(found) else np.arange(POINTS)
-        return {name: e[meant[:POINTS]] for name, e in values.items()}
+        meant = np.flatnonzero(np.all(found > 0, axis=1)) if len(found) else ()
+        return {name: e[meant[:POINTS]] if len(meant) else e[:POINTS] for name, e in values.items()}
 
     @cached_property
     def _branches(self) -> Plan:
