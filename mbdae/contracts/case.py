@@ -15,7 +15,6 @@ from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels import LinearisedPlan, Plan
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.derive import Derived, Side, derive
-from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, input_symbols, jacobian_G, kinematics, position, velocity
 from mbdae.symbolic.vectors import ZERO, Expr
@@ -151,7 +150,10 @@ class Case:
 
     def rows(self, values: Values) -> tuple[Array, Array]:
         """g (points, rows) and G (points, rows, velocities of all frames one after the other)."""
-        found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real if self._rows.targets else np.zeros((1, 0))
+        points = len(next(iter(values.values())))
+        found = np.zeros((points, 0))
+        if self._rows.targets:
+            found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
         places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
         count = len(self.d.rows)
         G = np.zeros((len(found), count, len(places)))
@@ -176,9 +178,10 @@ class Case:
         for f in self.d.frames:
             part = steps[:, start : start + f.kind.sizes[1]]
             start += f.kind.sizes[1]
-            if f.kind is NodeKind.SPATIAL:
-                P = np.stack([values[str(s)] for s in f.q[3:]], axis=-1)
-                new = np.hstack([part[:, :3], turned(P, part[:, 3:]) - P])
+            if f.kind.by_quaternion:
+                n = f.kind.translations
+                P = columns(f.q[n:], values)
+                new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
             else:
                 new = part
             out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}

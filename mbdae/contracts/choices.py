@@ -57,8 +57,8 @@ def _different(found: list[Choice]) -> list[Choice]:
 
 def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
     """A joint without friction, its coordinates as unknowns or not; with friction against each of its coordinates."""
-    names = list(law.coordinates)
-    kept = [True] if law.must_keep() else [False, True] if names else [False]
+    names = list(law.scalars())
+    kept = [True] if law.must_keep() else [False, True] if law.coordinates else [False]
     plain = [{"kept": k, "friction": None, "rubs": None} for k in kept]
     rubbing = [{"kept": kept[i % len(kept)], "friction": (_DRY, _BRISTLES)[i % 2], "rubs": names[i % len(names)]}
                for i in range(max(2, len(names)) if names else 0)]  # fmt: skip
@@ -67,11 +67,12 @@ def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
 
 def _check_joint(law: type[Joint], choice: Choice) -> None:
     choice["kept"] = bool(choice["kept"]) or law.must_keep()
-    for option in ("kept", "friction", "rubs"):
-        if choice[option] and not law.coordinates:
-            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no coordinates; leave it out")
-    if choice["rubs"] is not None and choice["rubs"] not in law.coordinates:
-        raise OptionError(f"rubs = {shown(choice['rubs'])}: {law.__name__} has the coordinates {', '.join(law.coordinates)}")
+    for option, names, what in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
+                                                                            for o in ("friction", "rubs"))):  # fmt: skip
+        if choice[option] and not names:
+            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {what}; leave it out")
+    if choice["rubs"] is not None and choice["rubs"] not in law.scalars():
+        raise OptionError(f"rubs = {shown(choice['rubs'])}: {law.__name__} has the coordinates {', '.join(law.scalars())}")
 
 
 def _on_coordinate(law: type[Law]) -> tuple[list[Choice], list[Choice]]:

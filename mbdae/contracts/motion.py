@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import symengine as se
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -20,12 +21,12 @@ from mbdae.contracts.states import Values, columns, rotation, turn
 from mbdae.kernels import Plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
-from mbdae.symbolic.joint import Joint, symbolic_motion
-from mbdae.symbolic.motion import Motion
+from mbdae.symbolic.joint import Joint, motion_of
+from mbdae.symbolic.motion import Motion, Rotation
 from mbdae.symbolic.outputs import Target, coordinate, position, velocity
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array
-from mbdae.system.model.rotations import quaternion
+from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 
 SOLVED = 1e-11  #: rows below it vanish
 APART = 1e-6  #: m or rad, poses further from each other are two
@@ -49,9 +50,15 @@ class Pose:
 
 
 def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
-    """The pose to which a motion leads, step by step. values: of coordinates and parameters; rates: of the coordinates."""
+    """The pose to which a motion leads, step by step. values: of coordinates, parameters and spins; rates: of the coordinates.
+    A way back has no velocities here."""
     d, v, w, A = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
     for step in motion.steps:
+        if step.rotation is not None:
+            P, spin = (np.array([values[str(c)] for c in part]) for part in (step.rotation.P, step.rotation.spin))
+            R = rotation_matrices(P)
+            w, A = w + A @ R @ spin, A @ (R.T if step.rotation.inverse else R)
+            continue
         amount = float(step.amount.subs(values))
         speed = sum(float(step.amount.diff(c).subs(values)) * rate for c, rate in rates.items())
         axis = np.array([float(c) for c in step.axis])
@@ -61,6 +68,13 @@ def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) 
             way = amount * (A @ axis)
             d, v = d + way, v + speed * (A @ axis) + np.cross(w, way)
     return Pose(d, A, v, w)
+
+
+def symbols(law: Joint) -> dict[str, Any]:
+    """A symbol for every coordinate, of a free rotation those of its quaternion and its angular velocity."""
+    free = {c: Rotation.of([se.Symbol(f"{c}_P{i}") for i in range(4)], Vec(*(se.Symbol(f"{c}_w{i}") for i in range(3))))
+            for c in law.coordinates.keys() - law.scalars().keys()}  # fmt: skip
+    return {c: free.get(c, se.Symbol(c)) for c in law.coordinates}
 
 
 def stated_motion(case: Case) -> Iterator[Measured]:
@@ -88,15 +102,17 @@ class _Moving:
 
     def __init__(self, case: Case) -> None:
         self.case, self.d, self.law = case, case.d, case.d.law
-        motion = symbolic_motion(self.law)
+        motion = motion_of(self.law, symbols(self.law))
         assert motion is not None
         self.motion, self.rng = motion, np.random.default_rng(40)
         self.plan = Plan(self.d, _stated)
-        count = len(next(iter(case.values.values())))
-        reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.coordinates.items()}
-        self.c = {name: self.rng.uniform(-r, r, count) for name, r in reach.items()}
-        self.cd = {name: self.rng.normal(size=count) for name in self.c}
-        self.values = self.placed(case.values, self.c, self.cd)
+        self.points = len(next(iter(case.values.values())))
+        reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.scalars().items()}
+        self.c = {name: self.rng.uniform(-r, r, self.points) for name, r in reach.items()}
+        self.cd = {name: self.rng.normal(size=self.points) for name in self.c}
+        free = [name for name in self.law.coordinates if name not in self.c]
+        self.free = {f"{name}_{part}{i}": self.rng.normal(size=self.points) for name in free for part, n in (("P", 4), ("w", 3)) for i in range(n)}
+        self.values = self.placed(case.values)
 
     # -- placing and evaluating
 
@@ -116,16 +132,20 @@ class _Moving:
         (rk, K), (rl, L) = (self.axes(f, values) for f in self.d.sides)
         return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
 
-    def placed(self, values: Values, c: dict[str, Any], rates: dict[str, Any]) -> Values:
+    def placed(self, values: Values) -> Values:
         """The states with l where and as fast as the motion takes it, and the unknown and prescribed coordinates there."""
-        count = len(next(iter(values.values())))
-        led = [followed(self.motion, self.numbers(values, c, i), {n: r[i] for n, r in rates.items()}) for i in range(count)]
+        there = self.c | self.free
+        led = [followed(self.motion, self.numbers(values, there, i), {n: r[i] for n, r in self.cd.items()}) for i in range(self.points)]
         out = self.put(values, led)
         for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
-            out |= {str(f.q[0]): c[name], str(f.u[0]): rates[name]}
-        out |= {f"{name}_dot": np.zeros(count) for name in self.law.params}
+            if name in self.c:
+                out |= {str(f.q[0]): self.c[name], str(f.u[0]): self.cd[name]}
+            else:
+                out |= {str(s): self.free[f"{name}_P{i}"] for i, s in enumerate(f.q)}
+                out |= {str(s): self.free[f"{name}_w{i}"] for i, s in enumerate(f.u)}
+        out |= {f"{name}_dot": np.zeros(self.points) for name in self.law.params}
         for drive, name in self.law.drives().items():
-            out |= {drive: c[name], f"{drive}_dot": rates[name]}
+            out |= {drive: self.c[name], f"{drive}_dot": self.cd[name]}
         return out
 
     def put(self, values: Values, poses: list[Pose]) -> Values:
@@ -168,7 +188,7 @@ class _Moving:
     def rows(self) -> Iterator[Measured]:
         """Rows vanish where the motion leads, and stay so at its rates."""
         timed = {str(dp) for dp in self.d.variation.clock.values()}
-        drift = {n: np.zeros(len(next(iter(self.values.values())))) for n in range(len(self.d.rows))}
+        drift = {n: np.zeros(self.points) for n in range(len(self.d.rows))}
         for drive, name in self.law.drives().items():
             if getattr(self.law, drive) is not None and f"{drive}_dot" not in timed:
                 by = self.slope(drive)
@@ -191,9 +211,9 @@ class _Moving:
 
     def inverse(self) -> Iterator[Measured]:
         """The way back leads from l to k."""
-        for i in range(len(self.found[next(iter(self.found))])):
+        for i in range(self.points):
             there = self.pose(self.values, i)
-            back = followed(self.motion.inverse(), self.numbers(self.values, self.c, i), {})
+            back = followed(self.motion.inverse(), self.numbers(self.values, self.c | self.free, i), {})
             yield "place of k by the inverse motion", max(_largest(there.A @ back.A - np.eye(3)), _largest(there.d + there.A @ back.d))
 
     @property
@@ -202,12 +222,11 @@ class _Moving:
         return dict(self.law.prescribed)
 
     def count(self) -> Iterator[Measured]:
-        """Independent rows: six, less the coordinates that are free, and one for each of them that is an unknown."""
-        loose = len(self.c) - len(self.prescribed)
-        wanted = 6 - loose + len(self.law.own_coordinates)
+        """Independent rows: six, less the freedoms of the motion unless these are unknowns, and one for every prescribed value."""
+        wanted = 6 + len(self.prescribed) - (0 if self.law.kept else self.law.freedoms())
         for G in self.case.rows(self.values)[1]:
             sizes = np.linalg.svd(G, compute_uv=False)
-            rank = int(np.sum(sizes > 1e-9 * max(1.0, sizes[0])))
+            rank = int(np.sum(sizes > 1e-9 * np.max(sizes, initial=1.0)))
             which = "a row too many" if rank > wanted else "a row too few"
             if rank != wanted:
                 yield f"number of independent rows, {rank} where {wanted} leave the motion free ({which}),", abs(rank - wanted)
@@ -218,9 +237,9 @@ class _Moving:
         """A row that ties a coordinate grows with its value."""
         ties = set(self.law.ties(*self.d.sides)) if self.law.kept and self.law.states_rows() else set()
         tied = ties if ties == self.law.coordinates.keys() else set()
-        symbols = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
-        symbols |= {drive: drive for drive in self.prescribed.values()}
-        for row, symbol in symbols.items():
+        by = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
+        by |= {drive: drive for drive in self.prescribed.values()}
+        for row, symbol in by.items():
             slope = self.slope(symbol)["g", self.d.rows.index(row)]
             if _largest(slope) < CLEAR:
                 yield f"row '{row}', which does not depend on the value it ties,", 1.0
@@ -242,29 +261,27 @@ class _Moving:
         solved = self.case.solved(starts, fixed=self.d.sides[0].side)
         with np.errstate(all="ignore"):  # half a turn off, where angles are not defined
             found = self.evaluate(solved)
-        g = np.stack([found["g", n].real for n in range(len(self.d.rows))])
-        meant = np.all(np.abs(g) < SOLVED, axis=0)
+        meant = np.full(len(names), True)
         for target, e in found.items():
-            meant &= (e.real > CLEAR) if target[0] == "positive" else True
+            meant &= (e.real > CLEAR) if target[0] == "positive" else np.abs(e) < SOLVED if target[0] == "g" else True
         for i in np.flatnonzero(meant):
             off = self._off(solved, found, int(i))
             yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
 
     def _starts(self) -> tuple[Values, list[str]]:
         """l half a turn off about each of its axes, and anywhere; coordinates that are unknowns anywhere."""
-        count = len(next(iter(self.values.values())))
         offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
                 ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
         names = [name for name, _ in offs] + ["found from a random place"] * STARTS
-        picked = np.arange(len(names)) % count
+        picked = np.arange(len(names)) % self.points
         values = {name: e[picked] for name, e in self.values.items()}
         poses = [self.pose(values, i) for i in range(len(names))]
         for i, (_, R) in enumerate(offs):
             poses[i].A = poses[i].A @ R
         for at in poses[len(offs) :]:
             at.d, at.A = self.rng.normal(size=3), turn(self.rng.uniform(-3, 3, 3))
-        for f in self.d.frames[2:]:
-            values[str(f.q[0])] = values[str(f.q[0])] + np.r_[[0.0] * len(offs), self.rng.uniform(-3, 3, STARTS)]
+        for symbol in (str(c) for f in self.d.frames[2:] for c in f.q):
+            values[symbol] = values[symbol] + np.r_[[0.0] * len(offs), self.rng.uniform(-3, 3, STARTS)]
         return self.put(values, poses), names
 
     def _off(self, values: Values, found: dict[Target, NDArray[Any]], i: int) -> float:
@@ -272,17 +289,31 @@ class _Moving:
         at = self.pose(values, i)
         known = {name: found["c", name].real for name in self.c if ("c", name) in found}
         known |= {name: values[drive].real for name, drive in self.prescribed.items() if not self.law.kept}
-        numbers = self.numbers(values, known, i)
-        unknown = [name for name in self.c if name not in known]
+        for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
+            known |= {} if name in self.c else {f"{name}_P{n}": values[str(s)].real for n, s in enumerate(f.q)}
+        numbers = dict.fromkeys(self.free, 0.0) | self.numbers(values, known, i)
+        unknown = [name for name in self.law.coordinates if name not in known and f"{name}_P0" not in known]
         if not unknown:
             return at.distance(followed(self.motion, numbers, {}))
 
         def off(c: Array) -> Array:
-            there = followed(self.motion, numbers | dict(zip(unknown, c.tolist(), strict=True)), {})
-            return np.r_[there.d - at.d, (there.A - at.A).ravel()]
+            there, left = dict(numbers), list(c)
+            for name in unknown:
+                if name in self.c:
+                    there[name] = left.pop(0)
+                else:
+                    P = turned(np.eye(4)[0], np.array([left.pop(0) for _ in range(3)]))
+                    there |= {f"{name}_P{n}": float(e) for n, e in enumerate(P)}
+            led = followed(self.motion, there, {})
+            return np.r_[led.d - at.d, (led.A - at.A).ravel()]
 
-        fits = (least_squares(off, self.rng.uniform(-3, 3, len(unknown)), xtol=1e-14, ftol=1e-14, gtol=1e-14) for _ in range(TRIES))
-        return min(float(np.linalg.norm(fit.fun)) for fit in fits)
+        size = sum(1 if name in self.c else 3 for name in unknown)
+        best = np.inf
+        for _ in range(TRIES):
+            if best > APART:
+                fit = least_squares(off, self.rng.uniform(-2, 2, size), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+                best = min(best, float(np.linalg.norm(fit.fun)))
+        return best
 
 
 def _largest(e: NDArray[Any]) -> float:

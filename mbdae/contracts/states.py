@@ -69,7 +69,8 @@ class States:
                 common = R.T
         at: Array | None = None
         for f in d.frames[len(d.sides) :]:
-            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)} | {f"{f.side}_up1": float(rng.normal())}
+            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)}
+            values |= {f"{f.side}_up{i + 1}": float(rng.normal()) for i in range(len(f.u))}
         for f, R in zip(d.sides, turns, strict=False):
             at = self._side(values, f, J, common @ R, at if together else None)
         return values
@@ -115,19 +116,20 @@ def columns(symbols: Any, values: Values) -> NDArray[Any]:
 def rotation(f: Frame, values: Values) -> Array:
     """R (points, 3, 3) of a side."""
     q = columns(f.q, values)
-    if f.kind is NodeKind.SPATIAL:
-        return rotation_matrices(q[:, 3:])
+    if f.kind.by_quaternion:
+        return rotation_matrices(q[:, f.kind.translations :])
     headings = q[:, 2] if f.kind is NodeKind.PLANAR else np.zeros(len(q))
     return np.array([turn([0, 0, h]) for h in headings])
 
 
 def rates(f: Frame, values: Values, u: NDArray[Any]) -> NDArray[Any]:
     """q' (points, nq) for velocities u (points, nu)."""
-    if f.kind is not NodeKind.SPATIAL:
+    if not f.kind.by_quaternion:
         return u
-    P = columns(f.q, values)[:, 3:]
-    turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, 3:], strict=True)]
-    return np.hstack([u[:, :3], np.array(turning)])
+    n = f.kind.translations
+    P = columns(f.q, values)[:, n:]
+    turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, n:], strict=True)]
+    return np.hstack([u[:, :n], np.array(turning)])
 
 
 def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]], clock: bool = False) -> Values:
@@ -148,7 +150,7 @@ def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Value
     A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])
     out = dict(values)
     for f in d.frames:
-        if f.kind is NodeKind.COORDINATE:
+        if f.kind.of_joint:
             continue
         n = 2 if flat else 3
         q, u = columns(f.q, values).copy(), columns(f.u, values).copy()
@@ -167,8 +169,8 @@ def rigid_velocities(d: Derived, values: Values, direction: int) -> dict[str, Ar
     out = {}
     for f in d.frames:
         q, n = columns(f.q, values), f.kind.translations
-        if f.kind is NodeKind.COORDINATE:
-            out[f.side] = np.zeros((len(q), 1))
+        if f.kind.of_joint:
+            out[f.side] = np.zeros((len(q), len(f.u)))
             continue
         center = np.zeros((len(q), 3))
         center[:, :n] = q[:, :n]

@@ -16,14 +16,14 @@ from mbdae.symbolic.law import Element, Force, Law, Structure
 Variant = tuple[str, Structure, tuple[Side, ...]]
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
-_COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)
+_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: by whether the coordinate is a free rotation
 
 
 def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
     """Kinds of nodes and directions of axes between which a law may act; the joint coordinates among its unknowns come last."""
     if issubclass(law, Element):
-        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, NodeKind.COORDINATE) if kind.moves]
-    own = (_COORDINATE,) * len(law.symbolic(structure).own_coordinates)
+        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, *_OF_JOINTS.values()) if kind.moves]
+    own = tuple((kind, Axes.GENERAL) for kind in _own_kinds(law, structure))
     count = len(law.frames)
     if not count:
         return [own]
@@ -33,6 +33,12 @@ def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
     outside = issubclass(law, Force) and law.external
     allowed = [(kinds, axes) for kinds, axes in bodies if any(k.moves for k in kinds) and not (outside and kinds[0].moves)]
     return [(*((kind, axes) for kind in kinds), *own) for kinds, axes in allowed]
+
+
+def _own_kinds(law: type[Law], structure: Structure) -> list[NodeKind]:
+    """Kinds of the joint coordinates that are unknowns of the law."""
+    named = getattr(law, "coordinates", {})
+    return [_OF_JOINTS[name in named and named[name].unit == "rotation"] for name in law.symbolic(structure).own_coordinates]
 
 
 def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, ...]]:
@@ -71,7 +77,7 @@ def _idle(law: type[Law], choice: Choice) -> frozenset[str]:
     """Parameters without meaning for these options: the radius of friction where nothing rubs on one."""
     if not issubclass(law, Joint) or "friction_radius" not in law.derived():
         return frozenset()
-    rubbed = law.coordinates[choice["rubs"] or next(iter(law.coordinates))]
+    rubbed = law.coordinates[choice["rubs"] or next(iter(law.scalars()))]
     return frozenset() if choice["friction"] and rubbed.unit == "rad" else frozenset(["friction_radius"])
 
 
