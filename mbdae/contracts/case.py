@@ -136,9 +136,11 @@ class Case:
     def on_manifold(self) -> Values:
         """States near the drawn position at which the rows of a joint vanish and what must be positive is so."""
         values = self.solved(self.states.near)
-        found = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real if self._branches.targets else ()
-        meant = np.flatnonzero(np.all(found > 0, axis=1)) if len(found) else ()
-        return {name: e[meant[:POINTS]] if len(meant) else e[:POINTS] for name, e in values.items()}
+        meant = np.all(np.abs(self.rows(values)[0]) < 1e-12, axis=1)
+        if self._branches.targets:
+            meant &= np.all(self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real > 0, axis=1)
+        chosen = np.flatnonzero(meant)[:POINTS] if meant.any() else np.arange(POINTS)
+        return {name: e[chosen] for name, e in values.items()}
 
     @cached_property
     def _branches(self) -> Plan:

@@ -90,7 +90,8 @@ def stated_motion(case: Case) -> Iterator[Measured]:
             yield from moving.count()
             yield from moving.ties()
             yield from moving.branches()
-            yield from moving.second_solutions()
+            if len(moving.prescribed) in (0, len(d.law.drives())):
+                yield from moving.second_solutions()
 
 
 def _stated(d: Derived) -> list[tuple[Target, Expr]]:

@@ -69,7 +69,9 @@ class States:
                 common = R.T
         at: Array | None = None
         for f in d.frames[len(d.sides) :]:
-            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)}
+            upright = np.eye(4)[0] * 2 if f.kind.by_quaternion else np.zeros(len(f.q))
+            values |= {str(s): float(c) for s, c in zip(f.q, upright + 0.7 * rng.normal(size=len(f.q)), strict=True)}
+            values |= {str(s): float(rng.normal()) for s in f.u}
             values |= {f"{f.side}_up{i + 1}": float(rng.normal()) for i in range(len(f.u))}
         for f, R in zip(d.sides, turns, strict=False):
             at = self._side(values, f, J, common @ R, at if together else None)
@@ -95,7 +97,7 @@ class States:
         turned_by = float(np.arctan2(motion[1, 0], motion[0, 0]))
         P = quaternion(R) * rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
         third = heading + turned_by if f.kind.turns else center[2]
-        q = [*center, *P] if f.kind is NodeKind.SPATIAL else [center[0], center[1], third]
+        q = [*center[: f.kind.translations], *P] if f.kind.by_quaternion else [center[0], center[1], third]
         values |= {str(s): float(c) for s, c in zip(f.q, q, strict=False)}
         values |= {str(s): float(c) for s, c in zip(f.u, rng.normal(size=nu), strict=True)}
         values |= {f"{f.side}_qp{i + 1}": float(c) for i, c in enumerate(rng.normal(size=nq))}

@@ -8,6 +8,7 @@ from typing import Any
 
 from mbdae.contracts.choices import Choice, choices
 from mbdae.errors import LawError
+from mbdae.laws.elements import JointCoordinate
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint, symbolic_motion
@@ -22,7 +23,8 @@ _OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: by whethe
 def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
     """Kinds of nodes and directions of axes between which a law may act; the joint coordinates among its unknowns come last."""
     if issubclass(law, Element):
-        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, *_OF_JOINTS.values()) if kind.moves]
+        kinds = _OF_JOINTS.values() if issubclass(law, JointCoordinate) else (*_SPATIAL, *_PLANAR)
+        return [((kind, Axes.GENERAL),) for kind in kinds if kind.moves]
     own = tuple((kind, Axes.GENERAL) for kind in _own_kinds(law, structure))
     count = len(law.frames)
     if not count:
@@ -49,10 +51,10 @@ def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, 
     return [whole] + [(*whole[:i], other, *whole[i + 1 :]) for i in range(count) for other in kinds[1:]]
 
 
-def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
+def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bool]:
     """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only;
-    other values of the options with fewer of these."""
-    found: list[Structure] = []
+    other values of the options with fewer of these. Each with whether it is tried in the plane too."""
+    found: dict[Structure, bool] = {}
     whole, once = choices(law, options)
     for i, choice in enumerate((*whole, *once)):
         fixed = tuple((o, choice[o]) for o in law.options)
@@ -60,16 +62,18 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
         idle |= {d for d in law.drives() if not _derivable(law, Structure(idle | law.drives().keys() - {d}, options=fixed))}
         needed = [p for p in law.params if p not in idle]
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
-        tried = [Structure(idle | a, options=fixed) for a in _absences(optional, choice in whole and (i == 0 or not choice.get("kept")))]
-        found += [s for s in (tried if i <= len(whole) else tried[-1:]) if s.absent == idle or _derivable(law, s)]
+        absences = _absences(law, optional, choice in whole and (i == 0 or not choice.get("kept")))
+        tried = [Structure(idle | a, options=fixed) for a in (absences if i <= len(whole) else absences[-1:])]
+        found |= {s: s in (tried[0], tried[-1]) for s in tried if s.absent == idle or _derivable(law, s)}
         if needed and choice in whole and not law.timeless and not issubclass(law, Element):
-            found.append(Structure(idle, frozenset(needed), fixed))
+            found[Structure(idle, frozenset(needed), fixed)] = True
     return found
 
 
-def _absences(optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
+def _absences(law: type[Law], optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
     """Which of the optional parameters are left out: none, all, and where it is thorough each, and all but one."""
-    some = [*(frozenset([p]) for p in optional), *(optional - {p} for p in optional)] if thorough else []
+    some = [frozenset([p]) for p in optional] if thorough else []
+    some += [optional - {p} for p in optional] if thorough and len(law.drives()) < 2 else []
     return sorted(dict.fromkeys([frozenset[str](), *some, optional]), key=lambda absent: (len(absent), sorted(absent)))
 
 
@@ -98,10 +102,10 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
     """Every structure between the main kinds of nodes, the first structure of the first options between all."""
-    structures = structures_of(law, options)
-    for structure in structures:
+    for i, (structure, flat) in enumerate(structures_of(law, options).items()):
         for sides in sides_of(law, structure):
-            if structure is not structures[0] and not _is_main(law, sides):
+            in_plane = any(kind.flat for kind, _ in sides)
+            if i and not (_is_main(law, sides) and (flat or not in_plane)):
                 continue
             name = _variant_name(structure, sides)
             try:
