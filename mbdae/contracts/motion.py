@@ -306,7 +306,7 @@ class _Moving:
                     P = turned(np.eye(4)[0], np.array([left.pop(0) for _ in range(3)]))
                     there |= {f"{name}_P{n}": float(e) for n, e in enumerate(P)}
             led = followed(self.motion, there, {})
-            return np.r_[led.d - at.d, (led.A - at.A).ravel()]
+            return np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
 
         size = sum(1 if name in self.c else 3 for name in unknown)
         best = np.inf

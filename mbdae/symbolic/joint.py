@@ -250,7 +250,7 @@ class Joint(TwoBodyLaw):
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        pressing = self.pressing(*frames[:2], force)
+        pressing = self.pressing(frames[0], frames[1], force)
         normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
         return self.read(*frames)[self.rubbed], let(-self.friction.coefficient(self.sliding(*frames)) * normal) * self.lever()
 
