@@ -81,7 +81,9 @@ class Known:
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
             raise SceneError([f"{what}: {remedy}"])
         one = found[0]
-        if not (isinstance(one, FunctionType) if FunctionType in kinds else isinstance(one, type) and issubclass(one, kinds)):
+        classes = tuple(kind for kind in kinds if kind is not FunctionType)
+        is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
+        if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
             wanted = " or ".join("a function" if kind is FunctionType else f"a {kind.__name__}" for kind in kinds)
             raise SceneError([f"{shown(name)} stands where {wanted} is expected"])
         return one
