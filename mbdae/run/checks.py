@@ -11,6 +11,7 @@ from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
 from mbdae.system.model.inputs import expressions_of, timeline
+from mbdae.symbolic.joint import Joint
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 
@@ -89,6 +90,12 @@ class Check(ListsAttributes):
         return tuple(name for tree in self.prepared.all_bodies.moved.trees for name in tree.rigid)
 
     @property
+    def remarks(self) -> dict[str, str]:
+        """What joints say of their own values, such as that a screw is self-locking."""
+        said = {c.name: c.joint.remarks() for c in self.prepared.model.scene.joints if isinstance(c.joint, Joint)}
+        return {name: "; ".join(texts) for name, texts in said.items() if texts}
+
+    @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints stated as recursive that stay kinematic all the same, and why."""
         return dict(self.prepared.model.stay_kinematic)
@@ -106,6 +113,7 @@ class Check(ListsAttributes):
         lines += self._of_recursive_joints()
         lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
+        lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
         lines += self._of_inputs()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)

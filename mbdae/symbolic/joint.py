@@ -89,6 +89,16 @@ class Joint(TwoBodyLaw):
         along: Vec = k.z * (k.z @ force)
         return force - along
 
+    def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
+        """The normal force where they rub (N, not negative) for the joint's force on l (N): the magnitude of what presses, unless the
+        friction itself, of a signed coefficient, has a part in that force."""
+        pressing = self.pressing(k, l, force)
+        return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
+
+    def remarks(self) -> list[str]:
+        """What `check()` says of the values of this joint, one sentence each."""
+        return []
+
     def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
 
@@ -241,9 +251,8 @@ class Joint(TwoBodyLaw):
             return None
         if not (k.kind.oriented and (l.kind.oriented or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        pressing = self.pressing(k, l, force)
-        normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
-        return self.read(k, l)[self.rubbed], let(-self.friction.coefficient(self.sliding(k, l)) * normal) * self.lever()
+        coefficient = let(self.friction.coefficient(self.sliding(k, l)))
+        return self.read(k, l)[self.rubbed], let(-coefficient * self.normal_force(k, l, force, coefficient)) * self.lever()
 
     def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(k, l)))
