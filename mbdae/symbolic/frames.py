@@ -188,8 +188,7 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         undefined = {heading: "heading"}
     if kind.flat and kind.moves:
         structure |= {r[2]: 0, v[2]: 0}
-    own = () if x is body[0] else (x, y, z)  # the axes of a free rotation are those of its node
-    attached = [s, *own, w, *body] if kind.turns else []
+    attached = [s, x, y, z, w, *body] if kind.turns else []
     return Frame(side, kind, axes, r + s, v + w.cross(s), x, y, z, w, r, v, s, body, heading, spin, q, u,
                  parameters, structure, meaning, attached, undefined)  # fmt: skip
 
