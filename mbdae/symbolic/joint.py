@@ -1,9 +1,10 @@
 """Joints: a law states the coordinates of a joint and its motion, or rows that vanish, or both.
 
-The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive joint,
-the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows* (`constraints`)
-state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates from the frames
-then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies as an unknown.
+The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive
+joint, the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows*
+(`constraints`) state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates
+from the frames then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies
+as an unknown.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class Joint(TwoBodyLaw):
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion it leaves free: rad or m, 0 as drawn
     loose: ClassVar[type[Joint] | None] = None  #: the joint that remains where pin and race have play
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
+    kept: Any  #: None or False: its coordinates are no unknowns
     _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters that follow from the coordinates
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -52,10 +54,11 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if entry.unit not in UNITS:
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or 'rotation'")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
+                               f"'rotation'")  # fmt: skip
         if hasattr(cls, "coordinate_unit"):
-            raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in place of "
-                           f"coordinate_unit")  # fmt: skip
+            raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in "
+                           f"place of coordinate_unit")  # fmt: skip
 
     def __init__(self, name: str, *args: Any, **values: Any) -> None:
         super().__init__(name, *args, **values)
@@ -67,20 +70,20 @@ class Joint(TwoBodyLaw):
         """The axes of l, reached from those of k by the joint's coordinates."""
         return from_k
 
-    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Rows that vanish, by name, without the coordinates."""
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
 
-    def coordinate(self, k: Frame, l: Frame) -> Any:
+    def coordinate(self, *frames: Any, **_: Any) -> Any:
         """The coordinates as the frames show them, by name (an expression where there is one); None: they cannot be read."""
         return None
 
-    def ties(self, k: Frame, l: Frame) -> dict[str, Any]:
+    def ties(self, *frames: Any, **_: Any) -> dict[str, Any]:
         """By coordinate a row that vanishes where the coordinate has its value (`self.<name>`) and grows with that value; a pair
         with an expression that is positive there, where the row vanishes elsewhere too (half a turn off)."""
         return {}
 
-    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def branches(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Expressions that must be positive, where the rows alone admit a second solution (a joint half a turn off)."""
         return {}
 
@@ -99,7 +102,7 @@ class Joint(TwoBodyLaw):
         """What `check()` says of the values of this joint, one sentence each."""
         return []
 
-    def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
+    def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
 
         reactions: the force of every row (N or N m) by its name, 0 where the row vanishes. None: there is none."""
@@ -161,32 +164,34 @@ class Joint(TwoBodyLaw):
         """Prescribed coordinates with the names of their parameters."""
         return {c: name for name, c in self.drives().items() if getattr(self, name) is not None}
 
-    def rows(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
         if not self.kept:
-            rows, ties = dict(self.constraints(k, l)), self._ties(k, l) if self.prescribed else {}
+            rows, ties = dict(self.constraints(*frames)), self._ties(*frames) if self.prescribed else {}
             for c, name in self.prescribed.items():
                 if c not in ties:
                     raise LawError(f"{type(self).__name__} states no row that prescribes its {c} without it as an unknown; use "
                                    f"model=mb.Classical()")  # fmt: skip
                 rows[name] = ties[c][0]
             return rows
-        rows = self._rows_with_coordinates(k, l)
+        rows = self._rows_with_coordinates(*frames)
         return rows | {name: getattr(self, name) - getattr(self, c) for c, name in self.prescribed.items() if name not in rows}
 
-    def _rows_with_coordinates(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        ties = self._complete_ties(k, l)
+    def _rows_with_coordinates(self, *frames: Frame) -> dict[str, Expr]:
+        ties = self._complete_ties(*frames)
         if ties:
-            return dict(self.constraints(k, l)) | {c: row for c, (row, _) in ties.items()}
+            return dict(self.constraints(*frames)) | {c: row for c, (row, _) in ties.items()}
         if not self.states_motion():
-            return dict(self.constraints(k, l))
+            return dict(self.constraints(*frames))
+        k, l = frames
         moved, axes = self._pose(k)
         d = l.r - k.r - moved
         return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
 
-    def positives(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        stated = dict(self.branches(k, l)) if self.states_rows() else {}
-        ties = self._complete_ties(k, l) if self.kept else self._ties(k, l) if self.prescribed else {}
+    def positives(self, *frames: Frame) -> dict[str, Expr]:
+        stated = dict(self.branches(*frames)) if self.states_rows() else {}
+        ties = self._complete_ties(*frames) if self.kept else self._ties(*frames) if self.prescribed else {}
         if self.kept and not ties and self.states_motion():
+            k, l = frames
             axes = self._pose(k)[1]
             return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
         held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
@@ -195,25 +200,25 @@ class Joint(TwoBodyLaw):
     def _pose(self, k: Frame) -> Any:
         return self.motion(Motion()).pose((k.x, k.y, k.z))
 
-    def _complete_ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+    def _complete_ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Ties of all coordinates; none where one has none."""
         complete = self.states_rows() and self.states_motion() and self.scalars().keys() == self.coordinates.keys()
-        ties = self._ties(k, l) if complete else {}
+        ties = self._ties(*frames) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
-    def _ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+    def _ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Rows and positive expressions of the ties, with prescribed values where coordinates are no unknowns."""
         law = self
         if not self.kept:
             law = copy(self)
             values = {c: getattr(self, name) for name, c in self.drives().items()}
             vars(law).update({c: se.Symbol(f"free_{c}") if value is None else value for c, value in values.items()})
-        return {c: tie if isinstance(tie, tuple) else (tie, None) for c, tie in law.ties(k, l).items()}
+        return {c: tie if isinstance(tie, tuple) else (tie, None) for c, tie in law.ties(*frames).items()}
 
-    def read(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def read(self, *frames: Frame) -> dict[str, Expr]:
         if self.kept:
             return {c: getattr(self, c) for c in self.scalars()}
-        found = self.coordinate(k, l)
+        found = self.coordinate(*frames)
         if found is None or isinstance(found, Mapping):
             return dict(found or {})
         return dict.fromkeys(self.scalars(), found)
@@ -241,24 +246,25 @@ class Joint(TwoBodyLaw):
         """Length by which the rate of the rubbed coordinate becomes a sliding velocity: a radius, 1 for a displacement."""
         return self.friction_radius if self.coordinates[self.rubbed].unit == "rad" else se.Integer(1)
 
-    def sliding(self, k: Frame, l: Frame) -> Expr:
+    def sliding(self, *frames: Frame) -> Expr:
         """Velocity of l relative to k where they rub, m/s."""
-        return let(self.lever() * rate(self.read(k, l)[self.rubbed]))
+        return let(self.lever() * rate(self.read(*frames)[self.rubbed]))
 
-    def rubbing(self, k: Frame, l: Frame, force: Vec) -> tuple[Expr, Expr] | None:
+    def rubbing(self, force: Vec, *frames: Frame) -> tuple[Expr, Expr] | None:
         """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
         if self.friction is None:
             return None
+        k, l = frames
         if not (k.kind.oriented and (l.kind.oriented or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        coefficient = let(self.friction.coefficient(self.sliding(k, l)))
-        return self.read(k, l)[self.rubbed], let(-coefficient * self.normal_force(k, l, force, coefficient)) * self.lever()
+        coefficient = let(self.friction.coefficient(self.sliding(*frames)))
+        return self.read(*frames)[self.rubbed], let(-coefficient * self.normal_force(k, l, force, coefficient)) * self.lever()
 
-    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return {} if self.friction is None else dict(self.friction.rate(self.sliding(k, l)))
+    def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))
 
-    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        return {} if self.friction is None else dict(self.friction.initial(self.sliding(k, l)))
+    def initial(self, *frames: Any, **_: Any) -> dict[str, Expr]:
+        return {} if self.friction is None else dict(self.friction.initial(self.sliding(*frames)))
 
 
 def motion_of(law: Joint, values: Mapping[str, Any]) -> Motion | None:
