@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
+from joints import gears, jack, shafts
 from joints.chains import MODELS, Run, admits, as_drawn, by_hand, by_package, drawn, off, random_state, scene_of, start_off
 from joints.kinematics import KINDS
 from joints.oracle import Chain
@@ -13,6 +16,7 @@ from mbdae.system.prepare import prepare
 claim = Claim("joints", "every joint gives the same accelerations, reactions and runs in every model it admits, and those of closed forms",
               1e-11, "relative", "equations of motion of chains by hand, DOP853 at rtol 1e-11; closed forms")  # fmt: skip
 STATES, ACCURACY, T_END = 50, 1e-8, 0.5
+CLOSED = 1e-8  #: relative, of closed forms
 SIDES = ("lkl", "klk")
 
 
@@ -54,9 +58,17 @@ def starts_and_runs(kind: str) -> list[Found]:
     return [Found(begin, quantity="start"), Found(runs, 10 * ACCURACY, quantity="run")]
 
 
+def closed(errors: Callable[[], Iterator[tuple[str, float]]]) -> Found:
+    """The largest error of closed forms, and where it is."""
+    worst, where = max((error, name) for name, error in errors())
+    return Found(worst, CLOSED, note=where)
+
+
 def cases() -> list[Case]:
     models = ", ".join(type(m).__name__.lower() for m in MODELS)
-    return [*(Case(f"{kind}, {STATES} states", models, lambda kind=kind: same_state(kind), slow=True) for kind in KINDS),
+    forms = {"shafts with joints of Cardan": shafts.errors, "screw jack": jack.errors, "gears": gears.errors}
+    return [*(Case(name, "default", lambda errors=errors: closed(errors), slow=True) for name, errors in forms.items()),
+            *(Case(f"{kind}, {STATES} states", models, lambda kind=kind: same_state(kind), slow=True) for kind in KINDS),
             *(Case(f"{kind}, runs", models, lambda kind=kind: starts_and_runs(kind), slow=True) for kind in KINDS)]  # fmt: skip
 
 

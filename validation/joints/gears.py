@@ -1,6 +1,7 @@
 """Gears by hand: accelerations by Lagrange with the reduced inertia, torques on the ground by the balance of angular momentum.
 
-Couplings act by torques about the axes of their joints, so that all rates below are constant accelerations times the time.
+Couplings act by torques about the axes of their joints, so that all rates below are constant accelerations times the time. The torque
+of a joint is all that goes through it, the part of a coupling too; over all joints on the ground these parts cancel.
 """
 
 from __future__ import annotations
@@ -52,8 +53,9 @@ def planetary_errors() -> Iterator[tuple[str, float]]:
         yield f"ring held, {joint}: acceleration", off(r[joint].rate, ratio * second * TIMES)
     momentum = (carried + PLANETS * J_PLANET * spin + J_SUN * sun) * second
     yield "ring held: torque on the ground", off(-total(r, "S", "C", "R") + motor + load, motor + load - momentum)
-    yield "ring held: torque of the ring", off(on_axis(r, "R"), momentum - motor - load)
-    yield "ring held: torque of the sun", off(on_axis(r, "S"), motor)
+    held = r.multipliers[:, r.multiplier_names.index("R.drive")]
+    yield "ring held: torque that holds it", off(held, momentum - motor - load)
+    yield "ring held: all torques on the sun", off(on_axis(r, "S"), J_SUN * sun * second)
     on_ring = 2.5
     r = planetary(motor, load, on_ring).simulate(T_END, outputs=TIMES)
     # rates of sun, planets (from the ground) and ring, of those of carrier and sun
@@ -62,7 +64,7 @@ def planetary_errors() -> Iterator[tuple[str, float]]:
     second = np.linalg.solve(mass, np.array([load, motor]) + on_ring * rows[2])
     for joint, row in zip(("S", "R", "C"), rows[[0, 2, 3]], strict=True):
         yield f"ring free, {joint}: acceleration", off(r[joint].rate, row @ second * TIMES)
-    yield "ring free: sum of torques", off(total(r, "S", "C", "R"), motor + load + on_ring)
+    yield "ring free: torque on the ground", off(total(r, "S", "C", "R"), motor + load + on_ring)
 
 
 def differential_errors() -> Iterator[tuple[str, float]]:
