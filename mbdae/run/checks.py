@@ -10,8 +10,8 @@ from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
 from mbdae.scene.scene import SceneData
-from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.symbolic.joint import Joint
+from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
 

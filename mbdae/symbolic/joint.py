@@ -93,8 +93,8 @@ class Joint(TwoBodyLaw):
         return force - along
 
     def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
-        """The normal force where they rub (N, not negative) for the joint's force on l (N): the magnitude of what presses, unless the
-        friction itself, of a signed coefficient, has a part in that force."""
+        """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
+        the friction itself, of a signed coefficient, has a part in that force."""
         pressing = self.pressing(k, l, force)
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 

@@ -1,4 +1,4 @@
-"""Every joint in every model it admits against equations of motion by hand (`validation/joints/`), at random states and in runs."""
+"""Every joint in every model it admits against equations of motion by hand (`validation/joints/`): states, starts, runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def test_accelerations_and_reactions(kind, sides, driven):
             assert max(off(by_package(c, prepared, *state), by_hand(c, *state))) < AGREE, models
 
 
-@pytest.mark.parametrize("kinds", [("universal", "spherical", "screw"), ("planar", "boom", "cam"), ("free", "cylindrical", "universal")])
+@pytest.mark.parametrize("kinds", [("universal", "spherical", "screw"), ("planar", "boom", "cam"),
+                                   ("free", "cylindrical", "universal")])  # fmt: skip
 def test_joints_of_different_kinds_in_one_chain(kinds):
     rng = np.random.default_rng(7)
     c = drawn(rng, kinds, "lkl", 2)

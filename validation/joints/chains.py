@@ -73,16 +73,17 @@ def unit(rng: np.random.Generator) -> np.ndarray:
 
 
 def drawn(rng: np.random.Generator, kinds: Sequence[str], outer: str, driven: int | None = None) -> Chain:
-    """A chain of joints of these kinds from the ground; outer: for every joint "k" or "l", the side that is its outer body; driven:
-    number of the joint whose last coordinate is prescribed."""
+    """A chain of joints of these kinds from the ground; outer: for every joint "k" or "l", the side that is its outer body;
+    driven: number of the joint whose last coordinate is prescribed."""
     links, at = [], 0.5 * unit(rng)
     for i, (kind, side) in enumerate(zip(kinds, outer, strict=True)):
         size, lumps, mass = len(KINDS[kind].scalars), rng.normal(size=(6, 3)) * 0.3, rng.uniform(0.5, 2.0)
         inertia = mass / 6 * (np.sum(lumps**2) * np.eye(3) - lumps.T @ lumps)
         axes, rotation = (Rotation.random(random_state=rng).as_matrix() for _ in range(2))
         centre = at + 0.4 * unit(rng)
-        links.append(Link(kind, side, at, axes, mass, inertia, centre, rotation, rng.uniform(2, 10, size), rng.uniform(0.1, 1, size),
-                          rng.normal(size=size), {size - 1: DRIVE} if i == driven and size else {}))  # fmt: skip
+        on = rng.uniform(2, 10, size), rng.uniform(0.1, 1, size), rng.normal(size=size)
+        links.append(Link(kind, side, at, axes, mass, inertia, centre, rotation, *on,
+                          {size - 1: DRIVE} if i == driven and size else {}))  # fmt: skip
         at = centre + 0.4 * unit(rng)
     return Chain(tuple(links), 9.81 * unit(rng), FORCE, at, TORQUE)
 
@@ -130,6 +131,7 @@ def scene_of(chain: Chain, models: Sequence[Any], q: np.ndarray | None = None, v
     none = np.zeros(chain.sizes[1])
     q, v = as_drawn(chain, np.zeros(chain.sizes[0])) if q is None else q, none if v is None else v
     before, moving = s.ground, chain.motion(q, v, none)
+    options = ("spring", "damper", "load")
     for i, (link, (at, rate), model) in enumerate(zip(chain.links, chain.parts, models, strict=True)):
         speeds = {"velocity": moving[i].v, "angular_velocity": moving[i].w} if any(a.joint.rotates for a in chain.links) else {}
         body = s.rigid_body(f"b{i}", link.mass, link.inertia, at=link.centre, rotation=link.rotation, **speeds)
@@ -139,14 +141,15 @@ def scene_of(chain: Chain, models: Sequence[Any], q: np.ndarray | None = None, v
         s.joint(law, f"J{i}", k, l, at=link.at, axis=link.axes[:, 2], axis_x=link.axes[:, 0], model=model, **numbers,
                 prescribed={names[n]: text(wave) for n, wave in link.drives.items()} or None,
                 start={names[n]: q[at][n] for n in range(len(names)) if n not in link.drives} or None, start_rate=start or None,
-                **{option: dict(zip(names, getattr(link, option), strict=True)) or None for option in ("spring", "damper", "load")})  # fmt: skip
+                **{option: dict(zip(names, getattr(link, option), strict=True)) or None for option in options})  # fmt: skip
         before = body
     s.force("push", before, [text(w) for w in chain.push], at=chain.tip)
     s.torque("twist", s["b0"], [text(w) for w in chain.twist], frame="body")
     return s
 
 
-def unknowns(chain: Chain, prepared: Prepared, bodies: Sequence[Moving], q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def unknowns(chain: Chain, prepared: Prepared, bodies: Sequence[Moving], q: np.ndarray,
+             v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Positions and velocities of all nodes of a prepared scene, in a state of the chain."""
     model = prepared.model
     all_q, all_u = np.zeros(model.nq), np.zeros(model.nu)
@@ -171,7 +174,7 @@ def coordinate_nodes(chain: Chain, prepared: Prepared) -> Iterator[tuple[Any, sl
 
 @dataclass(frozen=True)
 class Mechanics:
-    """(nu,) accelerations of bodies (n, 6), inertial frame; (joints, 6) force and torque of joints on l, about the point of l; (n,)
+    """Accelerations of bodies (n, 6), inertial frame; (joints, 6) force and torque of joints on l, about the point of l; (n,)
     second derivatives of the coordinates, nan where they are no unknowns."""
 
     bodies: np.ndarray
@@ -217,8 +220,8 @@ def off(found: Mechanics, reference: Mechanics) -> tuple[float, float]:
 
 
 def start_off(chain: Chain, prepared: Prepared, t: float, q: np.ndarray, v: np.ndarray) -> float:
-    """How far the start is off that states coordinates and rates: positions, velocities and accelerations of the unknowns, each over
-    the largest."""
+    """How far the start is off that states coordinates and rates: positions, velocities and accelerations of the unknowns, each
+    over the largest."""
     a = chain.second(t, q, v)
     bodies = chain.motion(q, v, a)
     all_q, all_u = unknowns(chain, prepared, bodies, q, v)
@@ -229,7 +232,8 @@ def start_off(chain: Chain, prepared: Prepared, t: float, q: np.ndarray, v: np.n
         all_q[turn] *= np.sign(all_q[turn] @ begin.q[turn])
         second = np.r_[b.a, R.T @ b.w1]
         found.append(np.max(np.abs(begin.acceleration[node.u : node.u + 6] - second)) / np.max(np.abs(a)))
-    return max(np.max(np.abs(begin.q - all_q)) / np.max(np.abs(all_q)), np.max(np.abs(begin.u - all_u)) / np.max(np.abs(all_u)), *found)
+    found += [np.max(np.abs(one - other)) / np.max(np.abs(other)) for one, other in ((begin.q, all_q), (begin.u, all_u))]
+    return max(found)
 
 
 @dataclass(frozen=True)
@@ -247,7 +251,8 @@ class Run:
         times = np.linspace(0, t_end, 11)
         at_q, at_v = chain.run(q, v, times)
         none = np.zeros(len(v))
-        return cls(times, np.array([[b.r for b in chain.motion(x, y, none)] for x, y in zip(at_q, at_v, strict=True)]), at_q, at_v)
+        moving = [chain.motion(x, y, none) for x, y in zip(at_q, at_v, strict=True)]
+        return cls(times, np.array([[b.r for b in bodies] for bodies in moving]), at_q, at_v)
 
     def off(self, chain: Chain, r: mb.Result) -> float:
         """Largest difference: positions over the size of the scene, angles in rad, rates over the largest of their kind."""

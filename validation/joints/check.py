@@ -13,7 +13,8 @@ from runner import Case, Claim, Found, Row, measure
 
 from mbdae.system.prepare import prepare
 
-claim = Claim("joints", "every joint gives the same accelerations, reactions and runs in every model it admits, and those of closed forms",
+claim = Claim("joints", "every joint gives the same accelerations, reactions and runs in every model it admits, and those of "
+              "closed forms",
               1e-11, "relative", "equations of motion of chains by hand, DOP853 at rtol 1e-11; closed forms")  # fmt: skip
 STATES, ACCURACY, T_END = 50, 1e-8, 0.5
 CLOSED = 1e-8  #: relative, of closed forms
@@ -28,7 +29,7 @@ def chain(kind: str, seed: int, sides: str) -> Chain:
 
 
 def same_state(kind: str) -> list[Found]:
-    """Largest differences at random states of two chains: accelerations and joint forces, between models and from the reference."""
+    """Largest differences at random states of two chains, between models and from the reference."""
     worst = np.zeros((2, 2))
     for seed, sides in enumerate(SIDES):
         c, rng = chain(kind, seed, sides), np.random.default_rng(seed)

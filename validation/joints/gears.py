@@ -1,7 +1,7 @@
 """Gears by hand: accelerations by Lagrange with the reduced inertia, torques on the ground by the balance of angular momentum.
 
-Couplings act by torques about the axes of their joints, so that all rates below are constant accelerations times the time. The torque
-of a joint is all that goes through it, the part of a coupling too; over all joints on the ground these parts cancel.
+Couplings act by torques about the axes of their joints, so that all rates below are constant accelerations times the time. The
+torque of a joint is all that goes through it, the part of a coupling too; over all joints on the ground these parts cancel.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def planetary_errors() -> Iterator[tuple[str, float]]:
     """Ring held: freedom of the carrier. Ring free: freedoms of carrier and sun."""
     motor, load = 1.7, -4.0
     r = planetary(motor, load).simulate(T_END, outputs=TIMES)
-    sun, spin = 1 + RING / SUN, 1 - RING / PLANET  # angles of the sun and (as seen from the ground) of the planets, over the carrier's
+    sun, spin = 1 + RING / SUN, 1 - RING / PLANET  # angles of the sun and of the planets, from the ground, over the carrier's
     carried = J_CARRIER + PLANETS * PLANET_MASS * ARM**2
     reduced = carried + PLANETS * J_PLANET * spin**2 + J_SUN * sun**2
     second = (motor * sun + load) / reduced
@@ -115,7 +115,7 @@ def arm_errors() -> Iterator[tuple[str, float]]:
 
 
 def mill_errors() -> Iterator[tuple[str, float]]:
-    """A wheel rolls round a post, its axis on a turning arm: J spin arm is the rate of its angular momentum, about the tangent."""
+    """A wheel rolls round a post, its axis on a turning arm: J spin speed is the rate of its angular momentum."""
     J, radius, way, speed, weight = 0.08, 0.2, 0.5, 4.0, 30.0
     s = mb.Scene("mill", gravity=(0, 0, -weight / 3.0))
     arm = s.rigid_body("arm", 1.0, (0.1, 0.1, 0.1), at=(0, 0, 0))

@@ -19,7 +19,7 @@ CREEP = 1e-4  #: m/s, transition of the friction
 def jack(lead: float, mu: float, turning: float | None = None, torque: float | None = None, outwards: bool = True) -> mb.Scene:
     """The nut lifts the load where the spindle turns positively: the thread is left-handed where lead is positive.
 
-    turning: prescribed speed of the spindle, rad/s; else it turns freely under a torque, N m. outwards: the nut is the thread's l."""
+    turning: prescribed speed of the spindle, rad/s; else it turns freely under a torque, N m. outwards: the nut is l."""
     s = mb.Scene("screw jack", gravity=(0, 0, -WEIGHT / MASS))
     spindle = s.rigid_body("spindle", 1.0, (0.01, 0.01, SPINDLE), at=(0, 0, 0.2))
     nut = s.rigid_body("nut", MASS, (1.0, 1.0, 1.0), at=(0, 0, 0.3))

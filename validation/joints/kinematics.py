@@ -123,8 +123,8 @@ def fixed_orientation(q, v, a):
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of joint: names and units of its coordinates, its motion. A rotation, which comes last, is a quaternion with the angular
-    velocity along the axes of l as its rates."""
+    """A kind of joint: names and units of its coordinates, its motion. A rotation, which comes last, is a quaternion with the
+    angular velocity along the axes of l as its rates."""
 
     coordinates: dict[str, str]
     motion: Callable[..., Relative]

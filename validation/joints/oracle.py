@@ -1,7 +1,7 @@
 """Chains of rigid bodies from the ground by hand, in NumPy and SciPy alone: accelerations, joint forces and runs.
 
-Bodies are followed from the ground outwards with positions, velocities and accelerations; these are linear in the second derivatives
-of the coordinates, so that the columns of the Jacobian are the accelerations of unit second derivatives. Then
+Bodies are followed from the ground outwards with positions, velocities and accelerations; these are linear in the second
+derivatives of the coordinates, so that the columns of the Jacobian are the accelerations of unit second derivatives. Then
 
     sum over bodies of J^T (inertial - applied forces) = forces on the coordinates,
 
@@ -29,13 +29,14 @@ class Wave:
 
     def __call__(self, t: float) -> np.ndarray:
         w, s, c = self.frequency, np.sin(self.frequency * t + 1), np.cos(self.frequency * t + 1)
-        return np.array([self.constant + self.slope * t + self.height * s, self.slope + self.height * w * c, -self.height * w * w * s])
+        value = self.constant + self.slope * t + self.height * s
+        return np.array([value, self.slope + self.height * w * c, -self.height * w * w * s])
 
 
 @dataclass(frozen=True)
 class Link:
-    """A body with the joint that carries it. Drawn, inertial frame: joint at `at` (3,) with `axes` (3, 3) in columns, centre of mass
-    (3,), rotation (3, 3). inertia (3, 3) in body axes. outer: name of the joint's side k or l that is this body. By angle or
+    """A body with the joint that carries it. Drawn, inertial frame: joint at `at` (3,) with `axes` (3, 3) in columns, centre of
+    mass (3,), rotation (3, 3). inertia (3, 3) in body axes. outer: name of the joint's side k or l that is this body. By angle or
     displacement: spring, damper, load; drives: number of the coordinate -> its prescribed value."""
 
     kind: str
@@ -64,8 +65,8 @@ class Link:
 
 @dataclass(frozen=True)
 class Moving:
-    """A body in motion: turn (3, 3) from its drawn attitude, r, v, w, a, w1 (3,) of its centre of mass; inner, point: places (3,) of
-    the joint's points on the body before and on this one."""
+    """A body in motion: turn (3, 3) from its drawn attitude, r, v, w, a, w1 (3,) of its centre of mass; inner, point: places (3,)
+    of the joint's points on the body before and on this one."""
 
     turn: np.ndarray
     r: np.ndarray
@@ -84,8 +85,8 @@ class Moving:
 
 @dataclass(frozen=True)
 class Chain:
-    """Links from the ground outwards. gravity (3,); push: force (inertial axes) at the point `tip` of the last body as drawn; twist:
-    torque on the first body along its own axes."""
+    """Links from the ground outwards. gravity (3,); push: force (inertial axes) at the point `tip` of the last body as drawn;
+    twist: torque on the first body along its own axes."""
 
     links: tuple[Link, ...]
     gravity: np.ndarray
@@ -109,7 +110,8 @@ class Chain:
     def scalars(self) -> list[tuple[int, int, float, float, float]]:
         """Of every angle and displacement: number of its position and of its rate, spring, damper, load."""
         return [(at.start + i, rate.start + i, link.spring[i], link.damper[i], link.load[i])
-                for link, (at, rate) in zip(self.links, self.parts, strict=True) for i in range(len(link.joint.scalars))]  # fmt: skip
+                for link, (at, rate) in zip(self.links, self.parts, strict=True)
+                for i in range(len(link.joint.scalars))]  # fmt: skip
 
     @cached_property
     def driven(self) -> dict[tuple[int, int], Wave]:

@@ -5,7 +5,8 @@ tan(out) = cos(bend) tan(in); where it starts in that plane, tan(out) = tan(in) 
 
     d out / d in = c / D,   d2 out / d in2 = c (1 - c^2) sin(2 in) / D^2,   D = cos(in)^2 + c^2 sin(in)^2.
 
-Two joints at equal bends multiply the factors c: with the forks of the shaft between them in one plane 1, else that of one, squared.
+Two joints at equal bends multiply the factors c: with the forks of the shaft between them in one plane 1, else that of
+one, squared.
 """
 
 from __future__ import annotations

@@ -22,13 +22,13 @@ class Screw(Joint):
     Its angle counts whole turns, which the frames do not show, so that it is an unknown in every model.
 
     Friction acts along the helix of a square thread at its mean radius r (`friction_radius`). With the travel a radian
-    p = lead / (2 pi), the lead angle phi, tan phi = p / r, and a sliding velocity sqrt(r^2 + p^2) angle', the axial force F of the
-    joint on l is that of the normal force N and of the friction c N (c: signed coefficient of friction) along the helix,
+    p = lead / (2 pi), the lead angle phi, tan phi = p / r, and a sliding velocity sqrt(r^2 + p^2) angle', the axial force F of
+    the joint on l is that of the normal force N and of the friction c N (c: signed coefficient of friction) along the helix,
 
         F = +-N cos phi - c N sin phi,   N = sqrt(r^2 + p^2) (r |F| + c p F) / (r^2 - c^2 p^2).
 
-    A load F is lifted by a torque F r tan(phi + rho) and lowered by F r tan(phi - rho), tan rho = c. Forces normal to the axis and
-    tilting torques do not press the thread."""
+    A load F is lifted by a torque F r tan(phi + rho) and lowered by F r tan(phi - rho), tan rho = c. Forces normal to the axis
+    and tilting torques do not press the thread."""
 
     coordinates = params(angle=("rad", "rotation of l about k.z"))
     params = params(lead=("m", "travel a turn"))
@@ -37,8 +37,8 @@ class Screw(Joint):
         super().__init__(name, *args, **values)
         if self._steepness() * (self._coefficient() or 0.0) >= 1:
             raise LawError(f"screw '{name}': friction coefficient {self._coefficient():g} at a lead angle of "
-                           f"{math.degrees(math.atan(self._steepness())):.3g} degrees: no torque turns it against an axial force; "
-                           f"give a smaller friction coefficient or lead, or a larger radius")  # fmt: skip
+                           f"{math.degrees(math.atan(self._steepness())):.3g} degrees: no torque turns it against an axial "
+                           f"force; give a smaller friction coefficient or lead, or a larger radius")  # fmt: skip
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("z", self._travel() * self.angle).about("z", self.angle)
@@ -58,8 +58,8 @@ class Screw(Joint):
         mu, steepness = self._coefficient(), self._steepness()
         if mu is None or not mu > steepness > 0:
             return []
-        return [f"self-locking: its friction coefficient {mu:g} is above tan(lead angle) = {steepness:.4g}; an axial force alone does "
-                f"not turn it, and where friction is smoothed it creeps"]  # fmt: skip
+        return [f"self-locking: its friction coefficient {mu:g} is above tan(lead angle) = {steepness:.4g}; an axial force alone "
+                f"does not turn it, and where friction is smoothed it creeps"]  # fmt: skip
 
     def _travel(self) -> Expr:
         """Along k.z, m a radian."""

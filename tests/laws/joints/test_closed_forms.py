@@ -13,8 +13,10 @@ from mbdae.system.prepare import prepare
 CLOSE = 1e-8
 
 
-@pytest.mark.parametrize("errors", [shafts.errors, jack.free, gears.planetary_errors, gears.differential_errors, gears.rack_errors,
-                                    gears.arm_errors, gears.mill_errors], ids=lambda f: f"{f.__module__}.{f.__name__}")  # fmt: skip
+@pytest.mark.parametrize("errors", [
+    shafts.errors, jack.free, gears.planetary_errors, gears.differential_errors, gears.rack_errors, gears.arm_errors,
+    gears.mill_errors,
+], ids=lambda f: f"{f.__module__}.{f.__name__}")  # fmt: skip
 def test_closed_forms(errors):
     wrong = {name: error for name, error in errors() if not error < CLOSE}
     assert not wrong
@@ -34,7 +36,8 @@ def test_torque_of_a_screw_jack_is_that_of_the_wedge(lead, turning, outwards):
 
 def test_a_self_locking_screw_is_named_and_does_not_turn():
     locking, steep = jack.jack(0.005, 0.12), jack.jack(0.02, 0.12)  # tan(lead angle) = 0.066 and 0.265
-    assert "joint 'thread': self-locking: its friction coefficient 0.12 is above tan(lead angle) = 0.06631" in str(locking.check())
+    found = str(locking.check())
+    assert "joint 'thread': self-locking: its friction coefficient 0.12 is above tan(lead angle) = 0.06631" in found
     assert "self-locking" not in str(steep.check())
     assert not jack.jack(0.005, 0.0).check().remarks
     # it creeps at the speed where the smoothed coefficient is the slope of the thread
@@ -50,12 +53,12 @@ def test_a_thread_that_no_torque_turns_is_refused():
 
 
 def test_a_spindle_too_light_for_its_friction_finds_no_balance():
-    """Where friction grows faster by the axial force than inertia resists, accelerations have no solution: self-locking, by name."""
+    """Where friction grows faster by the axial force than inertia resists, there is no solution: self-locking, by name."""
     s = mb.Scene("jack", gravity=(0, 0, -10.0))
     nut = s.rigid_body("load", 100.0, (1.0, 1.0, 1e-6), at=(0, 0, 0))
     s.screw("thread", s.ground, nut, at=(0, 0, 0), axis=(0, 0, 1), lead=0.005, friction=mb.Coulomb(0.12, 1e-4), radius=0.012,
             start_rate=-5.0)  # fmt: skip
-    with pytest.raises(mb.SolverError, match="'thread'.*self-locking"):
+    with pytest.raises(mb.SolverError, match=r"'thread'.*self-locking"):
         prepare(s)
 
 
