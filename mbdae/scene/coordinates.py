@@ -75,6 +75,7 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
                    model: JointModel | None) -> OnCoordinates:  # fmt: skip
     """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the
     statement, where that is another one."""
+    given = dict(given) | {option: _where_friction_acts(law, option, given) for option in ("radius", "normal_force")}
     values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
               for option, readers in READERS.items()}  # fmt: skip
     found = OnCoordinates(law, values)
@@ -91,6 +92,14 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
         found.own = {"friction": found.of("friction")[own[0]], "rubs": own[0] if len(law.scalars()) > 1 else None}
         found.own |= {"friction_radius": found.of("radius")[own[0]]} if own[0] in found.of("radius") else {}
     return found
+
+
+def _where_friction_acts(law: type[Joint], option: str, given: Mapping[str, Any]) -> Any:
+    """A radius or normal force given once for a joint of several coordinates: that of every coordinate with friction."""
+    value, friction = given.get(option), given.get("friction")
+    if value is None or isinstance(value, Mapping) or not isinstance(friction, Mapping):
+        return value
+    return {c: value for c, entry in law.scalars().items() if c in friction and (option != "radius" or entry.unit == "rad")}
 
 
 def by_coordinate(arg: Argument, law: type[Joint], value: Any, readers: tuple[Reader, Reader]) -> dict[str, Any]:
