@@ -92,6 +92,16 @@ class Joint(TwoBodyLaw):
         along: Vec = k.z * (k.z @ force)
         return force - along
 
+    def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
+        """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
+        the friction itself, of a signed coefficient, has a part in that force."""
+        pressing = self.pressing(k, l, force)
+        return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
+
+    def remarks(self) -> list[str]:
+        """What `check()` says of the values of this joint, one sentence each."""
+        return []
+
     def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
 
@@ -253,9 +263,8 @@ class Joint(TwoBodyLaw):
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        pressing = self.pressing(frames[0], frames[1], force)
-        normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
-        return self.read(*frames)[self.rubbed], let(-self.friction.coefficient(self.sliding(*frames)) * normal) * self.lever()
+        coefficient = let(self.friction.coefficient(self.sliding(*frames)))
+        return self.read(*frames)[self.rubbed], let(-coefficient * self.normal_force(frames[0], frames[1], force, coefficient)) * self.lever()
 
     def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))
