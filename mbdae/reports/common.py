@@ -18,7 +18,7 @@ from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.units import row_unit
 from mbdae.reports.vectors import Base
-from mbdae.reports.writer import Writer
+from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force
@@ -68,12 +68,10 @@ class LawFormulas:
         for row in s.rows:
             self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
         for name, symbol in s.coordinates.items():
-            spec = next(
-                law.coordinates[name] for law in (s.law, getattr(s.law, "joint", None)) if law and name in law.coordinates
-            )
-            latex = r"\varphi" if name == "phi" else name
-            self.known[str(symbol)] = Letter(latex, spec.unit, spec.meaning)
-            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{latex}}}", f"{spec.unit}/s", "its rate")
+            letter = self.known[name]
+            self.known[str(symbol)] = letter
+            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit}/s", "its rate")
+            self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit, "its virtual change")
         self.writer = Writer(s.record, {})
         self.refresh()
 
@@ -133,7 +131,8 @@ def _base_row(base: Base, what: str) -> list[str]:
     if base.kind == "E":
         return [r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]
     meaning, unit = _BASES[base.kind]
-    return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", base.side).replace("{what}", what)]
+    side = subscript(base.side)
+    return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", what)]
 
 
 def described(law: Any) -> list[Block]:

@@ -111,6 +111,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
         given |= {name + end: rng.normal(size=points) for end in ("_dot", "_ddot")}
     given |= {f"state_{name}": rng.normal(size=points) for name in d.law.states}
     given |= {str(s): rng.normal(size=points) for s in [*d.multipliers, *d.stabilisers]}
+    given |= {f"d{f.q[0]}": rng.normal(size=points) for f in d.frames if f.kind is NodeKind.COORDINATE}
     given |= {f"{kind}_{f.side}{i}": rng.normal(size=points) for f in d.frames for kind in ("du", "dpsi") for i in range(3)}
     return State(d, given)
 
