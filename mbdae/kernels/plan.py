@@ -10,7 +10,6 @@ import symengine as se
 
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
 from mbdae.symbolic.vectors import Expr
 
@@ -90,7 +89,7 @@ class LinearisedPlan(Plan):
 
     def _origin(self, d: Derived) -> dict[Expr, Expr]:
         """Point at which the offset of a linear output is evaluated: all unknowns 0, quaternions (1, 0, 0, 0), where R exists."""
-        first = {f.q[3] for f in d.frames if f.kind is NodeKind.SPATIAL}
+        first = {f.q[f.kind.translations] for f in d.frames if f.kind.by_quaternion}
         return {symbol: se.Integer(1 if symbol in first else 0) for symbol in self._unknown}
 
     def _offset(self, i: int, places: list[tuple[int, Target]], values: list[Expr], origin: dict[Expr, Expr]) -> Expr:

@@ -252,10 +252,10 @@ class Connection:
     @property
     def kept(self) -> bool:
         """Whether the coordinates are unknowns of their own."""
-        return bool(self.laws[0].own_coordinates)
+        return bool(self.laws[0].own_coordinates) and self.is_joint
 
     def unit(self, coordinate: str) -> str:
-        """rad or m."""
+        """rad, m or rotation."""
         return str(self.laws[0].coordinates[coordinate].unit)
 
     @property

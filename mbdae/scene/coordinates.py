@@ -53,7 +53,7 @@ class OnCoordinates:
 
     def forces(self) -> list[Made]:
         """The force laws on the coordinates."""
-        return [(made[0], {"coordinate": c, **made[1]}) for c in self.law.coordinates for made in self._on(c)]
+        return [(made[0], {"coordinate": c, **made[1]}) for c in self.law.scalars() for made in self._on(c)]
 
     def _on(self, c: str) -> list[Made]:
         found: list[Made] = []
@@ -88,18 +88,18 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
         found.values |= {"friction": {}, "radius": {}, "normal_force": {}}
     own = [c for c in found.of("friction") if c not in found.of("normal_force")]
     if own:
-        found.own = {"friction": found.of("friction")[own[0]], "rubs": own[0] if len(law.coordinates) > 1 else None}
+        found.own = {"friction": found.of("friction")[own[0]], "rubs": own[0] if len(law.scalars()) > 1 else None}
         found.own |= {"friction_radius": found.of("radius")[own[0]]} if own[0] in found.of("radius") else {}
     return found
 
 
 def by_coordinate(arg: Argument, law: type[Joint], value: Any, readers: tuple[Reader, Reader]) -> dict[str, Any]:
     """Values by coordinate of an option given as one value or as a mapping; empty where it is not given."""
-    names = list(law.coordinates)
+    names = list(law.scalars())
     if value is None:
         return {}
     if not names:
-        arg.wrong(shown(value), f"a {law.__name__} has no coordinates; omit it")
+        arg.wrong(shown(value), f"a {law.__name__} has no angle or displacement; omit it")
         return {}
     if not isinstance(value, Mapping):
         if len(names) > 1:

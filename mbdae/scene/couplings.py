@@ -25,7 +25,7 @@ def reference(unit: str = "") -> reading.Reader:
         joint, name = found_joint(arg, value)
         if joint is None:
             return NOBODY
-        known = [c for c in joint.coordinates if not unit or joint.unit(c) == unit]
+        known = [c for c in joint.coordinates if joint.unit(c) == unit or (not unit and joint.unit(c) != "rotation")]
         if name in known or (not name and len(known) == 1):
             return f"{joint.name}.{name or known[0]}"
         what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")

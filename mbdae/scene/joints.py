@@ -13,6 +13,8 @@ from mbdae.laws.joints import (
     Distance,
     FixedOrientation,
     Planar,
+    PointOnLine,
+    PointOnPlane,
     Prismatic,
     Revolute,
     Screw,
@@ -130,11 +132,25 @@ class JointStatements(ConnectionStatements):
         arguments as in `joint`."""
         return self._library("planar", Planar, name, k, l, at, axis, axis_x, further)
 
-    @reads(**BODIES)
+    @reads(**PLACED, further=reading.as_given)
     @statement
-    def spherical(self, name: str, k: Any, l: Any, at: Any) -> Connection:
+    def point_on_line(self, name: str, k: Any, l: Any, at: Any, axis: Any, **further: Any) -> Connection:
+        """The point of l at `at` slides along the line through it in k: coordinate `displacement`; all rotations are free. Further
+        arguments as in `joint`."""
+        return self._library("point_on_line", PointOnLine, name, k, l, at, axis, None, further)
+
+    @reads(**PLACED, axis_x=reading.direction, further=reading.as_given)
+    @statement
+    def point_on_plane(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any = None, **further: Any) -> Connection:
+        """The point of l at `at` stays in the plane of k normal to `axis`: coordinates `x` (along `axis_x`), `y`; all rotations are
+        free. Further arguments as in `joint`."""
+        return self._library("point_on_plane", PointOnPlane, name, k, l, at, axis, axis_x, further)
+
+    @reads(**BODIES, model=joint_model)
+    @statement
+    def spherical(self, name: str, k: Any, l: Any, at: Any, model: Any = None) -> Connection:
         """The points of k and l at `at` stay together."""
-        return self.add(Spherical(name, k, l, at))
+        return self._joint("spherical", Spherical, name, k, l, at, (0, 0, 1), None, model, {}, {})
 
     @reads(name=reading.name, k=reading.body, l=reading.body, at=reading.point)
     @statement

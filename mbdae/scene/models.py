@@ -75,6 +75,9 @@ def refusal(law: type[Joint], model: JointModel) -> tuple[str, str] | None:
         return shown(model), f"a {name} has no scaling and penalty; omit them"
     if isinstance(model, Classical | Recursive) and not law.coordinates:
         return f"{shown(model)}, but a {name} has no coordinates", "use mb.Kinematic()"
+    if isinstance(model, Classical) and law.scalars().keys() != law.coordinates.keys():
+        return f"{shown(model)}, but a {name} has a free rotation, which no angles describe everywhere", \
+            "use mb.Kinematic() or mb.Recursive()"  # fmt: skip
     if isinstance(model, Recursive) and not law.states_motion():
         return f"{shown(model)}, but {name} does not state its motion", "state `motion(self, from_k)`, or use mb.Kinematic()"
     return None

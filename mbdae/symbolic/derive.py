@@ -17,6 +17,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.motion import Rotation
 from mbdae.symbolic.rebuild import nodes, one_sided, without_overflow
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
@@ -110,7 +111,7 @@ def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Der
     if structure.timed and cls.timeless:
         raise LawError(f"{cls.__name__}: {min(structure.timed)} may not depend on time; give a number")
     for name, frame in zip(law.own_coordinates, frames[len(law.frames) :], strict=True):
-        setattr(law, name, frame.q[0])
+        setattr(law, name, frame.q[0] if frame.kind is NodeKind.COORDINATE else Rotation(tuple(frame.q), frame.body, frame.spin))
     return _Derivation(law, Variation(frames, _clock(structure.timed))).run()
 
 

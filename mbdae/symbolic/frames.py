@@ -7,6 +7,7 @@ from the unknowns of the body's node is written once per kind of node:
     planar    r = (r1, r2, 0), R = Rz(theta);  u = (v1, v2, theta')
     point     r only: a mass point has no orientation, rows that need one fall away
     joint coordinate   one scalar of a joint, without mass, in the first component of r
+    joint rotation     free rotation of a joint: quaternion P and Omega, components in the axes reached so far, without mass
     ground    constants only
 
 One rule gives every variation: a vector a fixed to the frame changes by delta a = delta psi x a.
@@ -34,11 +35,22 @@ class NodeKind(Enum):
     GROUND = "ground"
     PLANAR_GROUND = "planar ground"
     COORDINATE = "joint coordinate"
+    ROTATION = "joint rotation"
 
     @property
     def turns(self) -> bool:
         """Whether the node has rotational unknowns."""
-        return self in (NodeKind.SPATIAL, NodeKind.PLANAR)
+        return self in (NodeKind.SPATIAL, NodeKind.PLANAR, NodeKind.ROTATION)
+
+    @property
+    def by_quaternion(self) -> bool:
+        """Whether they are a quaternion, behind the translations."""
+        return self in (NodeKind.SPATIAL, NodeKind.ROTATION)
+
+    @property
+    def of_joint(self) -> bool:
+        """Whether the node is a coordinate of a joint."""
+        return self in (NodeKind.COORDINATE, NodeKind.ROTATION)
 
     @property
     def flat(self) -> bool:
@@ -58,13 +70,13 @@ class NodeKind(Enum):
     @property
     def translations(self) -> int:
         """Number of unknowns before those of rotation (the one unknown of a joint coordinate is counted here)."""
-        return {(7, 6): 3, (3, 3): 2 if self is NodeKind.PLANAR else 3}.get(self.sizes, self.sizes[0])
+        return {(7, 6): 3, (4, 3): 0, (3, 3): 2 if self is NodeKind.PLANAR else 3}.get(self.sizes, self.sizes[0])
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Number of position and velocity unknowns."""
         return {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2),
-                "joint coordinate": (1, 1)}.get(self.value, (0, 0))  # fmt: skip
+                "joint coordinate": (1, 1), "joint rotation": (4, 3)}.get(self.value, (0, 0))  # fmt: skip
 
 
 class Axes(Enum):
@@ -146,6 +158,12 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
     elif kind is NodeKind.COORDINATE:
         r, v, s, w, spin, parameters = Vec(r[0], 0, 0), Vec(v[0], 0, 0), ZERO, ZERO, ZERO, []
         q, u = [r[0]], [v[0]]
+    elif kind is NodeKind.ROTATION:
+        P = _symbols(f"{side}_P", 4)
+        q, u, parameters, r, v, s = P, list(spin), [], ZERO, ZERO, ZERO
+        _bind(body, rotation_columns(P), structure, meaning)
+        _bind((w,), (_combine(body, list(spin)),), structure, meaning)
+        x, y, z = body
     elif not kind.turns:
         s, w, spin, parameters = ZERO, ZERO, ZERO, []
         undefined = {c: f"axis {name}" for name, a in zip("xyzxyz", (x, y, z, *body), strict=True) for c in a}
@@ -212,8 +230,8 @@ def axes_pattern(axes: Axes, Q: list[list[Expr]]) -> tuple[list[list[Expr]], lis
 
 def rotation_columns_of_q(frame: Frame) -> list[list[Expr]]:
     """T with delta psi = T delta q_rotation: (3, 4) for a quaternion, (3, 1) for a heading, (3, 0) otherwise."""
-    if frame.kind is NodeKind.SPATIAL:
-        return rotation_per_component(frame.q[3:])
+    if frame.kind.by_quaternion:
+        return rotation_per_component(frame.q[frame.kind.translations :])
     if frame.kind is NodeKind.PLANAR:
         return [[0], [0], [1]]
     return [[], [], []]

@@ -18,13 +18,13 @@ import symengine as se
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, angle
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.symbolic.motion import Motion
+from mbdae.symbolic.motion import Motion, Rotation
 from mbdae.symbolic.part import Parameter
 from mbdae.symbolic.variation import let, rate
-from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
-UNITS = ("rad", "m")  #: of coordinates
+UNITS = ("rad", "m", "rotation")  #: of coordinates; a rotation is a quaternion, its rates an angular velocity
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 
@@ -43,7 +43,7 @@ class Joint(TwoBodyLaw):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         if isinstance(cls.params, Mapping) and isinstance(cls.coordinates, Mapping):
             stated = {name: entry for name, entry in cls.params.items() if name not in cls._derived}
-            drives = {cls.drive_name(c): Parameter(getattr(entry, "unit", ""), f"prescribed {c}") for c, entry in cls.coordinates.items()}
+            drives = {cls.drive_name(c): Parameter(entry.unit, f"prescribed {c}") for c, entry in cls.scalars().items()}
             radius = {"friction_radius": Parameter("m", "radius at which friction acts: lever of its force")} if drives else {}
             cls.params = {**drives, **stated, **radius}
             cls._derived = frozenset({*drives, *radius} - stated.keys())
@@ -52,7 +52,7 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if entry.unit not in UNITS:
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad' or 'm'")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or 'rotation'")
         if hasattr(cls, "coordinate_unit"):
             raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in place of "
                            f"coordinate_unit")  # fmt: skip
@@ -107,9 +107,19 @@ class Joint(TwoBodyLaw):
         return "drive" if len(cls.coordinates) == 1 else f"drive_{coordinate}"
 
     @classmethod
+    def scalars(cls) -> dict[str, Parameter]:
+        """The coordinates that are angles and displacements, not rotations."""
+        return {name: entry for name, entry in cls.coordinates.items() if getattr(entry, "unit", "") != "rotation"}
+
+    @classmethod
+    def freedoms(cls) -> int:
+        """Number of freedoms of its motion."""
+        return sum(3 if entry.unit == "rotation" else 1 for entry in cls.coordinates.values())
+
+    @classmethod
     def drives(cls) -> dict[str, str]:
         """Coordinates by the names of the rows that prescribe them."""
-        return {cls.drive_name(c): c for c in cls.coordinates}
+        return {cls.drive_name(c): c for c in cls.scalars()}
 
     @classmethod
     def derived(cls) -> frozenset[str]:
@@ -177,7 +187,8 @@ class Joint(TwoBodyLaw):
 
     def _complete_ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Ties of all coordinates; none where one has none."""
-        ties = self._ties(k, l) if self.states_rows() and self.states_motion() else {}
+        complete = self.states_rows() and self.states_motion() and self.scalars().keys() == self.coordinates.keys()
+        ties = self._ties(k, l) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
     def _ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
@@ -191,11 +202,11 @@ class Joint(TwoBodyLaw):
 
     def read(self, k: Frame, l: Frame) -> dict[str, Expr]:
         if self.kept:
-            return {c: getattr(self, c) for c in self.coordinates}
+            return {c: getattr(self, c) for c in self.scalars()}
         found = self.coordinate(k, l)
         if found is None or isinstance(found, Mapping):
             return dict(found or {})
-        return dict.fromkeys(self.coordinates, found)
+        return dict.fromkeys(self.scalars(), found)
 
     @property
     def welds(self) -> bool:
@@ -214,7 +225,7 @@ class Joint(TwoBodyLaw):
     @property
     def rubbed(self) -> str:
         """The coordinate against which its friction acts."""
-        return self.rubs or next(iter(self.coordinates))
+        return self.rubs or next(iter(self.scalars()))
 
     def lever(self) -> Expr:
         """Length by which the rate of the rubbed coordinate becomes a sliding velocity: a radius, 1 for a displacement."""
@@ -241,7 +252,7 @@ class Joint(TwoBodyLaw):
         return {} if self.friction is None else dict(self.friction.initial(self.sliding(k, l)))
 
 
-def motion_of(law: Joint, values: Mapping[str, Expr]) -> Motion | None:
+def motion_of(law: Joint, values: Mapping[str, Any]) -> Motion | None:
     """The motion of a joint at values of its coordinates; None where it states none."""
     if not law.states_motion():
         return None
@@ -252,4 +263,10 @@ def motion_of(law: Joint, values: Mapping[str, Expr]) -> Motion | None:
 
 def symbolic_motion(law: Joint) -> Motion | None:
     """The motion of a joint with a symbol of its name for every coordinate."""
-    return motion_of(law, {c: se.Symbol(c) for c in law.coordinates})
+    symbols = {c: se.Symbol(c) for c in law.scalars()}
+    return motion_of(law, symbols | {c: no_rotation() for c in law.coordinates.keys() - symbols.keys()})
+
+
+def no_rotation() -> Rotation:
+    """The rotation by nothing."""
+    return Rotation.of([se.Integer(i == 0) for i in range(4)], ZERO)

@@ -12,12 +12,13 @@ of l relative to k, its velocity, the forces on the coordinates and the inverse 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import symengine as se
 
 from mbdae.errors import LawError
+from mbdae.symbolic.quaternions import rotation_columns
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 from mbdae.values import BadValueError, array, shown
 
@@ -26,12 +27,41 @@ Triad = tuple[Vec, Vec, Vec]  #: three axes, inertial components
 
 
 @dataclass(frozen=True)
+class Rotation:
+    """A free rotation: its quaternion P, the axes it leads to (columns) and its angular velocity (along these axes), components in the
+    axes reached so far; inverse: taken backwards."""
+
+    P: tuple[Expr, ...]
+    columns: Triad
+    spin: Vec
+    inverse: bool = False
+
+    @classmethod
+    def of(cls, P: Sequence[Expr], spin: Vec) -> Rotation:
+        """By its quaternion and angular velocity."""
+        return cls(tuple(P), rotation_columns(P), spin)
+
+    @property
+    def quaternion(self) -> list[Expr]:
+        """That of the rotation, or of its inverse."""
+        return [self.P[0], *(-p if self.inverse else p for p in self.P[1:])]
+
+    @property
+    def matrix_columns(self) -> Triad:
+        """Columns of its matrix, or of the inverse one."""
+        rows = tuple(Vec(*(c[i] for c in self.columns)) for i in range(3))
+        return rows if self.inverse else self.columns  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
 class Step:
-    """An elementary motion: by `amount` (m or rad) along or about `axis`, a unit vector in the axes reached so far."""
+    """An elementary motion: by `amount` (m or rad) along or about `axis`, a unit vector in the axes reached so far, or a free
+    `rotation`."""
 
     turns: bool
     axis: Vec
     amount: Expr
+    rotation: Rotation | None = None
 
     def direction(self, axes: Triad) -> Vec:
         """The axis in inertial components."""
@@ -54,13 +84,20 @@ class Motion:
         """Further about an axis ("x", "y", "z", or three numbers) by an angle, rad."""
         return Motion((*self.steps, Step(True, _axis(axis), _amount(amount))))
 
+    def turned(self, rotation: Rotation) -> Motion:
+        """Further by a free rotation: a coordinate whose unit is "rotation"."""
+        if not isinstance(rotation, Rotation):
+            raise LawError(f"motion: {shown(rotation)} is no rotation: give a coordinate whose unit is 'rotation'")
+        return Motion((*self.steps, Step(True, ZERO, se.Integer(0), rotation)))
+
     def inverse(self) -> Motion:
         """The motion that takes l back to k."""
-        return Motion([Step(s.turns, s.axis, -s.amount) for s in reversed(self.steps)])
+        return Motion([Step(s.turns, s.axis, -s.amount, s.rotation and replace(s.rotation, inverse=not s.rotation.inverse))
+                       for s in reversed(self.steps)])  # fmt: skip
 
     def substituted(self, table: Any) -> Motion:
         """The same with symbols of its amounts replaced."""
-        return Motion([Step(s.turns, s.axis, s.amount.subs(table)) for s in self.steps])
+        return Motion([replace(s, amount=s.amount.subs(table)) for s in self.steps])
 
     @property
     def turns(self) -> bool:
@@ -84,7 +121,10 @@ class Motion:
 
 
 def turned(axes: Triad, step: Step) -> Triad:
-    """Axes turned about an axis fixed in them: Rodrigues' formula."""
+    """Axes turned about an axis fixed in them (Rodrigues' formula), or by a free rotation."""
+    if step.rotation is not None:
+        x, y, z = (axes[0] * c[0] + axes[1] * c[1] + axes[2] * c[2] for c in step.rotation.matrix_columns)
+        return x, y, z
     cos, sin, n = se.cos(step.amount), se.sin(step.amount), step.axis
     found = []
     for e in UNIT:
@@ -95,6 +135,8 @@ def turned(axes: Triad, step: Step) -> Triad:
 
 def half_turn(step: Step) -> list[Expr]:
     """Quaternion of an elementary rotation."""
+    if step.rotation is not None:
+        return step.rotation.quaternion
     return [se.cos(step.amount / 2), *(step.axis * se.sin(step.amount / 2))]
 
 

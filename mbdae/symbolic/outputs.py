@@ -27,8 +27,8 @@ def scatter_pair(f: Frame, pair: Pair, role: str = "u") -> list[tuple[Target, Ex
     entries = [] if not f.kind.moves else [((role, f.side, i), move[i]) for i in range(n)]
     if f.kind is NodeKind.PLANAR:
         entries.append(((role, f.side, 2), turn[2]))
-    elif f.kind is NodeKind.SPATIAL:
-        entries += [((role, f.side, 3 + i), c) for i, c in enumerate(f.to_body(turn))]
+    elif f.kind.by_quaternion:
+        entries += [((role, f.side, n + i), c) for i, c in enumerate(f.to_body(turn))]
     return [(target, e) for target, e in entries if e != 0]
 
 
@@ -90,9 +90,9 @@ def _kinetic_arguments(b: Frame) -> list[Expr]:
 def kinematics(d: Derived) -> list[tuple[Target, Expr]]:
     """q' - H(q) u of the node of an element."""
     (b,) = d.frames
-    nq = b.kind.sizes[0]
+    nq, n = b.kind.sizes[0], b.kind.translations
     qp = [se.Symbol(f"{b.side}_qp{i + 1}") for i in range(nq)]
-    right = list(b.u) if nq != 7 else [*b.u[:3], *rate_from_body_spin(b.q[3:], b.spin)]
+    right = [*b.u[:n], *rate_from_body_spin(b.q[n:], b.spin)] if b.kind.by_quaternion else list(b.u)
     return [(("q", b.side, i), p - r) for i, (p, r) in enumerate(zip(qp, right, strict=True))]
 
 
@@ -101,9 +101,10 @@ def correction(d: Derived) -> list[tuple[Target, Expr]]:
     out: list[tuple[Target, Expr]] = []
     for f in d.frames if d.rows else ():
         move, turn = weighted(d, d.stabilisers, f.side)
-        if f.kind is NodeKind.SPATIAL:
-            quaternion = rate_from_spatial_spin(f.q[3:], turn)
-            out += [(("q", f.side, i), -c) for i, c in enumerate([*move, *quaternion]) if c != 0]
+        if f.kind.by_quaternion:
+            n = f.kind.translations
+            quaternion = rate_from_spatial_spin(f.q[n:], turn)
+            out += [(("q", f.side, i), -c) for i, c in enumerate([*list(move)[:n], *quaternion]) if c != 0]
         else:
             out += [(t, -e) for t, e in scatter_pair(f, (move, turn), "q")]
     return out
@@ -230,10 +231,10 @@ def _node_derivatives(v: Variation, f: Frame, e: Expr) -> dict[Target, Expr]:
         out["q", f.side, i] = se.diff(e, f.q[i]) + sum((turn[a] * columns[a][i - n] for a in range(3)), se.Integer(0))
     for i in range(nu):
         out["u", f.side, i] = v.diff(e, f.u[i])
-    if f.kind is NodeKind.SPATIAL:
+    if f.kind.by_quaternion:
         _, dw = v.velocity_gradient(f, e)
         for i, c in enumerate(f.to_body(dw)):
-            out["u", f.side, 3 + i] += c
+            out["u", f.side, n + i] += c
     return out
 
 

@@ -19,11 +19,11 @@ from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.joint import Joint, motion_of
 from mbdae.symbolic.law import Structure
-from mbdae.symbolic.motion import Motion, Step, half_turn
+from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn
 from mbdae.symbolic.motion import turned as turned_axes
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.quaternions import product, rate_from_spatial_spin, rotation_columns, rotation_per_component
+from mbdae.symbolic.quaternions import product, rate_from_body_spin, rate_from_spatial_spin, rotation_columns, rotation_per_component
 from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
@@ -101,6 +101,15 @@ class _Moved:
     rate: Expr
     second: Expr
     slopes: dict[int, Expr]
+    number: int = 0  #: of a free rotation: its number among the coordinates, its angular velocity and the rate of that
+    spin: Vec = ZERO
+    change: Vec = ZERO
+
+
+def _rotated(step: Step, number: int, change: Vec) -> _Moved:
+    """A free rotation, and the rate of its angular velocity."""
+    assert step.rotation is not None
+    return _Moved(step, se.Integer(0), se.Integer(0), {}, number, step.rotation.spin, change)
 
 
 def _moved(step: Step, coordinates: list[tuple[list[Expr], int | None]], program: Program) -> _Moved:
@@ -121,13 +130,13 @@ class _Arm:
     displacements, the whole way to the end of them, and back from there to the node carried."""
 
     offset: Vec
-    parts: list[tuple[_Moved, Vec, Vec]] = field(default_factory=list)
+    parts: list[tuple[_Moved, Vec, Vec, tuple[Vec, ...]]] = field(default_factory=list)
     total: Vec = ZERO
     back: Vec = ZERO
 
-    def add(self, moved: _Moved, direction: Vec, displacement: Vec) -> None:
-        """One motion more."""
-        self.parts.append((moved, direction, displacement))
+    def add(self, moved: _Moved, direction: Vec, displacement: Vec, axes: tuple[Vec, ...] = ()) -> None:
+        """One motion more; axes: of a free rotation those along which its rates are."""
+        self.parts.append((moved, direction, displacement, axes))
 
 
 class TreeProgram:
@@ -186,10 +195,17 @@ class TreeProgram:
 
     def _motion(self, j: int, link: Link) -> list[_Moved]:
         """The elementary motions from the parent to the node carried, with their rates."""
-        values, rates = {}, []
+        values: dict[str, Any] = {}
+        rates, free = [], {}
+        scalars = link.law.scalars()
         for n, name in enumerate(link.coordinates):
             c = link.first + n
             clocked = link.prescribed[n]
+            if name not in scalars:
+                P, spin, change = ([self._input(what, -c, i) for i in range(4 if what == "q" else 3)] for what in ("q", "u", "up"))
+                values[name] = Rotation(tuple(P), tuple(map(self.program.vec, rotation_columns(P))), Vec(*spin))  # type: ignore[arg-type]
+                free[values[name].P] = c, Vec(*change)
+                continue
             here = [self._input("clock", c, i) if clocked else self._input(what, -c, 0) for i, what in enumerate(("q", "u", "up"))]
             values[name] = here[0]
             rates.append((here, None if clocked else c))
@@ -198,7 +214,8 @@ class TreeProgram:
         numbers = {se.Symbol(name): self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name in law.params}
         assert motion is not None
         motion = motion.substituted(numbers)
-        return [_moved(step, rates, self.program) for step in (motion if link.side == "k" else motion.inverse()).steps]
+        steps = (motion if link.side == "k" else motion.inverse()).steps
+        return [_moved(s, rates, self.program) if s.rotation is None else _rotated(s, *free[s.rotation.P]) for s in steps]
 
     def _carried(self, j: int, link: Link) -> State:
         """Relative kinematics, motion by motion: an axis turns with what comes before it, and what comes after it turns with it."""
@@ -220,7 +237,13 @@ class TreeProgram:
             v, a = v + along, a + al.cross(arm) + w.cross(along) + w.cross(speed) + change
             arms.total = arms.total + arm
             arm, speed, change = ZERO, ZERO, ZERO
-            if m is not None and link.kind.turns:
+            if m is not None and m.step.rotation is not None and link.kind.turns:
+                before, axes = axes, tuple(map(vec, turned_axes(axes, m.step)))  # type: ignore[arg-type]
+                sign, own = (-1, before) if m.step.rotation.inverse else (1, axes)  # the axes along which its rates are
+                spin, change_ = (vec(sign * sum((a * c for a, c in zip(own, part, strict=True)), ZERO)) for part in (m.spin, m.change))
+                arms.add(m, ZERO, ZERO, tuple(sign * a for a in own))
+                w, al = vec(w + spin), vec(al + change_ + w.cross(spin))
+            elif m is not None and link.kind.turns:
                 e = vec(m.step.direction(axes))  # type: ignore[arg-type]
                 arms.add(m, e, ZERO)
                 w, al = vec(w + e * m.rate), vec(al + e * m.second + w.cross(e) * m.rate)
@@ -244,7 +267,7 @@ class TreeProgram:
         (j, link, other), let, vec = place, self.program.let, self.program.vec
         if child.kind is NodeKind.PLANAR:
             drawn = [self._number(f"link{j}", f"{side}_theta0", link.numbers) for side in (other, link.side)]
-            angle = sum((m.step.amount * e[2] for m, e, _ in arms.parts if m.step.turns), se.Integer(0))
+            angle = sum((m.step.amount * e[2] for m, e, _, _ in arms.parts if m.step.turns), se.Integer(0))
             child.heading = let(k.heading + angle + drawn[0] - drawn[1])
             bx = Vec(let(se.cos(child.heading)), let(se.sin(child.heading)), 0)
             child.R = (bx, UNIT[2].cross(bx), UNIT[2])
@@ -252,7 +275,7 @@ class TreeProgram:
         _, Q = self._in_body(j, link, other, link.axes[1])
         child.R = tuple(vec(axes[0] * Q[0][i] + axes[1] * Q[1][i] + axes[2] * Q[2][i]) for i in range(3))  # type: ignore[assignment]
         P = product(k.P, [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)])
-        for m, _, _ in arms.parts:
+        for m, *_ in arms.parts:
             P = product(P, half_turn(m.step)) if m.step.turns else P
         from_joint = [self._number(f"link{j}", f"{other}_P{i}", link.numbers) for i in range(4)]
         child.P = list(map(let, product(P, [from_joint[0], *(-x for x in from_joint[1:])])))
@@ -339,7 +362,10 @@ class TreeProgram:
             arms, F = self._arms[j - 1], vec(total[j][0])
             M, left = vec(total[j][1] - arms.back.cross(F)), arms.total  # about the end of the joint's motion
             of: dict[int, Expr] = {}
-            for m, e, moved in reversed(arms.parts):
+            for m, e, moved, own in reversed(arms.parts):
+                if own:
+                    at_step = vec(M + (arms.total - left).cross(F)) if left is not arms.total else M
+                    rows |= self._rotation_rows(role, m, [axis @ at_step for axis in own])
                 for c, slope in m.slopes.items():
                     at_step = vec(M + (arms.total - left).cross(F)) if left is not arms.total else M
                     of[c] = of.get(c, se.Integer(0)) + slope * (e @ (at_step if m.step.turns else F))
@@ -349,6 +375,12 @@ class TreeProgram:
         if self.nodes[0].kind.moves:
             rows |= self._root_rows(role, *map(vec, total[0]))
         return {place: e for place, e in rows.items() if e != 0}
+
+    def _rotation_rows(self, role: str, m: _Moved, moment: list[Expr]) -> dict[tuple[int, int], Expr]:
+        """Rows of a free rotation, for a moment along the axes of its rates; corrections in terms of its quaternion."""
+        assert m.step.rotation is not None
+        entries = moment if role == "wu" else rate_from_body_spin(m.step.rotation.P, Vec(*moment))
+        return {(-m.number, i): self.program.let(e) for i, e in enumerate(entries)}
 
     def _root_rows(self, role: str, F: Vec, N: Vec) -> dict[tuple[int, int], Expr]:
         root = self.nodes[0]

@@ -5,14 +5,30 @@ from __future__ import annotations
 from mbdae.laws.joints.coincidence import same_attitude, upright
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import params
+from mbdae.symbolic.motion import Motion
 from mbdae.symbolic.vectors import Expr
 
 
 class FixedOrientation(Joint):
-    """l does not turn relative to k."""
+    """l does not turn relative to k; its point moves freely, by displacements along k's axes."""
+
+    coordinates = params(x=("m", "displacement of l along k.x"), y=("m", "displacement of l along k.y"),
+                         z=("m", "displacement of l along k.z"))  # fmt: skip
+
+    def motion(self, from_k: Motion) -> Motion:
+        return from_k.along("x", self.x).along("y", self.y).along("z", self.z)
 
     def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return same_attitude(k, l)
+
+    def coordinate(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        d = l.r - k.r
+        return {"x": k.x @ d, "y": k.y @ d, "z": k.z @ d}
+
+    def ties(self, k: Frame, l: Frame) -> dict[str, Expr]:
+        d = l.r - k.r
+        return {"x": self.x - k.x @ d, "y": self.y - k.y @ d, "z": self.z - k.z @ d}
 
     def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
         return upright(k, l)

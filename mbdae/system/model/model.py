@@ -24,7 +24,7 @@ from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 
-_COORDINATE: Side = (NodeKind.COORDINATE, Axes.GENERAL)
+ALL = 6  #: freedoms of a body
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
 
 
@@ -141,13 +141,19 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
         if reason is None:
             try:
                 flat = "every point, axis, velocity and load lies in the plane z = 0 and no law leaves it"
-                return _assemble(scene, True, kept, flat)
+                return _assemble(scene, True, kept | _rotations(scene), flat)
             except LawError as error:
                 reason = str(error)
         if scene.space == "planar":
             raise SceneError([f"scene '{scene.name}': space='planar' is not possible: {reason}; use space='auto' or 'spatial'"])
         return _assemble(scene, False, kept, reason)
     return _assemble(scene, False, kept, "space='spatial' was asked for")
+
+
+def _rotations(scene: SceneData) -> dict[str, str]:
+    """Recursive joints with a free rotation, which is one angle in the plane."""
+    why = "in the plane its rotation is an angle: state a revolute joint to make it recursive"
+    return {c.name: why for c in scene.joints if c.recursive and "rotation" in map(c.unit, c.coordinates)}
 
 
 def scene_length(scene: SceneData) -> float:
@@ -211,8 +217,10 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         law = laws_of(c, kept)[0]
         for name in law.own_coordinates:
             called = c.name if len(law.coordinates) == 1 else f"{c.name}.{name}"
-            nodes.append(Node(called, None, NodeKind.COORDINATE, q, u, law.coordinates[name].unit, c.name, name))
-            q, u = q + 1, u + 1
+            unit = law.coordinates[name].unit
+            kind = NodeKind.ROTATION if unit == "rotation" else NodeKind.COORDINATE
+            nodes.append(Node(called, None, kind, q, u, unit, c.name, name))
+            q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
@@ -222,7 +230,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
         ends = tuple(by_body.get(b) for b in bodies)
         sides, numbers = _sides(law, bodies, ends, planar)
         own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
-        ends, sides = (*ends, *own), (*sides, *(_COORDINATE,) * len(own))
+        ends, sides = (*ends, *own), (*sides, *((n.kind, Axes.GENERAL) for n in own))
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
         timed = {p: v for p, v in values.items() if not isinstance(v, float)}
         numbers |= {p: v for p, v in values.items() if p not in timed}
@@ -244,16 +252,16 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     if refused:
         raise SceneError(refused)
     if by_coordinate:
-        massless = Group((JointCoordinate, Structure(), (_COORDINATE,)))
-        massless.instances += [Instance(JointCoordinate(n.name), (n,), {}, {}, n.name) for n in by_coordinate.values()]
-        groups[massless.key] = massless
+        for n in by_coordinate.values():
+            key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
+            groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
     return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached,
                  undefined)  # fmt: skip
 
 
 def without_rows(item: str, d: Derived) -> list[str]:
     """What is wrong with a joint that constrains nothing, as a sentence; rows that are satisfied in the plane do no harm."""
-    if d.rows or (d.vanished and not d.undefined):
+    if d.rows or (d.vanished and not d.undefined) or d.law.freedoms() == ALL:
         return []
     if d.undefined:
         return [f"'{item}': no row is left of this joint: {', '.join(d.undefined)} need an orientation, which a point mass does "

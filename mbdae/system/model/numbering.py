@@ -27,6 +27,7 @@ COORDINATES = {
     NodeKind.PLANAR: (("x", "y", "theta"), ("vx", "vy", "omega")),
     NodeKind.POINT: (("x", "y", "z"), ("vx", "vy", "vz")),
     NodeKind.PLANAR_POINT: (("x", "y"), ("vx", "vy")),
+    NodeKind.ROTATION: (("P0", "P1", "P2", "P3"), ("Omega_x", "Omega_y", "Omega_z")),
 }
 
 
@@ -35,7 +36,8 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
     if node.kind is NodeKind.COORDINATE:
         alone = node.name == node.joint
         return [f"{node.joint}.{node.coordinate}"], [f"{node.joint}.{'rate' if alone else f'{node.coordinate}_rate'}"]
-    q, u = ([f"{node.name}.{c}" for c in part] for part in COORDINATES[node.kind])
+    name = node.name if node.body is not None else f"{node.joint}.{node.coordinate}"
+    q, u = ([f"{name}.{c}" for c in part] for part in COORDINATES[node.kind])
     return q, u
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbdae.symbolic.frames import NodeKind
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
@@ -18,9 +17,9 @@ class Displacements:
 
     def __init__(self, numbering: Numbering) -> None:
         nb = numbering
-        spatial = [n for n in nb.free if n.kind is NodeKind.SPATIAL and not nb.shares(n, n.kind.translations, "q")]
-        self._P = np.array([[nb.node_place("q", n, 3 + i) for i in range(4)] for n in spatial], dtype=np.intp).reshape(-1, 4)
-        self._turn = np.array([[nb.node_place("u", n, 3 + i) - nb.nq for i in range(3)] for n in spatial], dtype=np.intp)
+        spatial = [n for n in nb.free if n.kind.by_quaternion and not nb.shares(n, n.kind.translations, "q")]
+        self._P = np.array([[nb.node_place("q", n, n.kind.translations + i) for i in range(4)] for n in spatial], dtype=np.intp).reshape(-1, 4)
+        self._turn = np.array([[nb.node_place("u", n, n.kind.translations + i) - nb.nq for i in range(3)] for n in spatial], dtype=np.intp)
         self._turn = self._turn.reshape(-1, 3)
         self._factors, self._r = self._P[:, FACTORS], np.empty((len(self._P), 4))
         self._q, self._u = np.setdiff1d(np.arange(nb.nq), self._P), np.setdiff1d(np.arange(nb.nu), self._turn)

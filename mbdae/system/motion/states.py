@@ -59,7 +59,7 @@ class States:
             if node.kind is NodeKind.COORDINATE:
                 mask[node.u] = node.unit == "rad"
             elif node.kind.turns:
-                mask[node.u + (2 if node.kind is NodeKind.PLANAR else 3) : node.u + node.kind.sizes[1]] = True
+                mask[node.u + node.kind.translations : node.u + node.kind.sizes[1]] = True
         return mask
 
     @cached_property
@@ -166,9 +166,10 @@ class States:
         q = q.copy()
         for kind, at, by in self._kinds:
             d = displacement[by]
-            if kind is NodeKind.SPATIAL:
-                q[at[:, :3]] += d[:, :3]
-                q[at[:, 3:]] = turned(q[at[:, 3:]], d[:, 3:])
+            if kind.by_quaternion:
+                n = kind.translations
+                q[at[:, :n]] += d[:, :n]
+                q[at[:, n:]] = turned(q[at[:, n:]], d[:, n:])
             else:
                 q[at] += d
         return q
@@ -178,9 +179,10 @@ class States:
         qp = np.zeros(self.nq)
         for kind, at, by in self._kinds:
             d = u[by]
-            if kind is NodeKind.SPATIAL:
-                qp[at[:, :3]] = d[:, :3]
-                qp[at[:, 3:]] = quaternion_product(q[at[:, 3:]], np.hstack([np.zeros((len(d), 1)), d[:, 3:]])) / 2
+            if kind.by_quaternion:
+                n = kind.translations
+                qp[at[:, :n]] = d[:, :n]
+                qp[at[:, n:]] = quaternion_product(q[at[:, n:]], np.hstack([np.zeros((len(d), 1)), d[:, n:]])) / 2
             else:
                 qp[at] = d
         return qp

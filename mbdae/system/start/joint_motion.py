@@ -41,7 +41,7 @@ class JointMotion:
         """Rigid motion (quaternion, displacement) of l's drawn place by values of the coordinates, 0 where none is given; of k's
         place relative to l where it is not outwards."""
         P, r = NO_TURN, np.zeros(3)
-        for step in self._steps:
+        for step in self._steps:  # free rotations start at 0
             amount, axis = self._amount(step.amount, values), self._direction(step)
             if amount and step.turns:
                 dP = turned(NO_TURN, amount * axis)

@@ -77,7 +77,7 @@ class ConsistentPositions:
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
         for node in self.model.joint_coordinates:
-            q[node.q] = self.held_values(self.scene[node.joint]).get(node.coordinate, 0.0)
+            q[node.q] = self.held_values(self.scene[node.joint]).get(node.coordinate, float(node.kind is NodeKind.ROTATION))
         return q
 
     def _unwrapped_heading(self, body: Body) -> float:
