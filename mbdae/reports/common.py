@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
@@ -38,6 +38,14 @@ _BASES = {
     "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
 }
+_TURNED = {
+    "bx": ("first axis of the free rotation: its components along $\\mathbf{i}_x, \\mathbf{i}_y, \\mathbf{i}_z$ are those of the"
+           " turned first axis along the axes reached before", "1"),
+    "by": ("the same of the second axis", "1"),
+    "bz": ("the same of the third axis", "1"),
+    "w": ("angular velocity of the free rotation, components likewise", "rad/s"),
+    "dpsi": ("virtual rotation of the free rotation, components likewise", "rad"),
+}  # fmt: skip
 BOUND = 1e-10  #: largest relative difference that passes as round-off
 
 
@@ -67,6 +75,7 @@ class LawFormulas:
         self.known: dict[str, Letter] = letters(s.cls, s.structure, s.law)
         for row in s.rows:
             self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
+        self.known |= {name: replace(self.known[name], unit="") for name in s.turning}
         for name, symbol in s.coordinates.items():
             letter = self.known[name]
             self.known[str(symbol)] = letter
@@ -120,7 +129,7 @@ class LawFormulas:
         kinds = [*_BASES, "E"]
         rows: list[list[str]] = []
         for base in sorted(self.writer.bases, key=lambda b: (kinds.index(b.kind), b.side)):
-            row = _base_row(base, self.what)
+            row = _base_row(base, self.what if base.side not in self.statement.turning.values() else "")
             if row not in rows:
                 rows.append(row)
         rows += [self.known[name].row for name in sorted(self.writer.used) if name in self.known]
@@ -130,7 +139,7 @@ class LawFormulas:
 def _base_row(base: Base, what: str) -> list[str]:
     if base.kind == "E":
         return [r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]
-    meaning, unit = _BASES[base.kind]
+    meaning, unit = (_BASES if what else _TURNED)[base.kind]
     side = subscript(base.side)
     return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", what)]
 

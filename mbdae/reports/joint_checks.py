@@ -18,8 +18,7 @@ from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Structure
+from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
 from mbdae.symbolic.vectors import Expr, Vec
 
@@ -50,7 +49,7 @@ class LawChecks:
         if self.s.wrench is None and self.s.thrust is None:
             return None
         zero, record = self.s.record.zero(), self.s.record
-        out = dict.fromkeys(self.s.sides, (zero, zero))
+        out = dict.fromkeys(record.sides, (zero, zero))
         if self.s.wrench is not None:
             force, torque = self.s.wrench
             d = record.single(record.atom("r", "l") - record.atom("r", "k"))
@@ -79,18 +78,20 @@ class LawChecks:
     def check_pair(self, side: str, pair: Pair, kernel: dict[Any, Any], where: str) -> None:
         """Force and moment on a side at its point, with the compiled kernel."""
         st, n, f = self.state, self.formulas.numbers(self.state), self.state.frame(side)
+        count = f.kind.translations
         F = np.broadcast_to(n.vector(pair[0]), (POINTS, 3))
         M = n.vector(pair[1]) + np.cross(st.vector(f.arm), F)
         got = [*np.moveaxis(F, -1, 0), *(np.sum(st.vector(column) * M, axis=-1) for column in f.body)]
-        wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
-        self.check(f"force on {where}, with the compiled kernel", got[:3], wanted[:3])
-        self.check(f"moment on {where}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
+        wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(count + 3)]
+        if count:
+            self.check(f"force on {where}, with the compiled kernel", got[:3], wanted[:3])
+        self.check(f"moment on {where}, in body axes about its centre, with the compiled kernel", got[3:], wanted[count:])
 
 
 class JointChecks(LawChecks):
     """The rows of one joint law with the forces that follow from them, and their checks."""
 
-    def __init__(self, law: type[Joint], structure: Structure) -> None:
+    def __init__(self, law: type[Law], structure: Structure) -> None:
         self.s = Statement(law, structure)
         _ = self.s.rows, self.s.branches
         self.formulas = LawFormulas(self.s)
@@ -102,11 +103,11 @@ class JointChecks(LawChecks):
     def total(self) -> dict[str, Pair]:
         """G^T lambda: force and moment on the bodies, at their points."""
         zero = self.s.record.zero()
-        out = dict.fromkeys(self.s.sides, (zero, zero))
+        out = dict.fromkeys(self.s.record.sides, (zero, zero))
         for row, (pairs, _) in self.duals.items():
             out = {
                 side: (out[side][0] + pairs[side][0] * self.weights[row], out[side][1] + pairs[side][1] * self.weights[row])
-                for side in self.s.sides
+                for side in self.s.record.sides
             }
         return out
 
@@ -142,13 +143,13 @@ class JointChecks(LawChecks):
     def _check_motion(self, rates: dict[str, Expr]) -> None:
         """Rates, variations and geometric stiffness against complex steps through the quaternions of the bodies."""
         st = self.state
-        motion = {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in self.s.sides}
+        motion = {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in self.s.record.sides}
         moved = st.changed(1j * STEP, motion, self._clock())
         n, got = self.formulas.numbers(st), self.formulas.numbers(moved)
         for row, e in self.s.rows.items():
             change = np.imag(np.broadcast_to(got.scalar(e), (POINTS,))) / STEP
             self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
-        virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in self.s.sides}
+        virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in self.s.record.sides}
         changes = {str(c): st.given[str(dc)] for c, dc in self.s.virtual.items()}
         varied, rule = st.changed(1j * STEP, virtual, changes), self.s.variation()
         derived_rows = State(varied.d, varied.given)
@@ -187,7 +188,7 @@ class JointChecks(LawChecks):
         n, worst = self.formulas.numbers(self.state), 0.0
         for row, (pairs, partial) in self.duals.items():
             Gu: Any = np.zeros(POINTS)
-            for side in self.s.sides:
+            for side in self.s.record.sides:
                 Gu = Gu + np.sum(
                     n.vector(pairs[side][0]) * n.atom(Base("v", side)) + n.vector(pairs[side][1]) * n.atom(Base("w", side)), -1
                 )
@@ -210,8 +211,8 @@ def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
 
 
 def covectors(d: Derived) -> dict[str, tuple[Vec, Vec]]:
-    """G^T lambda of both sides as derived: force, moment about the centre, inertial."""
-    return {f.side: weighted(d, d.multipliers, f.side) for f in d.sides}
+    """G^T lambda of all frames that turn as derived: force, moment about the centre, inertial."""
+    return {f.side: weighted(d, d.multipliers, f.side) for f in d.frames if f.kind.turns}
 
 
 def planar_of(s: Statement) -> Derived | None:

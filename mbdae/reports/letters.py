@@ -116,7 +116,8 @@ def _per(unit: str, per: str) -> str:
 def name_vectors(record: Record) -> dict[int, str]:
     """Letters of the named vectors: the law's own, d from point to point, then a, b, c."""
     found: dict[int, str] = {}
-    taken = {f"\\mathbf{{{label}}}" for key, label in record.labels.items() if isinstance(key, int)}
+    own = {key: label if label.startswith("\\") else f"\\mathbf{{{label}}}" for key, label in record.labels.items()}
+    taken = {letter for key, letter in own.items() if isinstance(key, int)}
     letters = [letter for letter in VECTORS if letter not in taken]
     difference = {Base("r", record.sides[1]): 1, Base("r", record.sides[0]): -1} if len(record.sides) > 1 else None
     scalars = name_scalars(record)
@@ -130,7 +131,7 @@ def name_vectors(record: Record) -> dict[int, str]:
             kind, symbol, side = record.gradients[number]
             found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
         elif number in record.labels:
-            found[number] = _own(f"\\mathbf{{{record.labels[number]}}}", list(found.values()))
+            found[number] = _own(own[number], list(found.values()))
         elif value.terms == difference:
             found[number] = r"\mathbf{d}"
         else:

@@ -13,11 +13,13 @@ from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import LuGre
 from mbdae.laws.joints import Revolute
 from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
+from mbdae.reports.letters import specs_of_coordinates
 from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import AUGMENTED, Force, Law, Structure
+from mbdae.symbolic.motion import Rotation
 from mbdae.symbolic.part import Part, PartStructure
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown
@@ -104,8 +106,10 @@ def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
 
 def derived(law: type[Law], structure: Structure, planar: bool = False) -> Derived:
     """The law as it is integrated."""
-    own = [(NodeKind.COORDINATE, Axes.GENERAL)] * len(law.symbolic(structure).own_coordinates)
-    return derive(law, structure, (*sides_of(law, planar), *own))
+    instance = law.symbolic(structure)
+    units = specs_of_coordinates(instance)
+    kinds = [NodeKind.ROTATION if units[name].unit == "rotation" else NodeKind.COORDINATE for name in instance.own_coordinates]
+    return derive(law, structure, (*sides_of(law, planar), *((kind, Axes.GENERAL) for kind in kinds)))
 
 
 class Statement:
@@ -113,19 +117,23 @@ class Statement:
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         self.cls, self.structure = law, structure
-        self.record = Record(law.frames)
-        self.record.resolve = self.names
         self.derived = derived(law, structure)
+        self.law = law.symbolic(structure)
+        own = dict(zip(self.law.own_coordinates, self.derived.frames[len(law.frames) :], strict=True))
+        self.places = {name: c.side for name, c in own.items()}  #: frames of the coordinates that are unknowns
+        scalars = {name: c for name, c in own.items() if c.kind is NodeKind.COORDINATE}
+        self.turning = {name: c.side for name, c in own.items() if name not in scalars}  #: frames of free rotations among them
+        self.record = Record((*law.frames, *self.turning.values()))
+        self.record.resolve = self.names
         self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law), strict=True))
         self.sides = law.frames  #: names of the bodies' frames
         self.still = tuple(f.side for f in self.frames if not f.kind.moves)
-        self.law = law.symbolic(structure)
-        own = self.derived.frames[len(law.frames) :]
-        self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in zip(self.law.own_coordinates, own, strict=True)}
-        self.places = {name: c.side for name, c in zip(self.law.own_coordinates, own, strict=True)}  #: frames of the coordinates
-        vars(self.law).update(self.coordinates)
-        self.clock = self.derived.variation.clock | {c.q[0]: c.u[0] for c in own}
-        self.virtual = {c.q[0]: se.Symbol(f"d{c.q[0]}") for c in own}  #: virtual changes of the coordinates
+        self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}  #: angles and displacements among them
+        rotations = {name: self._rotation(own[name]) for name in self.turning}
+        self.values = self.coordinates | rotations  #: of all coordinates that are unknowns
+        vars(self.law).update(self.values)
+        self.clock = self.derived.variation.clock | {c.q[0]: c.u[0] for c in scalars.values()}
+        self.virtual = {c.q[0]: se.Symbol(f"d{c.q[0]}") for c in scalars.values()}  #: virtual changes of the coordinates
 
     def _frame(self, side: str, kind: NodeKind, axes: Axes) -> Frame:
         a = self.record.atom
@@ -157,6 +165,16 @@ class Statement:
             {},
             {},
         )
+
+    def _rotation(self, c: Frame) -> Rotation:
+        """A free rotation, its turned axes vectors."""
+        x, y, z = (self.record.atom(axis, c.side) for axis in ("bx", "by", "bz"))
+        return Rotation(tuple(c.q), (x, y, z), c.spin)
+
+    @staticmethod
+    def symbol(name: str) -> Expr:
+        """The symbol of a coordinate that is no unknown."""
+        return se.Symbol(name)
 
     # -- what the law states, with names for intermediate quantities
 
@@ -213,7 +231,7 @@ class Statement:
     @cached_property
     def read(self) -> dict[str, Expr]:
         """Coordinates of a joint that are no unknowns as the frames show them."""
-        return {} if self.coordinates else {name: self.scalar(e) for name, e in self.law.read(*self.frames).items()}
+        return {} if self.places else {name: self.scalar(e) for name, e in self.law.read(*self.frames).items()}
 
     @cached_property
     def gradients(self) -> dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]]:

@@ -128,6 +128,16 @@ class Record:
                 return Vector(self, {NamedVector(number): -_ONE})
         return self.name_vector(a)
 
+    def defined(self, a: Vector) -> Vector:
+        """What a vector under a name is; any other vector as it is."""
+        ((atom, c),) = a.terms.items() if len(a.terms) == 1 else ((None, _ONE),)
+        return self.vectors[atom.number] * c if isinstance(atom, NamedVector) else a
+
+    @staticmethod
+    def numbers(a: Vector) -> set[int]:
+        """Numbers of the named vectors in a sum."""
+        return {atom.number for atom in a.terms if isinstance(atom, NamedVector)}
+
     def name_vector(self, a: Vector, change: tuple[str, int] | None = None) -> Vector:
         """A vector under a new name; `change`: the sign and number of the vector it is the change of."""
         number = len(self.vectors) + 1

@@ -90,12 +90,12 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
-        return self.law.pressing(*self.sides, _reaction_on_l(self.law, self.rows, self.G))
+        return self.law.pressing(*self.sides[:2], _reaction_on_l(self.law, self.rows, self.G))
 
     @property
     def rubbing(self) -> tuple[Expr, Expr] | None:
         """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
-        return self.law.rubbing(*self.sides, _reaction_on_l(self.law, self.rows, self.G)) if isinstance(self.law, Joint) else None
+        return self.law.rubbing(*self.sides[:2], _reaction_on_l(self.law, self.rows, self.G)) if isinstance(self.law, Joint) else None
 
     @property
     def stabilisers(self) -> list[Expr]:
@@ -310,7 +310,7 @@ class _Derivation:
             return _Stated(law.energy(*sides), law.dissipation(*sides), *wrench, law.thrust(*sides))
         if not isinstance(law, Joint):
             return None
-        stated, rubbing = law.resistance(*sides, reactions), law.rubbing(*sides, force_on_l)
+        stated, rubbing = law.resistance(*sides[:2], reactions), law.rubbing(*sides[:2], force_on_l)
         return None if stated is None and rubbing is None else _Stated(_ZERO, _ZERO, *(stated or (ZERO, ZERO)), rubbing)
 
     def _forces(self, reactions: Mapping[str, Expr], force_on_l: Vec) -> tuple[dict[str, Pair], tuple[Expr, Expr, Expr]]:

@@ -151,32 +151,34 @@ class Joint(TwoBodyLaw):
         """Prescribed coordinates with the names of their parameters."""
         return {c: name for name, c in self.drives().items() if getattr(self, name) is not None}
 
-    def rows(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def rows(self, *frames: Frame) -> dict[str, Expr]:
         if not self.kept:
-            rows, ties = dict(self.constraints(k, l)), self._ties(k, l) if self.prescribed else {}
+            rows, ties = dict(self.constraints(*frames)), self._ties(*frames) if self.prescribed else {}
             for c, name in self.prescribed.items():
                 if c not in ties:
                     raise LawError(f"{type(self).__name__} states no row that prescribes its {c} without it as an unknown; use "
                                    f"model=mb.Classical()")  # fmt: skip
                 rows[name] = ties[c][0]
             return rows
-        rows = self._rows_with_coordinates(k, l)
+        rows = self._rows_with_coordinates(*frames)
         return rows | {name: getattr(self, name) - getattr(self, c) for c, name in self.prescribed.items() if name not in rows}
 
-    def _rows_with_coordinates(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        ties = self._complete_ties(k, l)
+    def _rows_with_coordinates(self, *frames: Frame) -> dict[str, Expr]:
+        ties = self._complete_ties(*frames)
         if ties:
-            return dict(self.constraints(k, l)) | {c: row for c, (row, _) in ties.items()}
+            return dict(self.constraints(*frames)) | {c: row for c, (row, _) in ties.items()}
         if not self.states_motion():
-            return dict(self.constraints(k, l))
+            return dict(self.constraints(*frames))
+        k, l = frames
         moved, axes = self._pose(k)
         d = l.r - k.r - moved
         return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
 
-    def positives(self, k: Frame, l: Frame) -> dict[str, Expr]:
-        stated = dict(self.branches(k, l)) if self.states_rows() else {}
-        ties = self._complete_ties(k, l) if self.kept else self._ties(k, l) if self.prescribed else {}
+    def positives(self, *frames: Frame) -> dict[str, Expr]:
+        stated = dict(self.branches(*frames)) if self.states_rows() else {}
+        ties = self._complete_ties(*frames) if self.kept else self._ties(*frames) if self.prescribed else {}
         if self.kept and not ties and self.states_motion():
+            k, l = frames
             axes = self._pose(k)[1]
             return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
         held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
@@ -185,25 +187,25 @@ class Joint(TwoBodyLaw):
     def _pose(self, k: Frame) -> Any:
         return self.motion(Motion()).pose((k.x, k.y, k.z))
 
-    def _complete_ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+    def _complete_ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Ties of all coordinates; none where one has none."""
         complete = self.states_rows() and self.states_motion() and self.scalars().keys() == self.coordinates.keys()
-        ties = self._ties(k, l) if complete else {}
+        ties = self._ties(*frames) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
-    def _ties(self, k: Frame, l: Frame) -> dict[str, tuple[Expr, Expr | None]]:
+    def _ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Rows and positive expressions of the ties, with prescribed values where coordinates are no unknowns."""
         law = self
         if not self.kept:
             law = copy(self)
             values = {c: getattr(self, name) for name, c in self.drives().items()}
             vars(law).update({c: se.Symbol(f"free_{c}") if value is None else value for c, value in values.items()})
-        return {c: tie if isinstance(tie, tuple) else (tie, None) for c, tie in law.ties(k, l).items()}
+        return {c: tie if isinstance(tie, tuple) else (tie, None) for c, tie in law.ties(*frames).items()}
 
-    def read(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def read(self, *frames: Frame) -> dict[str, Expr]:
         if self.kept:
             return {c: getattr(self, c) for c in self.scalars()}
-        found = self.coordinate(k, l)
+        found = self.coordinate(*frames)
         if found is None or isinstance(found, Mapping):
             return dict(found or {})
         return dict.fromkeys(self.scalars(), found)
