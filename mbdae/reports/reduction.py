@@ -94,11 +94,13 @@ class Reduction:
                 slides += slopes
                 way = way + e * step.amount
         columns: dict[Expr, Any] = {}
+        order = list(s.values)
+        turns, slides = (sorted(found, key=lambda slope: order.index(slope[0])) for found in (turns, slides))
         for name, rate, change, turn, before in turns:
             add(columns, (name, rate, change), turn, turn.cross(way - before))
         for name, rate, change, move in slides:
             add(columns, (name, rate, change), record.zero(), move)
-        return way, list(columns.values())
+        return way, sorted(columns.values(), key=lambda column: order.index(column[0]))
 
     def _at_centre(self, column: Any, i: int | None) -> Column:
         """A column with the displacement of the centre of l, its vectors under names."""

@@ -90,10 +90,13 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
         raise OptionError(f"kept = {shown(chosen['kept'])}: the coordinates of {joint.__name__} are unknowns in every model, nothing "
                           f"states it without them; say kept=True")  # fmt: skip
     for name in ("coordinate", "rubs"):
-        if chosen.get(name) is not None and chosen[name] not in joint.coordinates:
-            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has the coordinates {sorted(joint.coordinates)}")
-    if issubclass(law, Joint) and chosen["friction"] is not None and not joint.coordinates:
-        raise OptionError(f"friction = {shown(chosen['friction'])}: {joint.__name__} has no coordinate against which it could act")
+        if chosen.get(name) is not None and chosen[name] not in joint.scalars():
+            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has the coordinates {sorted(joint.scalars())}")
+    what = "joint" if not issubclass(law, Joint) else "friction" if chosen["friction"] is not None else ""
+    if what and not joint.scalars():
+        raise OptionError(f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement on which {law.__name__} could act"
+                          if what == "joint" else
+                          f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement against which it could act")
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
