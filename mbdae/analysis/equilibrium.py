@@ -82,10 +82,10 @@ class Equilibrium(Result):
             multipliers = least_norm(p.with_all_rows.constraint_jacobian(t, q) * units, (force * units)[None])[0]
         return p.start.acceleration[None], multipliers[None]
 
-    def _start_value(self, item: Connection) -> float:
+    def _start_value(self, item: Connection, name: str) -> float:
         """Angle from which whole turns are counted: that which a spring of the joint has followed, else that of the start."""
-        followed = self.prepared.mechanics.followed.get(item.name)
-        return super()._start_value(item) if followed is None else float(self._states[2][0, followed])
+        followed = self.prepared.mechanics.followed.get((item.name, name))
+        return super()._start_value(item, name) if followed is None else float(self._states[2][0, followed])
 
     def save(self, path: Any) -> None:
         raise OptionError(f"an equilibrium has one instant and is not stored: save a run that starts from it "

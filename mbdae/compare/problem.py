@@ -19,7 +19,7 @@ from mbdae.integrators.base import Solver, end_after
 from mbdae.integrators.distance import scaled_distance
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
-from mbdae.notation import QUANTITIES
+from mbdae.results.sensors import measured
 from mbdae.scene.components import Classical, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
 from mbdae.show.geometry import started
@@ -68,8 +68,8 @@ class Problem:
         """What the error is, in words with its unit."""
         if self.measure is None:
             return WHOLE_SCENE if self.scene is not None else WHOLE_SYSTEM
-        quantity = QUANTITIES.get(self.measure.rpartition(".")[2])
-        return f"largest difference of {self.measure}" + (f" [{quantity.unit}]" if quantity and quantity.unit else "")
+        unit = measured(self.scene, self.measure)[1]
+        return f"largest difference of {self.measure}" + (f" [{unit}]" if unit else "")
 
     @property
     def times(self) -> Array:

@@ -124,6 +124,11 @@ def _each(kind: Kind) -> Kind:
     return check
 
 
+def _coordinates(value: Any, where: str) -> None:
+    """Start values by joint and coordinate; files of earlier versions have one number for the only coordinate of a joint."""
+    _each(lambda part, place: (_each(_real()) if isinstance(part, dict) else _real())(part, place))(value, where)
+
+
 def _row(*kinds: Kind) -> Kind:
     """A list with one value of each kind, in this order."""
 
@@ -178,7 +183,7 @@ HEADER = _record({
     "rank": _record({**dict.fromkeys(("kept", "dropped", "singular_here", "not_unique"), _TEXTS),
                      "doubtful": _many(_row(_text, _real(0.0))), "degrees_of_freedom": _whole(-MOST),
                      "smallest": _real(0.0, finite=False)}),
-    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _each(_real())}), "time": _real(0.0),
+    "start": _record({"t": _real(), "changes": _TEXTS}, {"coordinates": _coordinates}), "time": _real(0.0),
     "info": _record(_INFO, {"choice": _text, "reliable": _flag}),
     "run": _record({"names": _TEXTS, "complete": _flag, "dense": _dense}),
 }, {"laws": _each(_text)})  # fmt: skip

@@ -151,8 +151,8 @@ class Result(RunStates, ListsAttributes):
             sensor = self[name] if name and quantity else None
         except SceneError as error:
             raise SceneError([f"there is no sensor {shown(path)}: {'; '.join(error.problems)}"]) from error
-        if sensor is None or quantity.startswith("_") or not hasattr(type(sensor), quantity):
-            known = ", ".join(sorted(a for a in dir(type(sensor)) if not a.startswith("_"))) if sensor is not None else ""
+        if sensor is None or quantity.startswith("_") or quantity not in dir(sensor):
+            known = ", ".join(sorted(a for a in dir(sensor) if not a.startswith("_"))) if sensor is not None else ""
             items = self.prepared.model.scene._names()
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.notation import QUANTITIES
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -54,6 +55,23 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
     if not isinstance(item, Body) or len(where) not in (1, 2, 3):
         raise SceneError([f"there is no place '{key}'; give a body and a number from 0 to 1, or a point of 2 or 3 coordinates"])
     return item, where[0] if len(where) == 1 else where
+
+
+def rates_of(item: Connection) -> dict[str, str]:
+    """Coordinates of a joint by the names of the sensors of their rates."""
+    names = item.coordinates
+    return {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
+
+
+def measured(scene: Any, sensor: str) -> tuple[str, str]:
+    """What a sensor measures in words, and its SI unit ("" where it has none)."""
+    name, quantity = split(sensor)
+    item = placed(scene, name)[0]
+    if isinstance(item, Connection):
+        known = {c: item.unit(c) for c in item.coordinates} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
+        if quantity in known:
+            return "speed" if (quantity, known[quantity]) == ("rate", "m/s") else quantity.replace("_", " "), known[quantity]
+    return quantity.replace("_", " "), QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
 
 
 class BodySensor(ListsAttributes):
@@ -146,7 +164,7 @@ class ConnectionSensor(ListsAttributes):
         "<name>_rate", or "rate" where there is one coordinate."""
         item = self.__dict__.get("_item")
         names = item.coordinates if item is not None else ()
-        rates = {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
+        rates = rates_of(item) if names else {}
         if name in names or name in rates:
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
@@ -159,8 +177,7 @@ class ConnectionSensor(ListsAttributes):
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
-        names = self._item.coordinates
-        return [*super().__dir__(), *names, *(f"{c}_rate" for c in names), *(["rate"] if len(names) == 1 else [])]
+        return [*super().__dir__(), *self._item.coordinates, *rates_of(self._item)]
 
     @cached_property
     def _wrench(self) -> Array:

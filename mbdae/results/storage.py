@@ -56,7 +56,7 @@ def save(result: Result, path: Any) -> None:
     prepared, solution = result.prepared, result.solution
     header = {
         "format": FORMAT, "version": VERSION, "scene": storable.statements(prepared.model.scene), "rank": _rank(prepared.rank),
-        "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": prepared.start.coordinates},
+        "start": {"t": prepared.start.t, "changes": prepared.start.changes, "coordinates": _by_joint(prepared.start)},
         "laws": _own_laws(prepared.model), "time": prepared.time, "info": _info(result.info),
         "run": {"names": list(solution.names), "complete": solution.complete, "dense": _dense(solution.interpolant)},
     }  # fmt: skip
@@ -110,8 +110,10 @@ def _reason(error: Exception) -> str:
 
 def _result(header: dict[str, Any], arrays: dict[str, Array], known: Known) -> Result:
     _check_times(header, arrays)
-    start = Start(**header["start"], **{name: arrays[f"start_{name}"] for name in _START})  # type: ignore[arg-type]
-    prepared = _prepared(header, start, known)
+    scene = _scene(header, known)
+    numbers: dict[str, Any] = {name: arrays[f"start_{name}"] for name in _START}
+    start = Start(**header["start"] | {"coordinates": _coordinates(header["start"].get("coordinates", {}), scene)}, **numbers)
+    prepared = _prepared(header, scene, start)
     prepared.model.conditions.end = float(arrays["steps"][-1])
     run, info = header["run"], header["info"]
     solver = _solver(info["solver"], known)
@@ -156,12 +158,37 @@ def _check_laws(stored: dict[str, str], found: dict[str, str]) -> None:
                                 f"class as it was: pass laws=[...]")  # fmt: skip
 
 
-def _prepared(header: dict[str, Any], start: Start, known: Known) -> Prepared:
-    unknowns = header["run"]["names"]
-    _check_elements(header["scene"]["statements"], len(unknowns))
+def _by_joint(start: Start) -> dict[str, dict[str, float]]:
+    """Start values of coordinates by joint and name, as a file holds them."""
+    found: dict[str, dict[str, float]] = {}
+    for (joint, name), value in start.coordinates.items():
+        found.setdefault(joint, {})[name] = value
+    return found
+
+
+def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, str], float]:
+    """Start values by joint and name from those that a file holds: tables by name, or (earlier versions) one number."""
+    known = {c.name: c.coordinates for c in scene.joints}
+    found = {}
+    for joint, values in stored.items():
+        names = known.get(joint, ())
+        of_joint = values if isinstance(values, dict) else dict.fromkeys(names[:1], values)
+        if not of_joint or not set(of_joint) <= set(names):
+            raise BadValueError(f"its start has {shown(values)} for the joint {shown(joint)}, whose coordinates are {shown(list(names))}")
+        found |= {(joint, name): float(value) for name, value in of_joint.items()}
+    return found
+
+
+def _scene(header: dict[str, Any], known: Known) -> SceneData:
+    _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
     scene = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
         raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
+    return scene
+
+
+def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepared:
+    unknowns = header["run"]["names"]
     model, moved = modelled(scene)
     _check_laws(header.get("laws", {}), _own_laws(model))
     if list(AllBodies(model, moved).numbering.names()) != unknowns[: AllBodies(model, moved).numbering.n]:

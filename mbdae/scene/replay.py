@@ -81,7 +81,9 @@ class Known:
             remedy = "pass laws=[...] with the right one alone" if found else f"pass laws=[...] with {_word(short)} in it"
             raise SceneError([f"{what}: {remedy}"])
         one = found[0]
-        if not (isinstance(one, FunctionType) if FunctionType in kinds else isinstance(one, type) and issubclass(one, kinds)):
+        classes = tuple(kind for kind in kinds if kind is not FunctionType)
+        is_class = bool(classes) and isinstance(one, type) and issubclass(one, classes)
+        if not (is_class or (FunctionType in kinds and isinstance(one, FunctionType))):
             wanted = " or ".join("a function" if kind is FunctionType else f"a {kind.__name__}" for kind in kinds)
             raise SceneError([f"{shown(name)} stands where {wanted} is expected"])
         return one
@@ -260,7 +262,8 @@ def _repeat(scene: Any, entry: Statement, known: Known) -> None:
     except TypeError as error:
         raise SceneError([f"it takes other arguments: {error}"]) from None
     given = dict(list(bound.arguments.items())[1:])
-    for name, value in {**given, **given.pop("further", {})}.items():
+    further = given.pop("further", {})
+    for name, value in {**given, **further}.items():
         if value is None or (name in signature.parameters and signature.parameters[name].default is value):
             continue
         if not (isinstance(value, _KINDS[name]) if name in _KINDS else _is_number(value)):

@@ -40,7 +40,7 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
                           for n in wrong])  # fmt: skip
     refused = {n: refusal(type(_ideal(scene[n])), model) for n in names}
     if any(refused.values()):
-        raise SceneError([f"replace: '{n}': {' '.join(why)}" for n, why in refused.items() if why])
+        raise SceneError([f"replace: {scene[n].kind} '{n}': model = {'; '.join(why)}" for n, why in refused.items() if why])
     chosen = set(names or (n for n in known if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:
         raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])

@@ -12,7 +12,7 @@ from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.result import Result
-from mbdae.results.sensors import placed, split
+from mbdae.results.sensors import measured, placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
@@ -109,22 +109,14 @@ def strips(result: Any, sensor: str) -> list[tuple[str, list[tuple[str, Array]]]
     return split_up or [(label_of(result, sensor), parts)]
 
 
-def quantity_of(result: Any, sensor: str) -> str:
-    """What a sensor measures, as the key of its unit in `notation`."""
-    name, quantity = split(sensor)
-    law = getattr(placed(result.prepared.model.scene, name)[0], "joint", None)
-    return "speed" if quantity == "rate" and getattr(law, "coordinate_unit", "") == "m" else quantity
+def label_of(result: Any, sensor: str) -> str:
+    """A sensor's name with its unit."""
+    return with_unit(sensor, measured(result.prepared.model.scene, sensor)[1])
 
 
-def label_of(result: Any, sensor: str, component: str = "") -> str:
-    """A sensor's name and component with its unit."""
-    return with_unit(sensor + (f" {component}" if component else ""), quantity_of(result, sensor))
-
-
-def with_unit(name: str, quantity: str) -> str:
-    """A name with the unit of its quantity, [-] where it has none."""
-    label = axis_label(name, quantity)
-    return label if label != name else f"{name} [-]"
+def with_unit(name: str, unit: str) -> str:
+    """A name with a unit, [-] where there is none."""
+    return f"{name} [{unit or '-'}]"
 
 
 def track(result: Any, place: Any) -> tuple[str, Array]:
@@ -181,9 +173,8 @@ def plot_results(result: Result, sensors: Sequence[str], against: Any, labels: S
     first, panels = results[0][1], dict[tuple[str, str], list[str]]()
     for sensor in sensors:
         numbers(first, sensor)
-        quantity = quantity_of(first, sensor)
-        known = [(letter, f"{name} [{unit}]") for letter, name, unit in PANELS.get(quantity, ())]
-        for panel in known or [("", with_unit(quantity.replace("_", " "), quantity))]:
+        known = [(letter, with_unit(name, unit)) for letter, name, unit in PANELS.get(split(sensor)[1], ())]
+        for panel in known or [("", with_unit(*measured(first.prepared.model.scene, sensor)))]:
             panels.setdefault(panel, []).append(sensor)
     figure, axes = new_figure(len(panels))
     for axis, ((letter, label), names) in zip(axes, panels.items(), strict=True):

@@ -71,6 +71,20 @@ def spiral(center: Array, axis: Array, radius: float) -> Array:
     return np.asarray(center + (r * np.cos(a))[:, None] * e1 + (r * np.sin(a))[:, None] * e2)
 
 
+def helix(start: Array, end: Array, radius: float, pitch: float) -> Array:
+    """A thread (n, 3) about the line between two points; pitch: m a turn, right-handed where positive."""
+    way = float(np.linalg.norm(end - start))
+    e1, e2 = plane_of(unit(end - start))
+    s = np.linspace(0.0, 1.0, max(2, int(24 * way / abs(pitch)) + 1))[:, None]
+    a = 2 * np.pi * way / pitch * s
+    return np.asarray(start + s * (end - start) + radius * (np.cos(a) * e1 + np.sin(a) * e2))
+
+
+def yoke(center: Array, pin: Array, back: Array) -> Array:
+    """A fork (8, 3) that holds a pin: half the pin's length as a vector, and the vector from the pin to the fork's base."""
+    return center + np.array([pin, -pin, -pin + back, back, 1.8 * back, back, pin + back, pin])
+
+
 def hatching(point: Array, down: Array, size: float, foot: bool = True) -> Array:
     """The ground under a point (n, 3) as one polyline: a triangle with its top in the point, a base line, short strokes."""
     down = unit(down)

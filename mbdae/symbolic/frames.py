@@ -163,7 +163,6 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         q, u, parameters, r, v, s = P, list(spin), [], ZERO, ZERO, ZERO
         _bind(body, rotation_columns(P), structure, meaning)
         _bind((w,), (_combine(body, list(spin)),), structure, meaning)
-        x, y, z = body
     elif not kind.turns:
         s, w, spin, parameters = ZERO, ZERO, ZERO, []
         undefined = {c: f"axis {name}" for name, a in zip("xyzxyz", (x, y, z, *body), strict=True) for c in a}

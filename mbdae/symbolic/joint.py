@@ -241,7 +241,7 @@ class Joint(TwoBodyLaw):
         """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
         if self.friction is None:
             return None
-        if not (k.kind.oriented and l.kind.oriented):
+        if not (k.kind.oriented and (l.kind.oriented or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
         pressing = self.pressing(k, l, force)
         normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))

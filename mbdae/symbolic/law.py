@@ -74,7 +74,8 @@ class Law:
         known = {*self.params, *self.options}
         unknown = sorted(set(values) - known)
         if unknown:
-            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {unknown[0]!r}; it has {sorted(known)}")
+            raise LawError(f"{type(self).__name__} {shown(name)}: unknown parameter {unknown[0]!r}; it has "
+                           f"{sorted(known - self.derived())}")  # fmt: skip
         for key in known:
             setattr(self, key, values.get(key))
         self.compose()
@@ -148,6 +149,11 @@ class Law:
     def rows(self, *frames: Frame) -> dict[str, Expr]:
         """The rows of the law in its equations, by name."""
         return {}
+
+    @classmethod
+    def derived(cls) -> frozenset[str]:
+        """Parameters and options that it has without stating them."""
+        return frozenset()
 
     @classmethod
     def drives(cls) -> dict[str, str]:

@@ -196,4 +196,5 @@ class Variation:
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:
-    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
+    found = se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
+    return found if found == 0 or symbol in e.free_symbols else _ZERO  # of a Piecewise without it symengine leaves cases of 0

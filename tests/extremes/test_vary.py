@@ -52,7 +52,7 @@ def test_mass_is_density():
     ("C.stiffness", 1e14, lambda s: s["C"].model.normal.stiffness),
     ("C.model.friction.mu", 0.3, lambda s: s["C"].model.friction.mu),
     ("C.clearance", 1e-8, lambda s: s["C"].model.outer - s["C"].model.inner),
-    ("C.model.outer", 0.03, lambda s: s["C"].model.outer), ("B.rate0", 3.0, lambda s: s["B"].hold_rate),
+    ("C.model.outer", 0.03, lambda s: s["C"].model.outer), ("B.rate0", 3.0, lambda s: s["B"].hold_rate["angle"]),
     ("rope.stiffness", 6.0, lambda s: s["rope"].joint.stiffness),
     ("blade.section.EI3", 3.0, lambda s: s["blade"].section.EI3), ("blade.elements", 3.0, lambda s: s["blade"].elements),
 ])  # fmt: skip
@@ -74,9 +74,9 @@ def test_lists_and_sections_keep_their_ratios():
 def test_a_faster_drive_turns_as_often():
     s, factor = changed(machine(), "A.speed", 50.0)
     assert factor == pytest.approx(0.1)
-    assert float(s["A"].prescribed.subs({"t": 0.2 * factor})) == pytest.approx(5 * 0.2 + 0.5)
+    assert float(s["A"].prescribed["angle"].subs({"t": 0.2 * factor})) == pytest.approx(5 * 0.2 + 0.5)
     s, factor = changed(machine(), "B.speed", 8.0)
-    assert (s["B"].hold_rate, factor) == (8.0, 0.25)
+    assert (s["B"].hold_rate, factor) == ({"angle": 8.0}, 0.25)
     s, factor = changed(machine(), "disc.speed", 1.0)
     assert (s["disc"].angular_velocity[2], factor) == (1.0, 4.0)
 

@@ -210,6 +210,18 @@ def everything() -> mb.Scene:
     s.force("F", b.at(0.3), (1, pulse, 0.1), frame="body")
     s.torque("T", a, (0, 0, sp.Heaviside(mb.t - 0.3) * 1e300 * 1e-300))
     s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))
+    s.cylindrical("c1", "a", b, at=(0, 0, 1), axis=(1, 0, 0), start={"angle": 0.3}, spring={"displacement": 2.0, "angle": 1e-3},
+                  load={"angle": mb.t}, friction={"angle": mb.Coulomb(0.1, 1e-3)}, radius=0.01, normal_force={"angle": 3})  # fmt: skip
+    s.screw("c2", "a", b, (0, 0, 1), axis=(0, 1, 0), lead=-0.004, model=mb.Recursive(), start_rate=2)
+    s.universal("c3", "a", b, at=(0, 0, 1), axis=(0, 1, 0), axis_l=(1, 1, 0), pin=(0, 0, 2), prescribed={"angle_k": pulse})
+    s.planar("c4", "a", b, (0, 0, 1), (0, 1, 0), axis_x=(1, 0, 0), damper={"x": 0.1}, model=mb.Classical())
+    s.point_on_line("c5", "a", b, (0, 0, 1), axis=(0, 1, 0))
+    s.point_on_plane("c6", "a", b, (0, 0, 1), axis=(0, 1, 0), axis_x=(0, 0, 1))
+    s.joint(mb.Prismatic, "c7", "a", b, (1, 0, 0), axis=(0, 0, 1), start=0.1)
+    s.couple("g1", {"r1": 2, "c1.angle": -1 / 3}, value=mb.t)
+    s.gear("g2", "r1", s["r2"], ratio=-0.5)
+    s.rack("g3", "r1", "c1.displacement", radius=0.1)
+    s.differential("g4", "r1", "r2", carrier="c4")
     beam = s.beam("beam", (0, 5), (1, 6), (2, 5), section=mb.Section.tube(0.1, 0.05, 2e9, 0.3, 1000), curve="arc", elements=3,
         order=3,
                   axis2=(0, 0, 1), velocity=(0, 0, 0.1))  # fmt: skip

@@ -1,0 +1,135 @@
+"""What all shapes of a result are made from: poses of bodies over time, points of joints, sizes of symbols, names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from mbdae.results.beams import polylines
+from mbdae.results.result import Result
+from mbdae.scene.components import Array, Body, Connection, Place
+from mbdae.show import symbols
+from mbdae.show.geometry import INK, Label, Pose, Shape, moved
+from mbdae.system.model.beams import Line
+
+MARK = 0.03  #: size of symbols over the size of the scene
+SMOOTH = 32  #: least number of chords of a beam
+
+
+class Collected:
+    """What is collected of one result: poses, deformed axes of beams, sizes, and the shapes and names made so far."""
+
+    def __init__(self, result: Result) -> None:
+        self.result, self.scene, self.planar = result, result.prepared.model.scene, result.prepared.model.planar
+        self.poses = {name: Pose(result.read(f"{name}.position"), result.read(f"{name}.rotation"))
+                      for name in (body.name for body in self.scene.bodies)}  # fmt: skip
+        self.lines: dict[Body, Array] = {line.beam: polylines(result, line, _pieces(line))
+                                         for line in result.prepared.model.lines}  # fmt: skip
+        self.attached = {b.name: self._attached(b) for b in self.scene.bodies}
+        self.size = self._size()
+        self.mark = MARK * self.size
+        g = self.scene.gravity
+        self.down = symbols.unit(g) if np.any(g) else np.array([0.0, -1.0, 0.0]) if self.planar else -symbols.Z
+        self.shapes: list[Shape] = []
+        self.labels: list[Label] = []
+        self._grounded: list[Array] = []
+
+    def _attached(self, body: Body) -> Array:
+        """Points (n, 3) of a body at which something is attached, in its own axes, each once."""
+        points: list[Array] = []
+        for item in self.scene.connections if body not in self.lines else []:
+            for side in (item.k, item.l):
+                p = self._local(body, [ends(item)[0 if side is item.k else 1]])[0]
+                if side is body and item.kind not in ("force", "torque") and not any(np.allclose(p, o) for o in points):
+                    points.append(p)
+        return np.array(points).reshape(-1, 3)
+
+    def _size(self) -> float:
+        """Largest extent (m) of all bodies, their attachments, and the points of joints on the ground."""
+        parts = [moved(self.poses[b.name], np.vstack([self._local(b, b.outline), self.attached[b.name]]))
+                 for b in self.scene.bodies if b not in self.lines]  # fmt: skip
+        parts += list(self.lines.values())
+        fixed = [p for c in self.scene.connections for side, p in zip((c.k, c.l), ends(c), strict=True)
+                 if side.is_ground and c.kind not in ("force", "torque")]  # fmt: skip
+        extent = float(np.max(np.ptp(np.vstack([*(p.reshape(-1, 3) for p in parts), *fixed]), axis=0)))
+        return extent if extent > 1e-9 else self.result.prepared.model.length
+
+    @staticmethod
+    def _local(body: Body, points: Sequence[Array] | Array) -> Array:
+        """Points (n, 3) given as drawn, in the body's axes from its centre of mass."""
+        return np.asarray((np.asarray(points).reshape(-1, 3) - body.position) @ body.rotation)
+
+    def _over_time(self, body: Body, point: Array) -> Array:
+        """(nt, 3) of a point given as drawn."""
+        if body.is_ground:
+            return np.broadcast_to(point, (len(self.result.t), 3))
+        return moved(self.poses[body.name], self._local(body, [point]))[:, 0]
+
+    def _on_sections(self, item: Connection) -> Connection:
+        """The item with a body in place of every beam: one that moves with the section nearest to the item's point as drawn."""
+        sides = {"k": item.k, "l": item.l}
+        for (side, body), at in zip(sides.items(), ends(item), strict=True):
+            if body in self.lines:
+                place = self.result[Place(body, item.places.get(side, at))]
+                sides[side] = Body(f"{body.name} at {side} of {item.name}", 0.0, None, place.drawn_position, place.drawn_rotation,
+                                   np.zeros(3), np.zeros(3))  # fmt: skip
+                self.poses[sides[side].name] = Pose(place.position, place.rotation)
+                arm = np.stack([place.on_axis, self._over_time(sides[side], at)], axis=1)
+                if np.linalg.norm(arm[0, 1] - arm[0, 0]) > 0.3 * self.mark:
+                    self._add(item.name, "line", arm)
+        return replace(item, **sides)
+
+    def _add(self, item: str, kind: str, points: Array, body: Body | None = None, colour: str = INK) -> None:
+        """A shape by points (n, 3) as drawn on a body, or (nt, n, 3) in the inertial frame."""
+        if body is None or body.is_ground:
+            self.shapes.append(Shape(item, kind, colour, points if points.ndim == 3 else points[None]))
+        else:
+            self.shapes.append(Shape(item, kind, colour, self._local(body, points)[None], body.name))
+
+    def _name(self, text: str, body: Body, point: Array, of_body: bool = False) -> None:
+        on = "" if body.is_ground else body.name
+        self.labels.append(Label(text, self._local(body, [point]) if on else point.reshape(-1, 3), on, of_body))
+
+    def _marked(self, item: Connection, kind: str, body: Body) -> None:
+        """A marker at the joint's point of a body."""
+        self._add(item.name, kind, np.array([ends(item)[1 if body is item.l else 0]]), body)
+
+    def _ground(self, item: str, point: Array, down: Array | None = None) -> None:
+        """Draw the symbol of the ground under a point, unless there is one."""
+        if any(np.linalg.norm(point - p) < self.mark for p in self._grounded):
+            return
+        self._grounded.append(point)
+        direction = self.down if down is None else down
+        self._add(item, "ground", symbols.hatching(point, direction, 1.5 * self.mark, down is None))
+
+    def _spring_between(self, item: Connection, k: Array, l: Array) -> None:
+        a, b = self._over_time(item.k, k), self._over_time(item.l, l)
+        self._add(item.name, "thin", symbols.zigzag(a, b, 0.7 * self.mark))
+
+    def _gather(self) -> None:
+        """Join the names at one point to one text, such as those of joints that share a pin."""
+        groups: dict[tuple[Any, ...], list[Label]] = {}
+        for label in self.labels:
+            where = tuple(np.round(self.place_of(label) / (0.5 * self.mark)).astype(int))
+            groups.setdefault((label.of_body, *where), []).append(label)
+        merged = ([Label(", ".join(dict.fromkeys(x.text for x in group)), group[0].points, group[0].body, group[0].of_body)]
+                  for group in groups.values())  # fmt: skip
+        self.labels = list(chain.from_iterable(merged))
+
+    def place_of(self, label: Label) -> Array:
+        """Point (3,), m, of a name at the first time."""
+        return moved(self.poses[label.body], label.points)[0, 0] if label.body else np.asarray(label.points[0])
+
+
+def ends(item: Connection) -> tuple[Array, Array]:
+    """Points (3,) of k and of l a connection attaches to, as drawn, m."""
+    return item.joint.point_on("k"), item.joint.point_on("l")
+
+
+def _pieces(line: Line) -> int:
+    """Number of chords per element with which a beam is drawn."""
+    return 1 if line.mesh.order == 1 else max(2, -(-SMOOTH // len(line.mesh.elements)))
