@@ -13,13 +13,15 @@ from mbdae.reports.letters import specs_of_coordinates, unit_text
 from mbdae.reports.states import POINTS
 from mbdae.reports.statement import Statement
 from mbdae.reports.vectors import Vector
-from mbdae.symbolic.joint import motion_of, no_rotation
+from mbdae.symbolic.joint import Joint, motion_of, no_rotation
 from mbdae.symbolic.motion import AXES, Motion, Step
 from mbdae.symbolic.vectors import Vec
 
 
 def motion_in(s: Statement) -> Motion | None:
     """The motion of a joint in the symbols of a statement; None where it states none, or a free rotation without its unknowns."""
+    if not isinstance(s.law, Joint):
+        return None
     symbols: dict[str, Any] = {name: s.values.get(name, s.symbol(name)) for name in s.law.coordinates}
     symbols |= {name: s.values.get(name, no_rotation()) for name in s.law.coordinates.keys() - s.law.scalars().keys()}
     return motion_of(s.law, symbols)
@@ -34,8 +36,13 @@ def coordinates_section(r: JointChecks) -> Section | None:
     if specs:
         known = r.formulas.known
         rows = [[f"`{name}`", f"${known[name].latex}$", _unit(spec.unit), spec.meaning] for name, spec in specs.items()]
-        kept = "unknowns of the equations" if r.s.places else "no unknowns of the equations: the frames show them"
-        blocks += [Paragraph(f"The coordinates are {kept}."), Table(["name", "symbol", "unit", "meaning"], rows)]
+        if not isinstance(r.s.law, Joint):
+            said = "The coordinates are those of joints."
+        elif r.s.places:
+            said = "The coordinates are unknowns of the equations."
+        else:
+            said = "The coordinates are no unknowns of the equations: where they are used, they are read from the frames."
+        blocks += [Paragraph(said), Table(["name", "symbol", "unit", "meaning"], rows)]
         r.formulas.writer.used |= specs.keys()
     if motion is not None:
         blocks += chain(motion, r.formulas, list(specs))
@@ -79,8 +86,7 @@ def pose_of(s: Statement, motion: Motion) -> tuple[Vector, tuple[Vec, Vec, Vec]]
 
 def _pose(r: JointChecks, motion: Motion | None) -> list[Block]:
     """The pose of l on the motion, where all coordinates have symbols."""
-    free = set(r.s.law.coordinates) - set(r.s.law.scalars())
-    if motion is None or free - set(r.s.values):
+    if motion is None or r.s.law.coordinates.keys() - r.s.law.scalars().keys() - r.s.values.keys():
         return []
     moved, axes = pose_of(r.s, motion)
     r.formulas.refresh()

@@ -15,6 +15,7 @@ def thrust_blocks(r: LawChecks) -> list[Block]:
     if r.s.thrust is None:
         return []
     (along, push), w = r.s.thrust, r.formulas.writer
+    r.formulas.refresh()
     own = next((name for name, symbol in r.s.coordinates.items() if symbol == along), "")
     text = "Generalised force $Q$ (N, or N m on an angle) on $q$, with the virtual work $Q\\,\\delta q$"
     where = f"it stands in the equation of the coordinate {own}" if own else "it acts on the bodies by $\\delta q$"
