@@ -26,7 +26,7 @@ from mbdae.symbolic.law import Force
 _BASES = {
     "r": ("position of the point of the {what} on body ${side}$", "m"),
     "c": ("centre of body ${side}$", "m"),
-    "s": ("arm from the centre of body ${side}$ to that point", "m"),
+    "s": ("arm from the centre of body ${side}$ to the point of the {what}", "m"),
     "x": ("first axis of the {what} on body ${side}$, a unit vector", "1"),
     "y": ("second axis on body ${side}$", "1"),
     "z": ("third axis on body ${side}$: the axis of the {what}", "1"),
@@ -68,12 +68,13 @@ class LawFormulas:
 
     statement: Statement
     what: str = "joint"
+    rows: bool = True  #: whether its rows are written
     checks: list[Check] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         s = self.statement
         self.known: dict[str, Letter] = letters(s.cls, s.structure, s.law)
-        for row in s.rows:
+        for row in s.rows if self.rows else ():
             self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="") for name in s.turning}
         for name, symbol in s.coordinates.items():

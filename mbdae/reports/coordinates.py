@@ -43,7 +43,7 @@ def coordinates_section(r: JointChecks) -> Section | None:
         else:
             said = "The coordinates are no unknowns of the equations: where they are used, they are read from the frames."
         blocks += [Paragraph(said), Table(["name", "symbol", "unit", "meaning"], rows)]
-        r.formulas.writer.used |= specs.keys()
+        r.formulas.writer.used |= {str(r.s.coordinates.get(name, name)) for name in specs}
     if motion is not None:
         blocks += chain(motion, r.formulas, list(specs))
     return Section("Coordinates and motion", [*blocks, *_pose(r, motion), *_read(r)])

@@ -27,8 +27,7 @@ from mbdae.symbolic.vectors import Expr
 CONVENTION = (
     "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
-    " Coordinates are those of l relative to k, positive about or along $\\mathbf{z}_k$. A vector"
-    " $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
+    " Coordinates are those of l relative to k, 0 as drawn. A vector $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
     " Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
     " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
     " displacement stand on the left-hand side, the force that acts on a body is the opposite."
@@ -79,6 +78,7 @@ class JointReport(JointChecks):
         if not cls.must_keep():
             other = ("False", "without its coordinates as unknowns") if self.s.places else ("True", "with its coordinates as unknowns")
             said.append(f"`{call}, kept={other[0]})` reports the joint {other[1]}")
+            call += ", kept=True" * bool(self.s.places)
         if self.s.law.friction is None and cls.scalars():
             said.append(f"`{call}, friction=mb.Coulomb(...))` with friction by its own reaction")
         if any(name in self.s.rows for name in cls.drives()):

@@ -51,7 +51,7 @@ class Reduction:
         plain = {"kept": True, "friction": None, "rubs": None}
         options = tuple((name, plain.get(name, value)) for name, value in structure.options)
         self.s = Statement(law, replace(structure, options=options))
-        self.formulas = LawFormulas(self.s)
+        self.formulas = LawFormulas(self.s, rows=False)
         motion = motion_in(self.s)
         assert motion is not None
         self.motion = motion
@@ -94,7 +94,7 @@ class Reduction:
                 slides += slopes
                 way = way + e * step.amount
         columns: dict[Expr, Any] = {}
-        order = list(s.values)
+        order = list(s.places)
         turns, slides = (sorted(found, key=lambda slope: order.index(slope[0])) for found in (turns, slides))
         for name, rate, change, turn, before in turns:
             add(columns, (name, rate, change), turn, turn.cross(way - before))

@@ -271,7 +271,7 @@ class Statement:
     def thrust(self) -> tuple[Expr, Expr] | None:
         """A length or angle of the motion, and the generalised force that does work as it grows: friction of a joint, a load."""
         if isinstance(self.law, Joint):
-            stated = self.law.rubbing(*self.frames, self._reaction()) if self.law.friction is not None else None
+            stated = self.law.rubbing(self._reaction(), *self.frames) if self.law.friction is not None else None
         else:
             stated = self.law.thrust(*self.frames) if isinstance(self.law, Force) else None
         return None if stated is None else (self.scalar(stated[0]), self.scalar(stated[1]))

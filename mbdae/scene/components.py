@@ -194,8 +194,8 @@ class Clearance(JointModel):
 
 @dataclass(frozen=True)
 class Stop:
-    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where that
-    presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
+    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where
+    that presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
 
     stiffness: float
     damping: float = 0.0

@@ -73,8 +73,8 @@ class OnCoordinates:
 
 def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, str], given: Mapping[str, Any],
                    model: JointModel | None) -> OnCoordinates:  # fmt: skip
-    """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the statement,
-    where that is another one."""
+    """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the
+    statement, where that is another one."""
     values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
               for option, readers in READERS.items()}  # fmt: skip
     found = OnCoordinates(law, values)

@@ -89,7 +89,8 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
         of = {c: at if isinstance(at, str) else ".".join(at) for c, at in law.of.items()}
         return {"coupling": stored_name(type(law), own), "name": law.name, "of": of, "values": values}
     places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
-    places |= {"others": {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}} if len(law.frames) > 2 else {}
+    if len(law.frames) > 2:
+        places["others"] = {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}
     return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}
 
 

@@ -31,9 +31,10 @@ from mbdae.values import array, shown
 #: kinds of arguments by name; the others are numbers, expressions of time, places, and lists of these
 _KINDS: dict[str, tuple[type, ...]] = {
     "name": (str,), "frame": (str,), "k": (str, Body, Place), "l": (str, Body, Place), "body": (str, Body, Place),
-    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,), "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
+    "beam": (str, Body), "law": (Joint, Force, Coupling), "joint": (type,), "model": (JointModel,),
+    "friction": (Friction, dict), "stop": (Stop, dict), "section": (Section,),
     "curve": (str, FunctionType),
-    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str, tuple, list)), "of": (dict, list),
+    **dict.fromkeys(("driving", "driven", "pinion", "rack", "first", "second", "carrier"), (str,)), "of": (dict,),
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
+
 @cache
 def _model_places() -> dict[str, int | None]:
     """Statements whose item may have a joint model, with the position of the argument `model` among those that follow self; None:

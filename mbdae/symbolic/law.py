@@ -14,9 +14,9 @@ A law declares its parameters with units and states one or more of
     gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
-on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is derived:
-generalised forces, constraint Jacobian and its rate, Jacobians, planar and grounded variants, kernels. A parameter left at None
-is absent from the statement; a parameter may be a number or a function of time.
+on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is
+derived: generalised forces, constraint Jacobian and its rate, Jacobians, planar and grounded variants, kernels. A parameter left
+at None is absent from the statement; a parameter may be a number or a function of time.
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ class Law:
     frames: ClassVar[tuple[str, ...]] = ()  #: names of the bodies' frames on which the law is stated
     axes_of: ClassVar[str] = "axis"  #: source of the frames' axes: z along the item's "axis", or the axes of body "k" or "l"
     timeless: ClassVar[bool] = False  #: whether its parameters may not depend on time
+    at_nodes: ClassVar[bool] = False  #: whether it acts at the nodes of its bodies along inertial axes, so that no other axes matter
     loads: ClassVar[bool] = False  #: whether it is a load, which an equilibrium applies step by step
     dissipative: ClassVar[bool] = False  #: whether the power of `wrench` counts as dissipated rather than as work
     #: whether bodies may stick by it, as by friction: equations are stiff there. None: they may where the law has states
@@ -168,19 +169,19 @@ class Law:
         """Expressions that must be positive, where the rows alone admit a second solution, by name."""
         return {}
 
-    def rates(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Time derivative of every internal state."""
         return {}
 
-    def initial(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def initial(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Start value of every internal state."""
         return {}
 
 
 class TwoBodyLaw(Law):
-    """A law between two bodies, or as many as `frames` names. k, l: bodies or places; at, at_l: where it acts on all, and on l where
-    that is elsewhere, m; axis, axis_x: directions of the frames' z and x (None: any normal to z); all as drawn. Bodies of further
-    frames are given by the names of these."""
+    """A law between two bodies, or as many as `frames` names. k, l: bodies or places; at, at_l: where it acts on all, and on l
+    where that is elsewhere, m; axis, axis_x: directions of the frames' z and x (None: any normal to z); all as drawn. Bodies of
+    further frames are given by the names of these."""
 
     frames: ClassVar[tuple[str, ...]] = ("k", "l")
 
@@ -203,35 +204,35 @@ class Force(TwoBodyLaw):
 
     external: ClassVar[bool] = False  #: acts on l from outside: k is always the ground
 
-    def energy(self, k: Frame, l: Frame) -> Expr:
+    def energy(self, *frames: Any, **_: Any) -> Expr:
         """Potential energy, J."""
         return se.Integer(0)
 
-    def dissipation(self, k: Frame, l: Frame) -> Expr:
+    def dissipation(self, *frames: Any, **_: Any) -> Expr:
         """Rayleigh dissipation function: half the dissipated power, W."""
         return se.Integer(0)
 
-    def wrench(self, k: Frame, l: Frame) -> tuple[Vec, Vec] | None:
+    def wrench(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l, inertial frame."""
         return None
 
-    def thrust(self, k: Frame, l: Frame) -> tuple[Expr, Expr] | None:
+    def thrust(self, *frames: Any, **_: Any) -> tuple[Expr, Expr] | None:
         """A length or angle of the motion, and the force (N or N m) on the bodies that does work as it grows."""
         return None
 
-    def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
+    def observed(self, *frames: Any, **_: Any) -> dict[str, list[Expr]]:
         """Quantities a sensor shows beside force, torque and power, by name."""
         return {}
 
-    def losses(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def losses(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Its dissipated power by cause ("impact", "friction"), W; the rest counts as "other"."""
         return {}
 
-    def gaps(self, k: Frame, l: Frame) -> Sequence[tuple[Expr, Expr]]:
+    def gaps(self, *frames: Any, **_: Any) -> Sequence[tuple[Expr, Expr]]:
         """Of a one-sided law: gaps (m, it acts where one is negative) and their rates (m/s)."""
         return ()
 
-    def approach(self, k: Frame, l: Frame) -> Sequence[Expr]:
+    def approach(self, *frames: Any, **_: Any) -> Sequence[Expr]:
         """Of a one-sided law: relative displacements (m) along which it may act."""
         return ()
 
