@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbdae.documents.blocks import Block, Paragraph, Section
 from mbdae.laws.contact import JournalContact
-from mbdae.laws.forces import SlideFriction
+from mbdae.laws.forces import JointFriction
 from mbdae.laws.friction import Friction
 from mbdae.reports.statement import derived, structure_of
 from mbdae.symbolic.fingerprint import fingerprint
@@ -14,7 +14,7 @@ from mbdae.symbolic.part import Part, PartStructure
 
 def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
     """The section on the origin."""
-    user: type[Force] = SlideFriction if issubclass(cls, Friction) else JournalContact
+    user: type[Force] = JointFriction if issubclass(cls, Friction) else JournalContact
     options = {"friction": structure} if issubclass(cls, Friction) else {"normal": structure, "friction": None}
     d = derived(user, structure_of(user, options))
     return [

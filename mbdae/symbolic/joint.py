@@ -208,7 +208,7 @@ class Joint(TwoBodyLaw):
 
     def _complete_ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Ties of all coordinates; none where one has none."""
-        complete = self.states_rows() and self.scalars().keys() == self.coordinates.keys()
+        complete = self.states_rows() and not self.must_keep() and self.scalars().keys() == self.coordinates.keys()
         ties = self._ties(*frames) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
