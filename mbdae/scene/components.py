@@ -194,8 +194,8 @@ class Clearance(JointModel):
 
 @dataclass(frozen=True)
 class Stop:
-    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where that
-    presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
+    """An elastic stop at the limits of a joint's coordinate: force stiffness p + damping dp/dt, p the way past the limit, where
+    that presses. stiffness: N m/rad or N/m; damping: N m s/rad or N s/m."""
 
     stiffness: float
     damping: float = 0.0
@@ -248,6 +248,11 @@ class Connection:
         """Names of the joint's coordinates; none of a force."""
         law = self.laws[0]
         return tuple(law.coordinates) if isinstance(law, Joint) else ()
+
+    @property
+    def scalars(self) -> tuple[str, ...]:
+        """Names of the coordinates that are angles and displacements, not rotations."""
+        return tuple(c for c in self.coordinates if self.unit(c) != "rotation")
 
     @property
     def kept(self) -> bool:

@@ -29,8 +29,8 @@ class ConnectionStatements(CouplingStatements):
     @reads(law=own_copy, model=joint_model)
     @statement
     def add(self, law: Joint | Force | Coupling, model: Any = None) -> Connection:
-        """Add a joint, force or coupling, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a copy:
-        what happens to the law afterwards does not change it."""
+        """Add a joint, force or coupling, the package's or the user's own; `model` of a joint as in `joint`. The scene keeps a
+        copy: what happens to the law afterwards does not change it."""
         if isinstance(law, Coupling):
             return self._add_coupling(law)
         if law.at is None:

@@ -19,7 +19,8 @@ NOBODY = ""  #: in place of a coordinate that is not known, whose mistake has be
 
 
 def reference(unit: str = "") -> reading.Reader:
-    """The name of a joint, or "joint.coordinate": one of its coordinates, of that unit where one is said; as "joint.coordinate"."""
+    """The name of a joint, or "joint.coordinate": one of its coordinates, of that unit where one is said; as
+    "joint.coordinate"."""
 
     def read(arg: Argument, value: Any) -> str:
         joint, name = found_joint(arg, value)
@@ -79,15 +80,15 @@ class CouplingStatements(SceneItems):
     @reads(name=reading.name, of=_terms, value=reading.driven("rad or m"))
     @statement
     def couple(self, name: str, of: Any, value: Any = 0.0) -> Connection:
-        """The sum of multiples of coordinates, {"A.angle": 18, "C.angle": -18, "P.angle": 24}, has a value: a number or an expression
-        of mb.t."""
+        """The sum of multiples of coordinates, {"A.angle": 18, "C.angle": -18, "P.angle": 24}, has a value: a number or an
+        expression of mb.t."""
         return self._couple("couple", name, lambda *at: WeightedSum(name, at, list(of.values()), value), list(of))
 
     @reads(name=reading.name, driving=reference("rad"), driven=reference("rad"), ratio=reading.quantity("1"))
     @statement
     def gear(self, name: str, driving: Any, driven: Any, ratio: float) -> Connection:
-        """angle(driven) = ratio * angle(driving) of two joints, relative to their bodies k (a carrier that may move): negative for
-        wheels that mesh outside, positive for a ring gear or a belt."""
+        """angle(driven) = ratio * angle(driving) of two joints, relative to their bodies k (a carrier that may move): negative
+        for wheels that mesh outside, positive for a ring gear or a belt."""
         if ratio == 0 and driving != NOBODY:
             Argument(self, f"gear '{name}'", "ratio").wrong("0: the driven wheel would not turn", "give the ratio of both angles")
         return self._couple("gear", name, lambda a, b: Gear(name, {"driving": a, "driven": b}, ratio=ratio), [driving, driven])
@@ -123,8 +124,8 @@ class CouplingStatements(SceneItems):
         law.k, law.l, law.at, law.axis = first.k, first.l, first.joint.at, first.joint.axis
         for joint in joints:
             if joint.loose:
-                self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where its angle is not counted over "
-                                     f"turns; give it another model")  # fmt: skip
+                self.problems.append(f"{kind} '{law.name}': joint '{joint.name}' has clearance, where whole turns of its "
+                                     f"angle are not counted; give it another model")  # fmt: skip
             for part in (*joint.laws, *joint.as_kinematic):
                 if hasattr(part, "kept"):
                     part.kept = True

@@ -35,7 +35,7 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-EACH = {option: reading.as_given for option in OPTIONS}  #: options by coordinate, read where these are known
+EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: options by coordinate, read where these are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
 
@@ -116,9 +116,9 @@ class JointStatements(ConnectionStatements):
     @statement
     def universal(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_l: Any = None, pin: Any = None,
                   **further: Any) -> Connection:  # fmt: skip
-        """Hooke's joint: `axis` and `axis_l` are the shafts of k and l (by default in line), `pin` the pin of k, by default normal
-        to both shafts; that of l is normal to its shaft and to the pin of k. Coordinates `angle_k` of the cross about the pin of k,
-        `angle_l` of l about its own, 0 as drawn. Further arguments as in `joint`."""
+        """Hooke's joint: `axis` and `axis_l` are the shafts of k and l (by default in line), `pin` the pin of k, by default
+        normal to both shafts; that of l is normal to its shaft and to the pin of k. Coordinates `angle_k` of the cross about the
+        pin of k, `angle_l` of l about its own, 0 as drawn. Further arguments as in `joint`."""
         shaft = reading.unit(axis)
         other = shaft if axis_l is None else reading.unit(axis_l)
         first = pins(Argument(self, f"universal '{name}'", "pin"), shaft, other, pin)
@@ -135,15 +135,15 @@ class JointStatements(ConnectionStatements):
     @reads(**PLACED, further=reading.as_given)
     @statement
     def point_on_line(self, name: str, k: Any, l: Any, at: Any, axis: Any, **further: Any) -> Connection:
-        """The point of l at `at` slides along the line through it in k: coordinate `displacement`; all rotations are free. Further
-        arguments as in `joint`."""
+        """The point of l at `at` slides along the line through it in k: coordinate `displacement`; all rotations are free.
+        Further arguments as in `joint`."""
         return self._library("point_on_line", PointOnLine, name, k, l, at, axis, None, further)
 
     @reads(**PLACED, axis_x=reading.direction, further=reading.as_given)
     @statement
     def point_on_plane(self, name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any = None, **further: Any) -> Connection:
-        """The point of l at `at` stays in the plane of k normal to `axis`: coordinates `x` (along `axis_x`), `y`; all rotations are
-        free. Further arguments as in `joint`."""
+        """The point of l at `at` stays in the plane of k normal to `axis`: coordinates `x` (along `axis_x`), `y`; all rotations
+        are free. Further arguments as in `joint`."""
         return self._library("point_on_plane", PointOnPlane, name, k, l, at, axis, axis_x, further)
 
     @reads(**BODIES, model=joint_model)
@@ -184,9 +184,11 @@ class JointStatements(ConnectionStatements):
         return self._joint(kind, law, name, k, l, at, axis, axis_x, model, options, rest)
 
     def _joint(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any, model: Any,
-               options: dict[str, Any], further: dict[str, Any], words: Mapping[str, str] | None = None) -> Connection:  # fmt: skip
+               options: dict[str, Any], further: dict[str, Any],
+               words: Mapping[str, str] | None = None) -> Connection:  # fmt: skip
         item = f"{kind} '{name}'"
-        options = options | {key: further.pop(key) for key in ("radius", "normal_force") if key in further and key not in law.params}
+        ours = [key for key in ("radius", "normal_force") if key in further and key not in law.params]
+        options = options | {key: further.pop(key) for key in ours}
         given = on_coordinates(self, item, law, words or {}, options, model)
         modelled, extra = law_of(Argument(self, item, "model"), law, model)
         numbers = self._numbers(item, law, further)
@@ -197,7 +199,7 @@ class JointStatements(ConnectionStatements):
         def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
             drives = {cls.drive_name(c): value for c, value in given.of("prescribed").items()}
             own = {**numbers, **given.own} if cls is law else {}
-            kept = extra.get("kept") or given.unreadable
+            kept = extra.get("kept") or given.unreadable or given.counts_turns
             joint = cls(name, **{**drives, **extra, **own, "kept": kept}, **place)
             on = {"joint": cls, "kept": joint.kept}
             return [joint, *(f(name, **{**values, **on}, **place) for f, values in forces)]
@@ -236,7 +238,8 @@ def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:
         return reading.unit(normal)
     found = reading.unit(pin)
     if abs(found @ shaft) > 1e-9:
-        arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}", "give a direction normal to the shaft of k")
+        arg.wrong(f"{np.asarray(pin).tolist()} is not normal to axis = {shaft.tolist()}",
+                  "give a direction normal to the shaft of k")  # fmt: skip
         return pins(arg, shaft, other, None)
     if np.linalg.norm(np.cross(found, other)) < 1e-9:
         arg.wrong(f"{np.asarray(pin).tolist()} is along axis_l", "give a direction that is not that of the shaft of l")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
+from inspect import signature
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -41,6 +42,15 @@ def statement(method: F) -> F:
 
     STATEMENTS[method.__name__] = recorded
     return recorded  # type: ignore[return-value]
+
+
+def item_name(statement_: Statement) -> Any:
+    """The name of the item of a recorded statement; None where it has none."""
+    method, args, kwargs = statement_
+    names = list(signature(STATEMENTS[method]).parameters)[1:] if method in STATEMENTS else []
+    given = {**dict(zip(names, args, strict=False)), **kwargs}
+    law = given.get("law")
+    return law.get("name") if isinstance(law, dict) else given.get("name")
 
 
 def encode(value: Any, own: Own | None = None) -> Any:
@@ -89,7 +99,8 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
         of = {c: at if isinstance(at, str) else ".".join(at) for c, at in law.of.items()}
         return {"coupling": stored_name(type(law), own), "name": law.name, "of": of, "values": values}
     places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
-    places |= {"others": {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}} if len(law.frames) > 2 else {}
+    if len(law.frames) > 2:
+        places["others"] = {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}
     return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}
 
 

@@ -131,6 +131,6 @@ class SceneData(BeamStatements, JointStatements):
         return replaced(self, names, model)
 
     def recursive(self) -> Any:
-        """A new scene whose joints are recursive where they form a tree; joints that close loops become kinematic, joints on point
-        masses stay as they are."""
+        """A new scene whose joints are recursive where they form a tree; joints that close loops become kinematic, joints on
+        point masses stay as they are."""
         return with_recursive_tree(self)

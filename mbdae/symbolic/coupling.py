@@ -18,8 +18,8 @@ Reference = tuple[str, str]  #: names of a joint and of its coordinate
 class Coupling(TwoBodyLaw):
     """A law on coordinates of joints stated by `constraints`: rows of the coordinates (`self.<name>`) that vanish.
 
-    The forces of its rows act on both bodies of every joint, by virtual work. of: for every coordinate of the law the joint and the
-    coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
+    The forces of its rows act on both bodies of every joint, by virtual work. of: for every coordinate of the law the joint and
+    the coordinate there, "joint.coordinate"; a coordinate is 0 as drawn, whole turns of angles count."""
 
     frames: ClassVar[tuple[str, ...]] = ()
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: that it couples, with the unit (rad, m or either)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import symengine as se
@@ -18,7 +18,8 @@ from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.motion import Rotation
-from mbdae.symbolic.rebuild import nodes, one_sided, without_overflow
+from mbdae.symbolic.rebuild import one_sided, without_overflow
+from mbdae.symbolic.statement import Statement
 from mbdae.symbolic.variation import Variation
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
@@ -90,7 +91,8 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
-        return self.law.pressing(self.sides[0], self.sides[1], _reaction_on_l(self.law, self.rows, self.G))
+        k, l = self.sides
+        return self.law.pressing(k, l, _reaction_on_l(self.law, self.rows, self.G))
 
     @property
     def rubbing(self) -> tuple[Expr, Expr] | None:
@@ -121,7 +123,6 @@ def side_names(law: Law) -> tuple[str, ...]:
 
 
 FORCES = ("energy", "dissipation", "wrench", "thrust")  #: a force law states one of them at least
-_TIME = se.Symbol("t")
 
 
 def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
@@ -134,7 +135,8 @@ def _clock(timed: Iterable[str]) -> dict[Expr, Expr]:
 
 
 class _Stated(NamedTuple):
-    """Forces as a law states them: potential energy, Rayleigh function, force and torque on l, generalised force on a coordinate."""
+    """Forces as a law states them: potential energy, Rayleigh function, force and torque on l, generalised force on a
+    coordinate."""
 
     energy: Expr
     rayleigh: Expr
@@ -149,15 +151,12 @@ class _Stated(NamedTuple):
                 "the coordinate of its thrust": along, "the thrust": push}  # fmt: skip
 
 
-class _Derivation:
+class _Derivation(Statement):
     """The steps from a statement to a `Derived`."""
 
-    def __init__(self, law: Any, variation: Variation) -> None:
-        self.law, self.variation, self.frames = law, variation, variation.frames
-
     def run(self) -> Derived:
-        self._refuse_clashes()
-        self._refuse_undefined()
+        self.refuse_clashes()
+        self.refuse_undefined()
         rows, vanished, undefined, g, G = self._constraints()
         force, powers = self._forces(_reactions(self.law, rows, vanished), _reaction_on_l(self.law, rows, G))
         resolve = self.variation.resolve
@@ -170,88 +169,18 @@ class _Derivation:
         )  # fmt: skip
 
     def _coordinates(self) -> dict[str, Expr]:
-        stated = self.law.read(*self.sides) if self._oriented() or self.law.own_coordinates else {}
+        stated = self.law.read(*self.sides) if self.oriented() or self.law.own_coordinates else {}
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
-    @property
-    def sides(self) -> tuple[Frame, ...]:
-        """Frames of bodies."""
-        return self.frames[: len(self.law.frames)]
 
-    def _oriented(self) -> bool:
-        return all(f.kind.oriented for f in self.sides)
 
-    @cached_property
-    def _names(self) -> set[str]:
-        return {f.side for f in self.frames}
 
-    def _undefined(self, e: Any) -> list[tuple[Frame, str]]:
-        """Quantities in an expression (or vector) that its node does not have, with the frames; frames with axes first."""
-        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
-        frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
-        return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
 
-    def _refuse_speeds(self, what: str, e: Any) -> None:
-        """Raise LawError where an expression that may depend on positions only contains a velocity."""
-        speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
-        places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
-        found = se.sympify(e).free_symbols & (speeds - places)
-        if found:
-            raise LawError(f"{what} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
-                           f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
 
-    def _refuse(self, what: str, e: Any) -> None:
-        """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
-        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
-        if _TIME in symbols and str(_TIME) not in self.law.params:
-            raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
-                           f"give that an expression of mb.t")  # fmt: skip
-        unknown = symbols - self._known
-        for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
-            raise LawError(f"{what} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
-                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
-        for frame, quantity in self._undefined(e):
-            law = type(self.law).__name__
-            if frame.kind.oriented:
-                raise LawError(f"{what} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
-                               f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use space='planar'")
-            raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
-                           f"use s.rigid_body")  # fmt: skip
 
-    @cached_property
-    def _known(self) -> set[Expr]:
-        """Every symbol a statement may contain."""
-        law = self.law
-        own = {se.Symbol(name) for name in law.params} | {se.Symbol(f"state_{name}") for name in law.states} | {_TIME}
-        return own.union(*(f.symbols for f in self.frames), {se.Symbol(f"lambda_{row}") for row in self._rows})
 
-    @cached_property
-    def _rows(self) -> dict[str, Expr]:
-        """The rows of a joint as stated."""
-        return self.law.rows(*self.sides)
 
-    def _refuse_clashes(self) -> None:
-        """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
-        law, kind = self.law, type(self.law).__name__
-        taken = dict.fromkeys(_names_of_frames((*"bklc", *sorted(self._names - set("bklc")))), "the frames")
-        taken |= {f"{mark}_{row}": f"row '{row}'" for row in self._rows for mark in ("lambda", "mu")}
-        taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
-        taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
-        for name in law.params:
-            if name in taken:
-                raise LawError(f"{kind}: '{name}' in params is the symbol of {taken[name]} in derivations; choose another name")
 
-    def _refuse_undefined(self) -> None:
-        """Raise LawError where a joint between nodes with axes contains quantities that these nodes do not have."""
-        law, sides = self.law, self.sides
-        stated: list[tuple[str, Any]] = []
-        if self._oriented():
-            stated += [(f"row '{name}'", e) for name, e in self._rows.items()]
-            stated += [(f"the coordinate '{name}'", e) for name, e in law.read(*sides).items()]
-            stated += [(f"the branch '{name}'", e) for name, e in law.positives(*sides).items()]
-        for what, e in stated:
-            self._refuse(what, e)
-            self._refuse_speeds(what, e)
 
     def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
         """Rows that remain for these frames, names of the others (and of those undefined), and the rows' gradients."""
@@ -260,14 +189,14 @@ class _Derivation:
         undefined: list[str] = []
         g: list[Expr] = []
         G: list[dict[str, Pair]] = []
-        for name, statement in self._rows.items():
-            missing = self._undefined(statement)
+        for name, statement in self.rows.items():
+            missing = self.undefined(statement)
             if missing and not any(frame.kind.oriented for frame, _ in missing):
                 vanished.append(name)
                 undefined.append(name)
                 continue
-            self._refuse(f"row '{name}'", statement)
-            self._refuse_speeds(f"row '{name}'", statement)
+            self.refuse(f"row '{name}'", statement)
+            self.refuse_speeds(f"row '{name}'", statement)
             c = self.variation.name(without_overflow(one_sided(statement)))
             if self._vanishes(self.variation.resolve(c)):
                 vanished.append(name)
@@ -305,8 +234,8 @@ class _Derivation:
                 raise LawError(f"force law {type(law).__name__} states none of {', '.join(FORCES)}; see mb.Force")
             wrench = law.wrench(*sides) or (ZERO, ZERO)
             if len(sides) > 2 and type(law).wrench is not Force.wrench:
-                raise LawError(f"{type(law).__name__} acts on more than two bodies, where a wrench between k and l says too little; "
-                               f"state its energy, dissipation or thrust")  # fmt: skip
+                raise LawError(f"{type(law).__name__} acts on more than two bodies, where a wrench between k and l says too "
+                               f"little; state its energy, dissipation or thrust")  # fmt: skip
             return _Stated(law.energy(*sides), law.dissipation(*sides), *wrench, law.thrust(*sides))
         if not isinstance(law, Joint):
             return None
@@ -322,8 +251,8 @@ class _Derivation:
         if stated is None:
             return {}, (_ZERO, _ZERO, _ZERO)
         for what, part in stated.parts().items():
-            self._refuse(what, part)
-        self._refuse_speeds("the energy", stated.energy)
+            self.refuse(what, part)
+        self.refuse_speeds("the energy", stated.energy)
         energy, rayleigh = (v.name(without_overflow(one_sided(e))) for e in (stated.energy, stated.rayleigh))
         wrench = tuple(Vec(*(v.name(without_overflow(one_sided(c))) for c in part)) for part in (stated.force, stated.torque))
         along, push = (v.name(without_overflow(one_sided(e))) for e in stated.thrust or (_ZERO, _ZERO))
@@ -361,25 +290,9 @@ class _Derivation:
                 if n not in table:
                     raise LawError(f"{type(self.law).__name__} states no value for {what} of its state '{n}'; "
                                    f"return {{'{n}': expression}} from {'rates' if table is rates else 'initial'}(self, k, l)")
-                self._refuse(f"{what} of state '{n}'", table[n])
+                self.refuse(f"{what} of state '{n}'", table[n])
         ready = [tuple(self.variation.resolve(self.variation.name(table[n])) for n in names) for table in (rates, starts)]
         return names, ready[0], ready[1]
-
-
-@lru_cache(maxsize=64)
-def _names_of_frames(sides: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the symbols of frames on every kind of node."""
-    return tuple({str(s) for side in sides for kind in NodeKind for s in make_frame(side, kind).symbols})
-
-
-def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
-    return set().union(*(se.sympify(v[i]).free_symbols for v in vectors for i in range(3)))
-
-
-def _letters(e: Any) -> set[Expr]:
-    """Letters of intermediate results in reports: they are no symbols of the statement."""
-    found = (node for part in (e if isinstance(e, Vec) else (e,)) for node in nodes(se.sympify(part)))
-    return {n.args[1] for n in found if isinstance(n, se.FunctionSymbol) and n.get_name() == "let" and len(n.args) > 1}
 
 
 def _scaled(law: Any, e: Expr) -> Expr:

@@ -1,9 +1,10 @@
 """Joints: a law states the coordinates of a joint and its motion, or rows that vanish, or both.
 
-The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive joint,
-the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows* (`constraints`)
-state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates from the frames
-then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies as an unknown.
+The *motion* takes the axes of k to those of l by the joint's coordinates (`symbolic/motion.py`). From it follow the recursive
+joint, the start, and the rows of the joint with its coordinates as unknowns: the pose of l is that of the motion. *Rows*
+(`constraints`) state the same joint without coordinates, where fewer do: the kinematic model. `coordinate` reads the coordinates
+from the frames then, and `ties` are rows that vanish where a coordinate has a value: they prescribe it, or tie it to the bodies
+as an unknown.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ class Joint(TwoBodyLaw):
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: of the motion it leaves free: rad or m, 0 as drawn
     loose: ClassVar[type[Joint] | None] = None  #: the joint that remains where pin and race have play
     optional: ClassVar[tuple[str, ...]] = ()  #: parameters that a statement may leave out
+    kept: Any  #: None or False: its coordinates are no unknowns
     _derived: ClassVar[frozenset[str]] = frozenset()  #: parameters that follow from the coordinates
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -52,10 +54,11 @@ class Joint(TwoBodyLaw):
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
             if entry.unit not in UNITS:
-                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or 'rotation'")
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
+                               f"'rotation'")  # fmt: skip
         if hasattr(cls, "coordinate_unit"):
-            raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in place of "
-                           f"coordinate_unit")  # fmt: skip
+            raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in "
+                           f"place of coordinate_unit")  # fmt: skip
 
     def __init__(self, name: str, *args: Any, **values: Any) -> None:
         super().__init__(name, *args, **values)
@@ -67,20 +70,20 @@ class Joint(TwoBodyLaw):
         """The axes of l, reached from those of k by the joint's coordinates."""
         return from_k
 
-    def constraints(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Rows that vanish, by name, without the coordinates."""
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
 
-    def coordinate(self, k: Frame, l: Frame) -> Any:
+    def coordinate(self, *frames: Any, **_: Any) -> Any:
         """The coordinates as the frames show them, by name (an expression where there is one); None: they cannot be read."""
         return None
 
-    def ties(self, k: Frame, l: Frame) -> dict[str, Any]:
+    def ties(self, *frames: Any, **_: Any) -> dict[str, Any]:
         """By coordinate a row that vanishes where the coordinate has its value (`self.<name>`) and grows with that value; a pair
         with an expression that is positive there, where the row vanishes elsewhere too (half a turn off)."""
         return {}
 
-    def branches(self, k: Frame, l: Frame) -> dict[str, Expr]:
+    def branches(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Expressions that must be positive, where the rows alone admit a second solution (a joint half a turn off)."""
         return {}
 
@@ -89,7 +92,7 @@ class Joint(TwoBodyLaw):
         along: Vec = k.z * (k.z @ force)
         return force - along
 
-    def resistance(self, k: Frame, l: Frame, reactions: Mapping[str, Expr]) -> tuple[Vec, Vec] | None:
+    def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
 
         reactions: the force of every row (N or N m) by its name, 0 where the row vanishes. None: there is none."""
@@ -170,7 +173,7 @@ class Joint(TwoBodyLaw):
         if not self.states_motion():
             self._refuse_untied()
             return dict(self.constraints(*frames))
-        k, l = frames[:2]
+        k, l = frames
         moved, axes = self._pose(k)
         d = l.r - k.r - moved
         return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
@@ -185,7 +188,8 @@ class Joint(TwoBodyLaw):
         stated = dict(self.branches(*frames)) if self.states_rows() else {}
         ties = self._complete_ties(*frames) if self.kept else self._ties(*frames) if self.prescribed else {}
         if self.kept and not ties and self.states_motion():
-            l, axes = frames[1], self._pose(frames[0])[1]
+            k, l = frames
+            axes = self._pose(k)[1]
             return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
         held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
         return stated | {f"{c}, not half a turn off": positive for c, positive in held.items()}
@@ -254,10 +258,10 @@ class Joint(TwoBodyLaw):
         normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
         return self.read(*frames)[self.rubbed], let(-self.friction.coefficient(self.sliding(*frames)) * normal) * self.lever()
 
-    def rates(self, *frames: Frame) -> dict[str, Expr]:
+    def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))
 
-    def initial(self, *frames: Frame) -> dict[str, Expr]:
+    def initial(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.initial(self.sliding(*frames)))
 
 

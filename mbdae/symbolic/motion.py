@@ -28,8 +28,8 @@ Triad = tuple[Vec, Vec, Vec]  #: three axes, inertial components
 
 @dataclass(frozen=True)
 class Rotation:
-    """A free rotation: its quaternion P, the axes it leads to (columns) and its angular velocity (along these axes), components in the
-    axes reached so far; inverse: taken backwards."""
+    """A free rotation: its quaternion P, the axes it leads to (columns) and its angular velocity (along these axes), components
+    in the axes reached so far; inverse: taken backwards."""
 
     P: tuple[Expr, ...]
     columns: Triad

@@ -9,134 +9,35 @@ geometric stiffness (paper Eqs. 24-33).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 from functools import lru_cache
+from itertools import count
 from typing import Any
 
 import symengine as se
 
-from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
-from mbdae.symbolic.joint import Joint, motion_of
-from mbdae.symbolic.law import Structure
+from mbdae.symbolic.joint import motion_of
 from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn
-from mbdae.symbolic.motion import turned as turned_axes
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
-from mbdae.symbolic.quaternions import product, rate_from_body_spin, rate_from_spatial_spin, rotation_columns, rotation_per_component
+from mbdae.symbolic.quaternions import (
+    product,
+    rate_from_body_spin,
+    rate_from_spatial_spin,
+    rotation_columns,
+    rotation_per_component,
+)
 from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.tree_motion import Coordinate, Moved, State, Way, moved, way
+from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
-Numbers = tuple[tuple[str, int | None], ...]  #: parameter -> its value where that is 0, 1 or -1, None: a symbol
 OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain
 
 
-@dataclass(frozen=True)
-class Link:
-    """The joint that carries node `j` (its place in the tree, from 1) from node `parent` (0: the root)."""
-
-    law: type[Joint]
-    structure: Structure
-    parent: int
-    side: str  #: of the joint on which the parent is, "k" or "l"
-    kind: NodeKind  #: of the node carried
-    axes: tuple[Axes, Axes]  #: of the joint on its parent and on the node carried
-    numbers: Numbers
-    moves: bool  #: False of a joint that only holds a point where it is
-    coordinates: tuple[str, ...]
-    prescribed: tuple[bool, ...]  #: coordinate by coordinate
-    first: int  #: number of its first coordinate among those of the tree, from 1
-
-
-@dataclass(frozen=True)
-class Member:
-    """A law between nodes of the tree (None: the ground) that is part of its program."""
-
-    law: tuple[Any, Structure, tuple[Side, ...]]
-    nodes: tuple[int | None, ...]
-    numbers: Numbers
-
-
-@dataclass(frozen=True)
-class TreeStructure:
-    """What distinguishes two trees apart from numbers. loaded: nodes on which laws outside the program act."""
-
-    root: NodeKind
-    links: tuple[Link, ...]
-    members: tuple[Member, ...]
-    loaded: tuple[int, ...] = ()
-
-
-@dataclass
-class State:
-    """Motion of a node: R by columns, heading and quaternion where its kind has them, spins and their rates inertial."""
-
-    kind: NodeKind
-    r: Vec
-    R: tuple[Vec, Vec, Vec]
-    heading: Expr
-    v: Vec
-    w: Vec
-    a: Vec
-    al: Vec
-    P: list[Expr] = field(default_factory=list)
-
-    def of_body(self, columns: list[list[Expr]]) -> tuple[Vec, ...]:
-        """Inertial vectors of body components."""
-        return tuple(self.R[0] * c[0] + self.R[1] * c[1] + self.R[2] * c[2] for c in columns)
-
-    def to_body(self, a: Vec) -> Vec:
-        """Body components of an inertial vector."""
-        return Vec(*(column @ a for column in self.R))
-
-
 Wrench = tuple[Vec, Vec]  #: force and torque about the node, inertial components, left-hand side
-
-
-@dataclass
-class _Moved:
-    """An elementary motion, the first and second rate of its amount, and its derivatives by the free coordinates of the tree."""
-
-    step: Step
-    rate: Expr
-    second: Expr
-    slopes: dict[int, Expr]
-    number: int = 0  #: of a free rotation: its number among the coordinates, its angular velocity and the rate of that
-    spin: Vec = ZERO
-    change: Vec = ZERO
-
-
-def _rotated(step: Step, number: int, change: Vec) -> _Moved:
-    """A free rotation, and the rate of its angular velocity."""
-    assert step.rotation is not None
-    return _Moved(step, se.Integer(0), se.Integer(0), {}, number, step.rotation.spin, change)
-
-
-def _moved(step: Step, coordinates: list[tuple[list[Expr], int | None]], program: Program) -> _Moved:
-    """coordinates: symbols of value, rate and second rate of every coordinate of the joint, and its number where it is free."""
-    first = [se.diff(step.amount, c[0]) for c, _ in coordinates]
-    rate = sum((d * c[1] for d, (c, _) in zip(first, coordinates, strict=True)), se.Integer(0))
-    second = sum((d * c[2] for d, (c, _) in zip(first, coordinates, strict=True)), se.Integer(0))
-    for c, _ in coordinates:
-        second += sum((se.diff(d, c[0]) * c[1] * o[1] for d, (o, _) in zip(first, coordinates, strict=True)), se.Integer(0))
-    slopes = {n: program.let(d) for d, (_, n) in zip(first, coordinates, strict=True) if n is not None and d != 0}
-    named = Step(step.turns, step.axis, program.let(step.amount))
-    return _Moved(named, program.let(rate), program.let(second), slopes)
-
-
-@dataclass
-class _Arm:
-    """The way from a parent node to the node carried: offset of the joint on the parent, the motions with their directions and
-    displacements, the whole way to the end of them, and back from there to the node carried."""
-
-    offset: Vec
-    parts: list[tuple[_Moved, Vec, Vec, tuple[Vec, ...]]] = field(default_factory=list)
-    total: Vec = ZERO
-    back: Vec = ZERO
-
-    def add(self, moved: _Moved, direction: Vec, displacement: Vec, axes: tuple[Vec, ...] = ()) -> None:
-        """One motion more; axes: of a free rotation those along which its rates are."""
-        self.parts.append((moved, direction, displacement, axes))
 
 
 class TreeProgram:
@@ -150,7 +51,7 @@ class TreeProgram:
         self.structure, self.program = structure, Program()
         self.inputs: dict[Expr, tuple[Any, ...]] = {}
         self.nodes = [self._root(structure.root)]
-        self._arms: list[_Arm] = []
+        self._ways: list[Way] = []
         for j, link in enumerate(structure.links, start=1):
             self.nodes.append(self._carried(j, link))
         self.force = self._projected("wu", self._members())
@@ -193,90 +94,72 @@ class TreeProgram:
         offset = [numbers[f"{side}_p{i}"] for i in (1, 2, 3)]
         return offset, axes_pattern(axes, [[numbers[f"{side}_Q{a}{i}"] for i in (1, 2, 3)] for a in "xyz"])[0]
 
-    def _motion(self, j: int, link: Link) -> list[_Moved]:
+    def _motion(self, j: int, link: Link) -> list[Moved]:
         """The elementary motions from the parent to the node carried, with their rates."""
         values: dict[str, Any] = {}
-        rates, free = [], {}
-        scalars = link.law.scalars()
-        for n, name in enumerate(link.coordinates):
-            c = link.first + n
-            clocked = link.prescribed[n]
-            if name not in scalars:
-                P, spin, change = ([self._input(what, -c, i) for i in range(4 if what == "q" else 3)] for what in ("q", "u", "up"))
-                values[name] = Rotation(tuple(P), tuple(map(self.program.vec, rotation_columns(P))), Vec(*spin))  # type: ignore[arg-type]
-                free[values[name].P] = c, Vec(*change)
-                continue
-            here = [self._input("clock", c, i) if clocked else self._input(what, -c, 0) for i, what in enumerate(("q", "u", "up"))]
-            values[name] = here[0]
-            rates.append((here, None if clocked else c))
+        scalars: list[Coordinate] = []
+        rotations: dict[Any, Moved] = {}
+        for c, name, driven in zip(count(link.first), link.coordinates, link.prescribed, strict=False):
+            if link.law.coordinates[name].unit == "rotation":
+                values[name], found = self._rotation(c)
+                rotations[values[name].P] = found
+            else:
+                places = [("clock", c, i) if driven else (what, -c, 0) for i, what in enumerate(("q", "u", "up"))]
+                value, rate, second = (self._input(*place) for place in places)
+                scalars.append(Coordinate(value, rate, second, None if driven else c))
+                values[name] = scalars[-1].value
         law: Any = link.law.symbolic(link.structure)
         motion = motion_of(law, values) if link.moves else Motion()
-        numbers = {se.Symbol(name): self._number(f"link{j}", name, link.numbers) for name, _ in link.numbers if name in law.params}
         assert motion is not None
-        motion = motion.substituted(numbers)
+        stated = [name for name, _ in link.numbers if name in law.params]
+        motion = motion.substituted({se.Symbol(name): self._number(f"link{j}", name, link.numbers) for name in stated})
         steps = (motion if link.side == "k" else motion.inverse()).steps
-        return [_moved(s, rates, self.program) if s.rotation is None else _rotated(s, *free[s.rotation.P]) for s in steps]
+        return [replace(rotations[s.rotation.P], step=s) if s.rotation else moved(s, scalars, self.program) for s in steps]
+
+    def _rotation(self, c: int) -> tuple[Rotation, Moved]:
+        """The free rotation that is coordinate c, with its rates."""
+        P, spin, change = ([self._input(what, -c, i) for i in range(n)] for what, n in (("q", 4), ("u", 3), ("up", 3)))
+        x, y, z = map(self.program.vec, rotation_columns(P))
+        rotation = Rotation(tuple(P), (x, y, z), Vec(*spin))
+        return rotation, Moved(Step(True, ZERO, se.Integer(0), rotation), number=c, spin=Vec(*spin), change=Vec(*change))
 
     def _carried(self, j: int, link: Link) -> State:
-        """Relative kinematics, motion by motion: an axis turns with what comes before it, and what comes after it turns with it."""
+        """The node that a joint carries: relative kinematics from its parent."""
         vec, k = self.program.vec, self.nodes[link.parent]
         other = "l" if link.side == "k" else "k"
         s, axes = self._frame(j, link, link.side, k, link.axes[0])
-        arms, w, al = _Arm(s), k.w, k.al
-        v, a = ZERO, ZERO  # of the joint's point relative to the parent's node
-        arm = s  # since the last rotation, during which all turns with w
-        speed, change = ZERO, ZERO
-        for m in [*self._motion(j, link), None]:
-            if m is not None and not m.step.turns:
-                e = vec(m.step.direction(axes))  # type: ignore[arg-type]
-                arms.add(m, e, e * m.step.amount)
-                arm, speed, change = arm + e * m.step.amount, speed + e * m.rate, change + e * m.second
-                continue
-            arm = vec(arm)
-            along = vec(w.cross(arm) + speed)
-            v, a = v + along, a + al.cross(arm) + w.cross(along) + w.cross(speed) + change
-            arms.total = arms.total + arm
-            arm, speed, change = ZERO, ZERO, ZERO
-            if m is not None and m.step.rotation is not None and link.kind.turns:
-                before, axes = axes, tuple(map(vec, turned_axes(axes, m.step)))  # type: ignore[arg-type]
-                sign, own = (-1, before) if m.step.rotation.inverse else (1, axes)  # the axes along which its rates are
-                spin, change_ = (vec(sign * sum((a * c for a, c in zip(own, part, strict=True)), ZERO)) for part in (m.spin, m.change))
-                arms.add(m, ZERO, ZERO, tuple(sign * a for a in own))
-                w, al = vec(w + spin), vec(al + change_ + w.cross(spin))
-            elif m is not None and link.kind.turns:
-                e = vec(m.step.direction(axes))  # type: ignore[arg-type]
-                arms.add(m, e, ZERO)
-                w, al = vec(w + e * m.rate), vec(al + e * m.second + w.cross(e) * m.rate)
-                axes = tuple(map(vec, turned_axes(axes, m.step)))  # type: ignore[arg-type]
-        v, a, arms.total = vec(k.v + v), vec(k.a + a), vec(arms.total)
+        found = way(self.program, k, s, axes, self._motion(j, link), link.kind.turns)  # type: ignore[arg-type]
+        self._ways.append(found)
+        v, a = vec(k.v + found.v), vec(k.a + found.a)
         child = State(link.kind, ZERO, UNIT, se.Integer(0), ZERO, ZERO, ZERO, ZERO)
-        self._arms.append(arms)
         if not link.kind.turns:
-            child.r, child.v, child.a = vec(k.r + arms.total), v, a
+            child.r, child.v, child.a = vec(k.r + found.total), v, a
             return child
+        w, al = found.w, found.al
         child.w, child.al = w, al
-        self._orient(child, k, (j, link, other), axes, arms)
+        self._orient(child, k, (j, link, other), found)
         offset, _ = self._in_body(j, link, other, link.axes[1])
-        arms.back = t = vec(child.of_body([offset])[0])
+        found.back = t = vec(child.of_body([offset])[0])
         wt = vec(w.cross(t))
-        child.r, child.v, child.a = vec(k.r + arms.total - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
+        child.r, child.v, child.a = vec(k.r + found.total - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
         return child
 
-    def _orient(self, child: State, k: State, place: tuple[int, Link, str], axes: tuple[Vec, ...], arms: _Arm) -> None:
+    def _orient(self, child: State, k: State, place: tuple[int, Link, str], found: Way) -> None:
         """Rotation of the node carried: the joint's axes at the end of its motion, times Q^T."""
         (j, link, other), let, vec = place, self.program.let, self.program.vec
         if child.kind is NodeKind.PLANAR:
             drawn = [self._number(f"link{j}", f"{side}_theta0", link.numbers) for side in (other, link.side)]
-            angle = sum((m.step.amount * e[2] for m, e, _, _ in arms.parts if m.step.turns), se.Integer(0))
+            angle = sum((p.moved.step.amount * p.direction[2] for p in found.parts if p.moved.step.turns), se.Integer(0))
             child.heading = let(k.heading + angle + drawn[0] - drawn[1])
             bx = Vec(let(se.cos(child.heading)), let(se.sin(child.heading)), 0)
             child.R = (bx, UNIT[2].cross(bx), UNIT[2])
             return
         _, Q = self._in_body(j, link, other, link.axes[1])
-        child.R = tuple(vec(axes[0] * Q[0][i] + axes[1] * Q[1][i] + axes[2] * Q[2][i]) for i in range(3))  # type: ignore[assignment]
+        x, y, z = found.axes
+        child.R = tuple(vec(x * Q[0][i] + y * Q[1][i] + z * Q[2][i]) for i in range(3))  # type: ignore[assignment]
         P = product(k.P, [self._number(f"link{j}", f"{link.side}_P{i}", link.numbers) for i in range(4)])
-        for m, *_ in arms.parts:
-            P = product(P, half_turn(m.step)) if m.step.turns else P
+        for part in found.parts:
+            P = product(P, half_turn(part.moved.step)) if part.moved.step.turns else P
         from_joint = [self._number(f"link{j}", f"{other}_P{i}", link.numbers) for i in range(4)]
         child.P = list(map(let, product(P, [from_joint[0], *(-x for x in from_joint[1:])])))
 
@@ -359,28 +242,31 @@ class TreeProgram:
             total[j] = _sum(total[j], self._load(role, j))
         rows: dict[tuple[int, int], Expr] = {}
         for j, link in reversed(list(enumerate(self.structure.links, start=1))):
-            arms, F = self._arms[j - 1], vec(total[j][0])
-            M, left = vec(total[j][1] - arms.back.cross(F)), arms.total  # about the end of the joint's motion
-            of: dict[int, Expr] = {}
-            for m, e, moved, own in reversed(arms.parts):
-                if own:
-                    at_step = vec(M + (arms.total - left).cross(F)) if left is not arms.total else M
-                    rows |= self._rotation_rows(role, m, [axis @ at_step for axis in own])
-                for c, slope in m.slopes.items():
-                    at_step = vec(M + (arms.total - left).cross(F)) if left is not arms.total else M
-                    of[c] = of.get(c, se.Integer(0)) + slope * (e @ (at_step if m.step.turns else F))
-                left = left if moved is ZERO else vec(left - moved)
-            rows |= {(-c, 0): self.program.let(row) for c, row in of.items()}
-            total[link.parent] = _sum(total[link.parent], (F, M + arms.total.cross(F)))
+            found, F = self._ways[j - 1], vec(total[j][0])
+            M = vec(total[j][1] - found.back.cross(F))  # about the end of the joint's motion
+            rows |= self._joint_rows(role, found, F, M)
+            total[link.parent] = _sum(total[link.parent], (F, M + found.total.cross(F)))
         if self.nodes[0].kind.moves:
             rows |= self._root_rows(role, *map(vec, total[0]))
         return {place: e for place, e in rows.items() if e != 0}
 
-    def _rotation_rows(self, role: str, m: _Moved, moment: list[Expr]) -> dict[tuple[int, int], Expr]:
-        """Rows of a free rotation, for a moment along the axes of its rates; corrections in terms of its quaternion."""
-        assert m.step.rotation is not None
-        entries = moment if role == "wu" else rate_from_body_spin(m.step.rotation.P, Vec(*moment))
-        return {(-m.number, i): self.program.let(e) for i, e in enumerate(entries)}
+    def _joint_rows(self, role: str, found: Way, F: Vec, M: Vec) -> dict[tuple[int, int], Expr]:
+        """Rows of a joint's coordinates for a force and its moment about the end of the joint's motion; corrections of position
+        rates of a free rotation in terms of its quaternion."""
+        rows: dict[tuple[int, int], Expr] = {}
+        left = found.total  # from the parent's node to the place of the motion
+        for part in reversed(found.parts):
+            m = part.moved
+            moment = M if left is found.total else self.program.vec(M + (found.total - left).cross(F))
+            for c, slope in m.slopes.items():
+                work = part.direction @ (moment if m.step.turns else F)
+                rows[-c, 0] = rows.get((-c, 0), se.Integer(0)) + slope * work
+            if m.step.rotation is not None:
+                along = [axis @ moment for axis in part.axes]
+                entries = along if role == "wu" else rate_from_body_spin(m.step.rotation.P, Vec(*along))
+                rows |= {(-m.number, i): e for i, e in enumerate(entries)}
+            left = left if part.displacement is ZERO else self.program.vec(left - part.displacement)
+        return {place: self.program.let(e) for place, e in rows.items()}
 
     def _root_rows(self, role: str, F: Vec, N: Vec) -> dict[tuple[int, int], Expr]:
         root = self.nodes[0]

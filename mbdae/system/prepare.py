@@ -126,8 +126,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if problems:
         raise StartError(problems)
     T = characteristic_time(mechanics, begin)
-    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {})
-    problems = [problem for contact in touching for problem in contact.problems()]
+    touching = expected_contacts(mechanics, begin, ideal.reactions if ideal else {}, T)
+    problems = [problem for contact in touching for problem in contact.problems(start is not None)]
     if problems:
         raise StartError(problems)
     begin.changes += [change for contact in touching for change in contact.changes()]

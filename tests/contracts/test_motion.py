@@ -87,7 +87,8 @@ def test_joints_of_ones_own(law: Any) -> None:
 ALWAYS: list[tuple[type[mb.Joint], list[str]]] = [
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"stop": k.x @ (l.r - k.r)}),
      ["row 'stop', where the motion puts l, is off by",
-      "number of independent rows, 5 where 4 leave the motion free (a row too many)", "rate of row 'stop' at the rates of the motion"]),
+      "number of independent rows, 5 where 4 leave the motion free (a row too many)",
+      "rate of row 'stop' at the rates of the motion"]),
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"again": 2 * (k.x @ l.y)}),
      ["number of rows, 5 of which 4 are independent (rows that follow from others), is off by 1"]),
     (changed(constraints=without("bend_z")),
@@ -153,5 +154,7 @@ def test_coordinates_that_no_row_ties_are_refused() -> None:
 def test_options_that_a_joint_cannot_have() -> None:
     with pytest.raises(mb.OptionError, match="rubs = 'height': Sleeve has the coordinates slide, roll"):
         mb.selftest(Sleeve, rubs="height")
-    with pytest.raises(mb.OptionError, match="kept = True: Spherical has no coordinates; leave it out"):
-        mb.selftest(mb.Spherical, kept=True)
+    with pytest.raises(mb.OptionError, match="kept = True: Distance has no coordinates; leave it out"):
+        mb.selftest(mb.Distance, kept=True)
+    with pytest.raises(mb.OptionError, match="friction = .*: Spherical has no angles and displacements; leave it out"):
+        mb.selftest(mb.Spherical, friction=mb.Coulomb(0.3, 1e-3))

@@ -16,6 +16,7 @@ class Gravity(Force):
 
     external = True
     loads = True
+    at_nodes = True
 
     def energy(self, k: Frame, l: Frame) -> Expr:
         return -self.mass * (components(self.gx, self.gy, self.gz) @ l.center)

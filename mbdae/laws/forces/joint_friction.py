@@ -10,8 +10,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 class JointFriction(OnCoordinate):
-    """Force -coefficient(v) normal_force against the sliding velocity v: the rate of a displacement, or of an angle times `radius`,
-    which is the lever of the force."""
+    """Force -coefficient(v) normal_force against the sliding velocity v: the rate of a displacement, or of an angle times
+    `radius`, which is the lever of the force."""
 
     params = params(normal_force=("N", "force that presses l on k"), radius=("m", "radius at which friction acts"))
     options = (*OnCoordinate.options, "friction")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from mbdae.symbolic.frames import Frame, NodeKind
 from mbdae.symbolic.law import Force, Structure
 from mbdae.symbolic.vectors import Expr
@@ -12,7 +14,7 @@ class OnCoordinate(Force):
 
     options: joint (its class), coordinate (the name), kept."""
 
-    options = ("joint", "coordinate", "kept")
+    options: ClassVar[tuple[str, ...]] = ("joint", "coordinate", "kept")
 
     @property
     def own_coordinates(self) -> tuple[str, ...]:
@@ -21,7 +23,7 @@ class OnCoordinate(Force):
     @property
     def name_of_coordinate(self) -> str:
         """The coordinate it acts on: that stated, or the first of the joint."""
-        return self.coordinate or next(iter(self.joint.coordinates))
+        return str(self.coordinate or next(iter(self.joint.coordinates)))
 
     @property
     def unit(self) -> str:

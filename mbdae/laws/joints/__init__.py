@@ -16,6 +16,6 @@ from mbdae.laws.joints.universal import Universal
 from mbdae.laws.joints.weld import Weld
 
 __all__ = [
-    "ClearanceRevolute", "Cylindrical", "Distance", "FixedOrientation", "Free", "Planar", "PointOnLine", "PointOnPlane", "Prismatic",
-    "Revolute", "Screw", "Spherical", "Universal", "Weld",
+    "ClearanceRevolute", "Cylindrical", "Distance", "FixedOrientation", "Free", "Planar", "PointOnLine", "PointOnPlane",
+    "Prismatic", "Revolute", "Screw", "Spherical", "Universal", "Weld",
 ]  # fmt: skip

@@ -13,7 +13,8 @@ class Free(Joint):
     """l moves freely relative to k; the displacements are along k's axes."""
 
     coordinates = params(x=("m", "displacement of l along k.x"), y=("m", "displacement of l along k.y"),
-                         z=("m", "displacement of l along k.z"), rotation=("rotation", "rotation of l relative to k"))  # fmt: skip
+                         z=("m", "displacement of l along k.z"),
+                         rotation=("rotation", "rotation of l relative to k"))  # fmt: skip
 
     def motion(self, from_k: Motion) -> Motion:
         return from_k.along("x", self.x).along("y", self.y).along("z", self.z).turned(self.rotation)

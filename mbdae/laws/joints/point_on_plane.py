@@ -10,7 +10,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 class PointOnPlane(Joint):
-    """The point of l stays in the plane normal to k.z; all rotations are free. The multiplier is minus the force on l along k.z, N."""
+    """The point of l stays in the plane normal to k.z; all rotations are free. The multiplier is minus the force on l along k.z,
+    N."""
 
     coordinates = params(x=("m", "displacement of the point along k.x"), y=("m", "displacement of the point along k.y"),
                          rotation=("rotation", "rotation of l relative to k"))  # fmt: skip

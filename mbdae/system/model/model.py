@@ -14,7 +14,7 @@ from mbdae.errors import LawError, SceneError
 from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
+from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -23,6 +23,7 @@ from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
+from mbdae.system.model.sides import sides_of
 
 ALL = 6  #: freedoms of a body
 FLAT = 1e-12  #: relative to the scene's length: what counts as lying in the plane
@@ -228,7 +229,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
     refused: list[str] = []
     for law, bodies, item in _laws(scene, kept, attached, [b for b in by_body if b is not None]):
         ends = tuple(by_body.get(b) for b in bodies)
-        sides, numbers = _sides(law, bodies, ends, planar)
+        sides, numbers = sides_of(law, bodies, ends, planar)
         own = tuple(by_coordinate[key] for key in law.coordinates_in(item))
         ends, sides = (*ends, *own), (*sides, *((n.kind, Axes.GENERAL) for n in own))
         values = {p: getattr(law, p) for p in law.params if getattr(law, p) is not None}
@@ -299,55 +300,3 @@ def element_of(b: Body) -> Element:
     J = b.inertia.astype(float)
     products = {"Jxy": float(J[0, 1]), "Jxz": float(J[0, 2]), "Jyz": float(J[1, 2])} if np.any(J - np.diag(np.diag(J))) else {}
     return RigidBody(b.name, mass=float(b.mass), Jxx=float(J[0, 0]), Jyy=float(J[1, 1]), Jzz=float(J[2, 2]), **products)
-
-
-def _sides(law: Any, bodies: tuple[Body, ...], nodes: tuple[Node | None, ...],
-           planar: bool) -> tuple[tuple[Side, ...], dict[str, float]]:  # fmt: skip
-    """Kinds and axes of the law's frames, and the numbers of those frames."""
-    if isinstance(law, Element):
-        assert nodes[0] is not None
-        return ((nodes[0].kind, Axes.GENERAL),), {}
-    J = joint_axes(law, bodies[0]) if bodies else np.eye(3)
-    sides: list[Side] = []
-    numbers: dict[str, float] = {}
-    for side, body, node in zip(law.frames, bodies, nodes, strict=True):
-        kind = node.kind if node is not None else (NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND)
-        Q = body.rotation.T @ J
-        offset = body.rotation.T @ (law.point_on(side) - body.position)
-        sides.append((kind, pattern(Q) if planar else Axes.GENERAL))
-        numbers |= {f"{side}_p{i + 1}": float(v) for i, v in enumerate(offset)}
-        numbers |= {f"{side}_Q{a}{i + 1}": float(Q[i, j]) for j, a in enumerate("xyz") for i in range(3)}
-        numbers[f"{side}_theta0"] = body.heading
-    if isinstance(law, Gravity):  # acts at the node itself
-        sides = [(kind, Axes.NORMAL if planar else Axes.GENERAL) for kind, _ in sides]
-    return tuple(sides), numbers
-
-
-def joint_axes(law: Any, k: Body) -> Array:
-    """Joint axes as drawn (columns, inertial): z along the axis; laws along the axes of a body take that body's."""
-    if law.axes_of == "k":
-        return k.rotation
-    if law.axes_of == "l":
-        return law.l.rotation  # type: ignore[no-any-return]
-    z = np.asarray(law.axis, dtype=float)
-    if law.axis_x is not None:
-        x = np.asarray(law.axis_x, dtype=float) - (law.axis_x @ z) * z
-        x /= np.linalg.norm(x)
-    elif abs(z[2]) < 1e-14:
-        x = np.array([0.0, 0.0, 1.0])
-    else:
-        helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
-        x = helper - (helper @ z) * z
-        x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-def pattern(Q: Array) -> Axes:
-    """The planar structure of Q; raises LawError where there is none."""
-    if abs(Q[2, 2] - 1) < 1e-12:
-        return Axes.NORMAL
-    if abs(Q[2, 2] + 1) < 1e-12:
-        return Axes.REVERSED
-    if abs(Q[2, 2]) < 1e-12 and abs(Q[2, 0] - 1) < 1e-12:
-        return Axes.IN_PLANE
-    raise LawError(f"its axis ({Q[0, 2]:.6g}, {Q[1, 2]:.6g}, {Q[2, 2]:.6g}) is neither in the plane nor normal to it")

@@ -43,7 +43,8 @@ def _names(node: Node) -> tuple[list[str], list[str]]:
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: group and instance numbers, row number in the law, name "joint.row", whether it prescribes a coordinate."""
+    """A constraint row: group and instance numbers, row number in the law, name "joint.row", whether it prescribes a
+    coordinate."""
 
     group: int
     instance: int

@@ -13,7 +13,7 @@ from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force
-from mbdae.symbolic.tree import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node
@@ -45,7 +45,8 @@ class Tree:
 
     @property
     def driven(self) -> list[tuple[int, int, str]]:
-        """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes it."""
+        """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes
+        it."""
         return [(j, link.first + n, link.law.drive_name(name)) for j, link in enumerate(self.structure.links, start=1)
                 for n, (name, driven) in enumerate(zip(link.coordinates, link.prescribed, strict=True)) if driven]  # fmt: skip
 
@@ -181,8 +182,8 @@ def _link(model: Model, parent: int, child: Node | None, place: Place, numbers: 
     coordinates = tuple(instance.law.own_coordinates)
     prescribed = tuple(name in instance.law.prescribed for name in coordinates)
     moves = bool(coordinates) or instance.law.welds
-    return Link(law, structure, parent, "k" if outward else "l", child.kind, axes, _rounded(numbers, model.length), moves, coordinates,
-                prescribed, first)  # fmt: skip
+    rounded = _rounded(numbers, model.length)
+    return Link(law, structure, parent, "k" if outward else "l", child.kind, axes, rounded, moves, coordinates, prescribed, first)
 
 
 def _with_quaternions(instance: Instance, sides: Any) -> dict[str, float]:
@@ -215,7 +216,7 @@ def _is_member(instance: Instance, numbered: dict[Node, int]) -> bool:
     """Elements and forces between nodes of one tree (and the ground) that act on one that its joints move."""
     moving = [n for n in instance.nodes if n is not None]
     law = instance.law
-    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates and law.frames[:2] in (("b",), ("k", "l"))
+    return (isinstance(law, Element | Force) and not law.states and not law.own_coordinates
             and all(n in numbered for n in moving) and any(numbered[n] > 0 for n in moving))  # fmt: skip
 
 

@@ -18,9 +18,10 @@ class Displacements:
     def __init__(self, numbering: Numbering) -> None:
         nb = numbering
         spatial = [n for n in nb.free if n.kind.by_quaternion and not nb.shares(n, n.kind.translations, "q")]
-        self._P = np.array([[nb.node_place("q", n, n.kind.translations + i) for i in range(4)] for n in spatial], dtype=np.intp).reshape(-1, 4)
-        self._turn = np.array([[nb.node_place("u", n, n.kind.translations + i) - nb.nq for i in range(3)] for n in spatial], dtype=np.intp)
-        self._turn = self._turn.reshape(-1, 3)
+        P = [[nb.node_place("q", n, n.kind.translations + i) for i in range(4)] for n in spatial]
+        turn = [[nb.node_place("u", n, n.kind.translations + i) - nb.nq for i in range(3)] for n in spatial]
+        self._P = np.array(P, dtype=np.intp).reshape(-1, 4)
+        self._turn = np.array(turn, dtype=np.intp).reshape(-1, 3)
         self._factors, self._r = self._P[:, FACTORS], np.empty((len(self._P), 4))
         self._q, self._u = np.setdiff1d(np.arange(nb.nq), self._P), np.setdiff1d(np.arange(nb.nu), self._turn)
 

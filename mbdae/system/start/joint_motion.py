@@ -12,8 +12,8 @@ from mbdae.scene.components import Connection
 from mbdae.symbolic.joint import Joint, symbolic_motion
 from mbdae.symbolic.motion import Step
 from mbdae.system.base import Array
-from mbdae.system.model.model import joint_axes
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
+from mbdae.system.model.sides import joint_axes
 
 NO_TURN = np.eye(4)[0]
 
@@ -58,8 +58,8 @@ class JointMotion:
         return sum(self._amount(s.amount, values) * float(self._direction(s)[2]) for s in self._steps if s.turns)
 
     def rates(self, values: dict[str, float], rates: dict[str, float]) -> tuple[Array, Array, Array]:
-        """Where l's joint point is from k's, its velocity and the angular velocity of l relative to k, (3,) each, in axes as drawn
-        and fixed to k."""
+        """Where l's joint point is from k's, its velocity and the angular velocity of l relative to k, (3,) each, in axes as
+        drawn and fixed to k."""
         P, way, v, w = NO_TURN, np.zeros(3), np.zeros(3), np.zeros(3)
         for step in self._steps:
             axis = rotation_matrices(P) @ self._direction(step)

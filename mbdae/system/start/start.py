@@ -7,7 +7,6 @@ at relative rest; loops close by the smallest mass-weighted change of what is no
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,8 @@ from mbdae.system.start.positions import ConsistentPositions
 @dataclass
 class Start:
     """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
-    other joint models also the names of its internal states `s`, and by joint and name the coordinates (rad or m, turns counted)."""
+    other joint models also the names of its internal states `s`, and by joint and name the coordinates (rad or m, turns
+    counted)."""
 
     t: float
     q: Array

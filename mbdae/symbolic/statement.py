@@ -1,0 +1,121 @@
+"""What a law states, and checks that it can be derived: only symbols that it declares and quantities that its nodes have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property, lru_cache
+from typing import Any
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Frame, NodeKind, make_frame
+from mbdae.symbolic.rebuild import nodes
+from mbdae.symbolic.variation import Variation
+from mbdae.symbolic.vectors import Expr, Vec
+
+_TIME = se.Symbol("t")
+
+
+class Statement:
+    """A law on its frames. Errors are LawError with the name of the law."""
+
+    def __init__(self, law: Any, variation: Variation) -> None:
+        self.law, self.variation, self.frames = law, variation, variation.frames
+
+    @property
+    def sides(self) -> tuple[Frame, ...]:
+        """Frames of bodies."""
+        return self.frames[: len(self.law.frames)]
+
+    def oriented(self) -> bool:
+        return all(f.kind.oriented for f in self.sides)
+
+    @cached_property
+    def _names(self) -> set[str]:
+        return {f.side for f in self.frames}
+
+    def undefined(self, e: Any) -> list[tuple[Frame, str]]:
+        """Quantities in an expression (or vector) that its node does not have, with the frames; frames with axes first."""
+        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
+        frames = sorted(self.frames, key=lambda f: not f.kind.oriented)
+        return [(f, f.undefined[s]) for f in frames for s in sorted(symbols & f.undefined.keys(), key=str)]
+
+    def refuse_speeds(self, what: str, e: Any) -> None:
+        """Raise LawError where an expression that may depend on positions only contains a velocity."""
+        speeds = _symbols(v for f in self.frames for v in (f.v, f.w, f.center_velocity, f.spin))
+        places = _symbols(v for f in self.frames for v in (f.r, f.x, f.y, f.z, f.center, f.arm))
+        found = se.sympify(e).free_symbols & (speeds - places)
+        if found:
+            raise LawError(f"{what} of {type(self.law).__name__} contains a velocity ({min(map(str, found))}): it may contain "
+                           f"the points r and the axes x, y, z of its frames, not v and w")  # fmt: skip
+
+    def refuse(self, what: str, e: Any) -> None:
+        """Raise LawError where an expression contains the time, an undeclared symbol, or a quantity its nodes do not have."""
+        symbols = set().union(*(se.sympify(c).free_symbols for c in (e if isinstance(e, Vec) else (e,))))
+        if _TIME in symbols and str(_TIME) not in self.law.params:
+            raise LawError(f"{what} of {type(self.law).__name__} contains mb.t: state a parameter (params = mb.params(...)) and "
+                           f"give that an expression of mb.t")  # fmt: skip
+        unknown = symbols - self._known
+        for symbol in sorted(map(str, unknown - _letters(e) if unknown else ())):
+            raise LawError(f"{what} of {type(self.law).__name__} contains the symbol {symbol}, which it does not declare; write "
+                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
+        for frame, quantity in self.undefined(e):
+            law = type(self.law).__name__
+            if frame.kind.oriented:
+                raise LawError(f"{what} of {law} needs the {quantity} of {frame.side}, which exists in the plane only; state it "
+                               f"with self.relative_angle(k, l), the angle about the axis, or the axes x, y, z, or use "
+                               f"space='planar'")  # fmt: skip
+            raise LawError(f"{law} needs axes on both sides; a point mass has none: {what} reads the {quantity} of {frame.side}; "
+                           f"use s.rigid_body")  # fmt: skip
+
+    @cached_property
+    def _known(self) -> set[Expr]:
+        """Every symbol a statement may contain."""
+        law = self.law
+        own = {se.Symbol(name) for name in law.params} | {se.Symbol(f"state_{name}") for name in law.states} | {_TIME}
+        return own.union(*(f.symbols for f in self.frames), {se.Symbol(f"lambda_{row}") for row in self.rows})
+
+    @cached_property
+    def rows(self) -> dict[str, Expr]:
+        """The rows of a joint as stated."""
+        return dict(self.law.rows(*self.sides))
+
+    def refuse_clashes(self) -> None:
+        """Raise LawError where a parameter has the name of a symbol of the frames, the rows or the states."""
+        law, kind = self.law, type(self.law).__name__
+        taken = dict.fromkeys(_names_of_frames((*"bklc", *sorted(self._names - set("bklc")))), "the frames")
+        taken |= {f"{mark}_{row}": f"row '{row}'" for row in self.rows for mark in ("lambda", "mu")}
+        taken |= {f"{mark}_{state}": f"state '{state}'" for state in law.states for mark in ("state", "statep")}
+        taken |= {f"{name}_{dots}": f"the time derivative of '{name}'" for name in law.params for dots in ("dot", "ddot")}
+        for name in law.params:
+            if name in taken:
+                raise LawError(f"{kind}: '{name}' in params is the symbol of {taken[name]} in derivations; choose another name")
+
+    def refuse_undefined(self) -> None:
+        """Raise LawError where a joint between nodes with axes contains quantities that these nodes do not have."""
+        law, sides = self.law, self.sides
+        stated: list[tuple[str, Any]] = []
+        if self.oriented():
+            stated += [(f"row '{name}'", e) for name, e in self.rows.items()]
+            stated += [(f"the coordinate '{name}'", e) for name, e in law.read(*sides).items()]
+            stated += [(f"the branch '{name}'", e) for name, e in law.positives(*sides).items()]
+        for what, e in stated:
+            self.refuse(what, e)
+            self.refuse_speeds(what, e)
+
+
+@lru_cache(maxsize=64)
+def _names_of_frames(sides: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the symbols of frames on every kind of node."""
+    return tuple({str(s) for side in sides for kind in NodeKind for s in make_frame(side, kind).symbols})
+
+
+def _symbols(vectors: Iterable[Vec]) -> set[Expr]:
+    return set().union(*(se.sympify(v[i]).free_symbols for v in vectors for i in range(3)))
+
+
+def _letters(e: Any) -> set[Expr]:
+    """Letters of intermediate results in reports: they are no symbols of the statement."""
+    found = (node for part in (e if isinstance(e, Vec) else (e,)) for node in nodes(se.sympify(part)))
+    return {n.args[1] for n in found if isinstance(n, se.FunctionSymbol) and n.get_name() == "let" and len(n.args) > 1}

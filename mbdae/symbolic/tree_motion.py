@@ -1,0 +1,155 @@
+"""The motion of a body relative to the one before it in a tree, elementary motion by elementary motion, with its rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import symengine as se
+
+from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.motion import Step, Triad, turned
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.vectors import ZERO, Expr, Vec
+
+NONE = se.Integer(0)
+
+
+@dataclass
+class State:
+    """Motion of a node: R by columns, heading and quaternion where its kind has them, spins and their rates inertial."""
+
+    kind: NodeKind
+    r: Vec
+    R: tuple[Vec, Vec, Vec]
+    heading: Expr
+    v: Vec
+    w: Vec
+    a: Vec
+    al: Vec
+    P: list[Expr] = field(default_factory=list)
+
+    def of_body(self, columns: list[list[Expr]]) -> tuple[Vec, ...]:
+        """Inertial vectors of body components."""
+        return tuple(self.R[0] * c[0] + self.R[1] * c[1] + self.R[2] * c[2] for c in columns)
+
+    def to_body(self, a: Vec) -> Vec:
+        """Body components of an inertial vector."""
+        return Vec(*(column @ a for column in self.R))
+
+
+class Coordinate(NamedTuple):
+    """An angle or displacement of a joint: value, rate, second rate, and its number in the tree; None where it is prescribed."""
+
+    value: Expr
+    rate: Expr
+    second: Expr
+    number: int | None
+
+
+@dataclass
+class Moved:
+    """An elementary motion in a program: first and second rate of its amount, and derivatives of that by the free coordinates.
+
+    Of a free rotation: its number among the coordinates, its angular velocity and the rate of that, along its own axes."""
+
+    step: Step
+    rate: Expr = NONE
+    second: Expr = NONE
+    slopes: dict[int, Expr] = field(default_factory=dict)
+    number: int = 0
+    spin: Vec = ZERO
+    change: Vec = ZERO
+
+
+def moved(step: Step, coordinates: list[Coordinate], program: Program) -> Moved:
+    """The rates of an amount by those of the coordinates."""
+    first = [se.diff(step.amount, c.value) for c in coordinates]
+    rate = sum((d * c.rate for d, c in zip(first, coordinates, strict=True)), NONE)
+    second = sum((d * c.second for d, c in zip(first, coordinates, strict=True)), NONE)
+    for c in coordinates:
+        second += sum((se.diff(d, c.value) * c.rate * o.rate for d, o in zip(first, coordinates, strict=True)), NONE)
+    slopes = {c.number: program.let(d) for d, c in zip(first, coordinates, strict=True) if c.number is not None and d != 0}
+    named = Step(step.turns, step.axis, program.let(step.amount))
+    return Moved(named, program.let(rate), program.let(second), slopes)
+
+
+class Part(NamedTuple):
+    """An elementary motion on the way to a body: its direction and displacement; of a free rotation the axes of its rates."""
+
+    moved: Moved
+    direction: Vec
+    displacement: Vec
+    axes: tuple[Vec, ...]
+
+
+@dataclass
+class Way:
+    """The way from a node to the next one in the tree: the elementary motions, the vector from the node to their end, and back
+    from there to the next node; at the end the axes, their angular velocity and its rate, velocity and acceleration relative to
+    the node, inertial components."""
+
+    axes: Triad
+    w: Vec
+    al: Vec
+    v: Vec = ZERO
+    a: Vec = ZERO
+    total: Vec = ZERO
+    back: Vec = ZERO
+    parts: list[Part] = field(default_factory=list)
+
+
+def way(program: Program, node: State, offset: Vec, axes: Triad, motions: list[Moved], turns: bool) -> Way:
+    """The way from a node through the offset of the joint on it and its elementary motions; turns: whether the next node has
+    axes."""
+    found, group = Way(axes, node.w, node.al), _Group(offset)
+    for m in motions:
+        if not m.step.turns:
+            group.add(program, found, m)
+            continue
+        group.end(program, found)
+        group = _Group(ZERO)
+        if turns:
+            _turn(program, found, m)
+    group.end(program, found)
+    found.total = program.vec(found.total)
+    return found
+
+
+@dataclass
+class _Group:
+    """Displacements between two rotations: they turn together. Their sum, its rate along the axes, and the rate of that."""
+
+    arm: Vec
+    speed: Vec = ZERO
+    change: Vec = ZERO
+
+    def add(self, program: Program, found: Way, m: Moved) -> None:
+        e = program.vec(m.step.direction(found.axes))
+        found.parts.append(Part(m, e, e * m.step.amount, ()))
+        self.arm, self.speed = self.arm + e * m.step.amount, self.speed + e * m.rate
+        self.change = self.change + e * m.second
+
+    def end(self, program: Program, found: Way) -> None:
+        """Velocity and acceleration at the end of the displacements."""
+        arm, w = program.vec(self.arm), found.w
+        along = program.vec(w.cross(arm) + self.speed)
+        found.v, found.total = found.v + along, found.total + arm
+        found.a = found.a + found.al.cross(arm) + w.cross(along) + w.cross(self.speed) + self.change
+
+
+def _turn(program: Program, found: Way, m: Moved) -> None:
+    """The axes after a rotation, with their angular velocity and its rate."""
+    vec, before, w = program.vec, found.axes, found.w
+    x, y, z = turned(before, m.step)
+    after = vec(x), vec(y), vec(z)
+    if m.step.rotation is None:
+        e = vec(m.step.direction(before))
+        found.parts.append(Part(m, e, ZERO, ()))
+        spin, change = e * m.rate, e * m.second + w.cross(e) * m.rate
+    else:
+        own = tuple(-axis for axis in before) if m.step.rotation.inverse else after
+        found.parts.append(Part(m, ZERO, ZERO, own))
+        spin, change = (vec(sum((axis * c for axis, c in zip(own, part, strict=True)), ZERO)) for part in (m.spin, m.change))
+        change = change + w.cross(spin)
+    found.axes, found.w, found.al = after, vec(w + spin), vec(found.al + change)
