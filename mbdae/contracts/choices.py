@@ -41,7 +41,8 @@ def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
     missing = [o for o in rest if o not in given and o not in _VALUES]
     if missing:
         raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
-    others = [dict(zip(rest, values, strict=True)) for values in product(*((given[o],) if o in given else _VALUES[o] for o in rest))]
+    values = [(given[o],) if o in given else _VALUES[o] for o in rest]
+    others = [dict(zip(rest, chosen, strict=True)) for chosen in product(*values)]
     whole = [first | other | given for first, other in product(main, others)]
     once = [first | others[0] | given for first in further]
     if issubclass(law, Joint):

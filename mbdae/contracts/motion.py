@@ -44,10 +44,6 @@ class Pose:
     v: Array
     w: Array
 
-    def distance(self, other: Pose) -> float:
-        """m or rad, the larger."""
-        return float(max(np.linalg.norm(self.d - other.d), np.linalg.norm(self.A - other.A)))
-
 
 def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
     """The pose to which a motion leads, step by step. values: of coordinates, parameters and spins; rates: of the coordinates.
@@ -111,8 +107,9 @@ class _Moving:
         reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.scalars().items()}
         self.c = {name: self.rng.uniform(-r, r, self.points) for name, r in reach.items()}
         self.cd = {name: self.rng.normal(size=self.points) for name in self.c}
-        free = [name for name in self.law.coordinates if name not in self.c]
-        self.free = {f"{name}_{part}{i}": self.rng.normal(size=self.points) for name in free for part, n in (("P", 4), ("w", 3)) for i in range(n)}
+        parts = [f"{part}{i}" for part, count in (("P", 4), ("w", 3)) for i in range(count)]
+        free = [f"{name}_{part}" for name in self.law.coordinates if name not in self.c for part in parts]
+        self.free = {name: self.rng.normal(size=self.points) for name in free}
         self.values = self.placed(case.values)
 
     # -- placing and evaluating
@@ -136,7 +133,8 @@ class _Moving:
     def placed(self, values: Values) -> Values:
         """The states with l where and as fast as the motion takes it, and the unknown and prescribed coordinates there."""
         there = self.c | self.free
-        led = [followed(self.motion, self.numbers(values, there, i), {n: r[i] for n, r in self.cd.items()}) for i in range(self.points)]
+        points = range(self.points)
+        led = [followed(self.motion, self.numbers(values, there, i), {n: r[i] for n, r in self.cd.items()}) for i in points]
         out = self.put(values, led)
         for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
             if name in self.c:
@@ -215,7 +213,8 @@ class _Moving:
         for i in range(self.points):
             there = self.pose(self.values, i)
             back = followed(self.motion.inverse(), self.numbers(self.values, self.c | self.free, i), {})
-            yield "place of k by the inverse motion", max(_largest(there.A @ back.A - np.eye(3)), _largest(there.d + there.A @ back.d))
+            off = max(_largest(there.A @ back.A - np.eye(3)), _largest(there.d + there.A @ back.d))
+            yield "place of k by the inverse motion", off
 
     @property
     def prescribed(self) -> dict[str, str]:
@@ -223,7 +222,7 @@ class _Moving:
         return dict(self.law.prescribed)
 
     def count(self) -> Iterator[Measured]:
-        """Independent rows: six, less the freedoms of the motion unless these are unknowns, and one for every prescribed value."""
+        """Independent rows: six, less the freedoms of the motion unless they are unknowns, and one for every prescribed value."""
         wanted = 6 + len(self.prescribed) - (0 if self.law.kept else self.law.freedoms())
         for G in self.case.rows(self.values)[1]:
             sizes = np.linalg.svd(G, compute_uv=False)
@@ -286,35 +285,35 @@ class _Moving:
         return self.put(values, poses), names
 
     def _off(self, values: Values, found: dict[Target, NDArray[Any]], i: int) -> float:
-        """Distance of l at a point from where the motion takes it by the coordinates that it shows there."""
+        """Distance of l at a point from where the motion takes it by the coordinates that it shows there, and by any others."""
         at = self.pose(values, i)
         known = {name: found["c", name].real for name in self.c if ("c", name) in found}
         known |= {name: values[drive].real for name, drive in self.prescribed.items() if not self.law.kept}
         for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
             known |= {} if name in self.c else {f"{name}_P{n}": values[str(s)].real for n, s in enumerate(f.q)}
         numbers = dict.fromkeys(self.free, 0.0) | self.numbers(values, known, i)
-        unknown = [name for name in self.law.coordinates if name not in known and f"{name}_P0" not in known]
-        if not unknown:
-            return at.distance(followed(self.motion, numbers, {}))
+        unknown = {name: 1 if name in self.c else 3 for name in self.law.coordinates if not {name, f"{name}_P0"} & known.keys()}
 
         def off(c: Array) -> Array:
-            there, left = dict(numbers), list(c)
-            for name in unknown:
-                if name in self.c:
-                    there[name] = left.pop(0)
-                else:
-                    P = turned(np.eye(4)[0], np.array([left.pop(0) for _ in range(3)]))
-                    there |= {f"{name}_P{n}": float(e) for n, e in enumerate(P)}
-            led = followed(self.motion, there, {})
+            led = followed(self.motion, numbers | self._stated_by(unknown, c), {})
             return np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
 
-        size = sum(1 if name in self.c else 3 for name in unknown)
-        best = np.inf
-        for _ in range(TRIES):
-            if best > APART:
-                fit = least_squares(off, self.rng.uniform(-2, 2, size), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-                best = min(best, float(np.linalg.norm(fit.fun)))
-        return best
+        least = float(np.linalg.norm(off(np.zeros(sum(unknown.values())))))
+        for _ in range(TRIES if unknown else 0):
+            if least > APART:
+                fit = least_squares(off, self.rng.uniform(-2, 2, sum(unknown.values())), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+                least = min(least, float(np.linalg.norm(fit.fun)))
+        return least
+
+    @staticmethod
+    def _stated_by(sizes: dict[str, int], c: Array) -> dict[str, float]:
+        """Values of coordinates from one row of numbers; a free rotation is given by a rotation vector there."""
+        stated, left = {}, c
+        for name, size in sizes.items():
+            own, left = left[:size], left[size:]
+            P = turned(np.eye(4)[0], own) if size == 3 else own
+            stated |= {f"{name}_P{n}": float(e) for n, e in enumerate(P)} if size == 3 else {name: float(own[0])}
+        return stated
 
 
 def _largest(e: NDArray[Any]) -> float:

@@ -29,7 +29,8 @@ def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
     count = len(law.frames)
     if not count:
         return [own]
-    bodies = [(kinds, Axes.GENERAL) for kinds in _kinds(count, _SPATIAL)] + [(kinds, Axes.NORMAL) for kinds in _kinds(count, _PLANAR)]
+    bodies = [(kinds, Axes.GENERAL) for kinds in _kinds(count, _SPATIAL)]
+    bodies += [(kinds, Axes.NORMAL) for kinds in _kinds(count, _PLANAR)]
     flat = [(first, *[NodeKind.PLANAR] * (count - 1)) for first in _PLANAR[:2]]
     bodies += [(kinds, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for kinds in flat]
     outside = issubclass(law, Force) and law.external

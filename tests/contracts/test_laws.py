@@ -164,7 +164,8 @@ def test_laws_of_three_frames(law: Any, count: int) -> None:
     ("law", "options", "said"),
     [
         (SpinsByAxes, {}, ["action = reaction, spatial - spatial - spatial: moment x"]),
-        (Somewhere, {}, ["action = reaction, spatial - spatial - spatial: force x", "invariance, spatial - spatial - spatial: g[x]"]),
+        (Somewhere, {}, ["action = reaction, spatial - spatial - spatial: force x",
+                         "invariance, spatial - spatial - spatial: g[x]"]),
         (NotObjective, {}, ["action = reaction, spatial - spatial: force x", "invariance, spatial - spatial: energy"]),
         (Pump, {}, ["power, spatial - spatial: dissipated power below zero"]),
         (Gimbal, {}, ["singular states, spatial - spatial: values half turn"]),

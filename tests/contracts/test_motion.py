@@ -73,7 +73,8 @@ def told(law: type[mb.Joint], driven: bool = False, kept: bool = False) -> str:
     """Violations between two bodies in space."""
     absent = frozenset(["friction_radius"]) if driven else frozenset({"friction_radius", *law.drives()})
     structure = Structure(absent, options=(("kept", kept), ("friction", None), ("rubs", None)))
-    return "\n".join(_Run(law, {}).check("here", structure, (SPATIAL, SPATIAL, *[COORDINATE] * (len(law.coordinates) if kept else 0))))
+    own = [COORDINATE] * len(law.coordinates) if kept else []
+    return "\n".join(_Run(law, {}).check("here", structure, (SPATIAL, SPATIAL, *own)))
 
 
 @pytest.mark.parametrize("law", [Sleeve, Unread, Bent])
@@ -85,25 +86,29 @@ def test_joints_of_ones_own(law: Any) -> None:
 
 ALWAYS: list[tuple[type[mb.Joint], list[str]]] = [
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"stop": k.x @ (l.r - k.r)}),
-     ["row 'stop', where the motion puts l, is off by", "number of independent rows, 5 where 4 leave the motion free (a row too many)",
+     ["row 'stop', where the motion puts l, is off by",
+      "number of independent rows, 5 where 4 leave the motion free (a row too many)",
       "rate of row 'stop' at the rates of the motion"]),
     (changed(constraints=lambda self, k, l: Sleeve.constraints(self, k, l) | {"again": 2 * (k.x @ l.y)}),
      ["number of rows, 5 of which 4 are independent (rows that follow from others), is off by 1"]),
-    (changed(constraints=without("bend_z")), ["number of independent rows, 3 where 4 leave the motion free (a row too few), is off by 1",
-                                              "second solution of the rows, which no branch refuses (found from a random place)"]),
+    (changed(constraints=without("bend_z")),
+     ["number of independent rows, 3 where 4 leave the motion free (a row too few), is off by 1",
+      "second solution of the rows, which no branch refuses (found from a random place)"]),
     (changed(motion=lambda self, from_k: from_k.along("x", self.slide).about("y", self.roll)),
      ["row 'bend_z', where the motion puts l,", "coordinate 'roll' as read, against the value of the motion,"]),
     (changed(motion=lambda self, from_k: from_k.along("y", self.slide).about("x", self.roll)),
      ["row 'off_y', where the motion puts l,", "coordinate 'slide' as read"]),
     (changed(coordinate=lambda self, k, l: Sleeve.coordinate(self, k, l) | {"slide": k.x @ (k.r - l.r)}),
      ["coordinate 'slide' as read, against the value of the motion,", "rate of coordinate 'slide' as read"]),
-    (changed(coordinate=lambda self, k, l: {"slide": k.x @ (l.r - k.r)}), ["coordinate 'roll', which `coordinate` does not return,"]),
+    (changed(coordinate=lambda self, k, l: {"slide": k.x @ (l.r - k.r)}),
+     ["coordinate 'roll', which `coordinate` does not return,"]),
     (changed(branches=lambda self, k, l: {}),
      ["second solution of the rows, which no branch refuses (half a turn about its y axis), is off by",
       "second solution of the rows, which no branch refuses (half a turn about its z axis), is off by"]),
     (changed(branches=lambda self, k, l: {"ahead": k.x @ l.x, "behind": -(k.x @ l.x)}),
      ["branch 'behind', which must be positive where the motion puts l, is off by 2"]),
-    (type("Unread", (Unread,), {"branches": lambda self, k, l: {}}), ["which no branch refuses (half a turn about its z axis), is off by"]),
+    (type("Unread", (Unread,), {"branches": lambda self, k, l: {}}),
+     ["which no branch refuses (half a turn about its z axis), is off by"]),
 ]  # fmt: skip
 
 
@@ -149,5 +154,7 @@ def test_coordinates_that_no_row_ties_are_refused() -> None:
 def test_options_that_a_joint_cannot_have() -> None:
     with pytest.raises(mb.OptionError, match="rubs = 'height': Sleeve has the coordinates slide, roll"):
         mb.selftest(Sleeve, rubs="height")
-    with pytest.raises(mb.OptionError, match="kept = True: Spherical has no coordinates; leave it out"):
-        mb.selftest(mb.Spherical, kept=True)
+    with pytest.raises(mb.OptionError, match="kept = True: Distance has no coordinates; leave it out"):
+        mb.selftest(mb.Distance, kept=True)
+    with pytest.raises(mb.OptionError, match="friction = .*: Spherical has no angles and displacements; leave it out"):
+        mb.selftest(mb.Spherical, friction=mb.Coulomb(0.3, 1e-3))

@@ -182,13 +182,15 @@ def test_joint_drives() -> None:
     compare(torque, on_axis(torque, 9, {}), lambda k, l, p: (np.zeros(3), p["load"] * k.A[:, 2]))
     for law, coordinate in ((joints.Prismatic, None), (joints.Cylindrical, "displacement")):
         force = derived(forces.JointLoad, load=1.0, joint=law, coordinate=coordinate)
-        compare(force, States(force, {}, np.random.default_rng(10), 6).values, lambda k, l, p: (p["load"] * k.A[:, 2], np.zeros(3)))
+        values = States(force, {}, np.random.default_rng(10), 6).values
+        compare(force, values, lambda k, l, p: (p["load"] * k.A[:, 2], np.zeros(3)))
 
 
 def test_forces_on_a_coordinate_that_is_an_unknown_act_on_it_alone() -> None:
     """The rows that tie the coordinate to the bodies carry them there: -load, stiffness (c - rest), damping c'."""
     given = {"load": 3.0, "stiffness": 2.0, "rest": 0.2, "turns": 0.0, "damping": 0.7}
-    laws = {forces.JointLoad: lambda c, cd: -3.0, forces.JointSpring: lambda c, cd: 2.0 * (c - 0.2), forces.JointDamper: lambda c, cd: 0.7 * cd}
+    laws = {forces.JointLoad: lambda c, cd: -3.0, forces.JointSpring: lambda c, cd: 2.0 * (c - 0.2),
+            forces.JointDamper: lambda c, cd: 0.7 * cd}  # fmt: skip
     for law, expected in laws.items():
         d = derived(law, **{name: value for name, value in given.items() if name in law.params}, joint=joints.Revolute, kept=True)
         values = States(d, given, np.random.default_rng(22), 6).values

@@ -62,7 +62,8 @@ def tied(name: str, along: Array, S: Array, c: float) -> float:
     return float(-(back.T @ S[:, 1])[2]) if name == "angle_k" else float(-(S @ back.T)[0, 2])
 
 
-def expected(law: Any, kept: bool, u: Array, K: Array, L: Array, drive: dict[str, float], own: dict[str, float]) -> dict[str, float]:
+def expected(law: Any, kept: bool, u: Array, K: Array, L: Array, drive: dict[str, float],
+             own: dict[str, float]) -> dict[str, float]:  # fmt: skip
     """All rows any joint has: displacements along axes, cosines between axes, what is left of a coordinate."""
     S, along = K.T @ L, K.T @ u  # l's axes and d, seen from k
     rows = dict(zip("xyz", u, strict=True)) | {"offset_x": along[0], "offset_y": along[1], "axial": along[2], "offset": along[2]}
