@@ -7,11 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from joints import kinematics
-from joints.chains import LAWS, MODELS, Run, admits, as_drawn, by_hand, by_package, drawn, off, random_state, scene_of, start_off
+from joints.chains import (
+    LAWS,
+    MODELS,
+    Run,
+    admits,
+    as_drawn,
+    by_hand,
+    by_package,
+    coordinate_nodes,
+    drawn,
+    off,
+    random_state,
+    scene_of,
+    start_off,
+    unknowns,
+)
 from joints.kinematics import KINDS
 from joints.oracle import Chain, Wave
 
 import mbdae as mb
+from mbdae.formulations import system_for
 from mbdae.system.prepare import prepare
 
 AGREE = 1e-11  #: of the largest acceleration, or joint force
@@ -37,6 +53,23 @@ def test_joints_of_different_kinds_in_one_chain(kinds):
     state = random_state(rng, c)
     for models in admits(c):
         assert max(off(by_package(c, prepare(scene_of(c, models)), *state), by_hand(c, *state))) < AGREE
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_equations_of_recursive_chains(kind):
+    """The compiled right-hand side that a run integrates, in which forces are projected on the joint coordinates."""
+    rng = np.random.default_rng(4)
+    c = drawn(rng, (kind, kind), "kl")
+    prepared = prepare(scene_of(c, [MODELS[2]] * 2))
+    system, e = system_for(prepared, mb.ODE(), 0), prepared.all_bodies
+    for _ in range(3):
+        t, q, v = random_state(rng, c)
+        positions, rates = unknowns(c, prepared, c.motion(q, v, 0 * v), q, v)
+        y, out = np.concatenate(e.reduced(positions[None], rates[None]), axis=1)[0], np.empty(system.n)
+        system.rhs(t, y, out)
+        expected = c.second(t, q, v)
+        order = np.concatenate([np.arange(*rate.indices(len(v))) for node, _, rate in coordinate_nodes(c, prepared)])
+        assert np.max(np.abs(out[e.nq :] - expected[order])) < AGREE * np.max(np.abs(expected))
 
 
 @pytest.mark.parametrize("kind", KINDS)
