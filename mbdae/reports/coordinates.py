@@ -34,7 +34,8 @@ def other_statements(s: Statement) -> list[Block]:
         return []
     call, said = f"mb.report({cls.__name__}", []
     if not cls.must_keep():
-        said.append(f"`{call}, kept={not s.places})` reports the joint {'without' if s.places else 'with'} its coordinates as unknowns")
+        word = "without" if s.places else "with"
+        said.append(f"`{call}, kept={not s.places})` reports the joint {word} its coordinates as unknowns")
         call += ", kept=True" * bool(s.places)
     if s.law.friction is None and cls.scalars():
         said.append(f"`{call}, friction=mb.Coulomb(...))` with friction by its own reaction")
@@ -53,7 +54,7 @@ def motion_in(s: Statement) -> Motion | None:
 
 
 def coordinates_section(r: JointChecks) -> Section | None:
-    """Table of the coordinates, chain of motions, pose of l, coordinates as the frames show them; None for a joint without them."""
+    """Table of the coordinates, chain of motions, pose of l, coordinates as frames show them; None for a joint without."""
     specs, motion = specs_of_coordinates(r.s.law), motion_in(r.s)
     if not specs and motion is None:
         return None
@@ -66,7 +67,7 @@ def coordinates_section(r: JointChecks) -> Section | None:
         elif r.s.places:
             said = "The coordinates are unknowns of the equations."
         else:
-            said = "The coordinates are no unknowns of the equations: where they are used, they are read from the frames."
+            said = "The coordinates are no unknowns of the equations: they are read from the frames."
         blocks += [Paragraph(said), Table(["name", "symbol", "unit", "meaning"], rows)]
         r.formulas.writer.used |= {str(r.s.coordinates.get(name, name)) for name in specs}
     if motion is not None:

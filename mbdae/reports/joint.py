@@ -27,8 +27,9 @@ CONVENTION = (
     "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
     " Coordinates are those of l relative to k, 0 as drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
-    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
-    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
+    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read"
+    " $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} ="
+    " \\mathbf{0}$: forces listed beside a virtual"
     " displacement stand on the left-hand side, the force that acts on a body is the opposite."
 )
 

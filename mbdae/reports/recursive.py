@@ -62,7 +62,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
     shapes = {law: structure_of(law, dict(options or {}) | {"kept": True}) for law in laws}
     for law, shape in shapes.items():
         if not law.states_motion() or law.frames != ("k", "l"):
-            raise LawError(f"{law.__name__} states no motion of l relative to k; without motion(self, from_k) it is not recursive")
+            raise LawError(f"{law.__name__} states no motion of l relative to k: without motion(self, from_k) no recursion")
         blocks.append(Section(f"{title_of(law)} joint", sections(law, shape, checks)))
     title = "Recursive joint" if len(laws) > 1 else f"{title_of(laws[0])} joint, recursive"
     return Document(title, [*blocks, Section("Numeric check", checks_table(checks, POINTS)), _origin(shapes)])
@@ -90,7 +90,8 @@ def sections(law: type[Joint], structure: Structure, checks: list[Check]) -> lis
             " transpose; a spring, damper or load of a coordinate adds to its equation:"
         ),
         Equation(
-            r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"
+            r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ "
+            r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"
         ),
         Paragraph("Damping and stiffness, $\\delta\\mathbf{w} = \\mathbf{0}$ in the stiffness:"),
         Equation(TRANSFORMED),
