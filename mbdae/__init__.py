@@ -33,9 +33,23 @@ if TYPE_CHECKING:
     from mbdae.integrators.sundials.ida import IDA
     from mbdae.laws.contact import Hertz, Normal
     from mbdae.laws.friction import Coulomb, Friction, LuGre
-    from mbdae.laws.joints import Distance, FixedOrientation, Prismatic, Revolute, Spherical, Weld
+    from mbdae.laws.joints import (
+        Cylindrical,
+        Distance,
+        FixedOrientation,
+        Free,
+        Planar,
+        PointOnLine,
+        PointOnPlane,
+        Prismatic,
+        Revolute,
+        Screw,
+        Spherical,
+        Universal,
+        Weld,
+    )
     from mbdae.reports.report import report
-    from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive
+    from mbdae.scene.components import Classical, Clearance, Kinematic, Recursive, Stop
     from mbdae.scene.section import Section
     from mbdae.sweep import sweep
     from mbdae.symbolic.coupling import Coupling
@@ -50,28 +64,30 @@ __version__ = "0.1.0"
 _HOME = {
     "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction", "Coupling": "mbdae.symbolic.coupling",
-    "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints", "FixedOrientation": "mbdae.laws.joints",
-    "Force": "mbdae.symbolic.law", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
+    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints",
+    "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
+    "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
     "LuGre": "mbdae.laws.friction", "Normal": "mbdae.laws.contact", "ODE": "mbdae.formulations",
-    "OneStep": "mbdae.integrators.one_step",
-    "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau", "Recursive": "mbdae.scene.components",
-    "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api", "Section": "mbdae.scene.section",
-    "Spherical": "mbdae.laws.joints", "Switches": "mbdae.system.base", "Weld": "mbdae.laws.joints", "audit": "mbdae.audit",
-    "compare": "mbdae.compare", "extremes": "mbdae.extremes", "load": "mbdae.api",
-    "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
+    "OneStep": "mbdae.integrators.one_step", "Planar": "mbdae.laws.joints", "PointOnLine": "mbdae.laws.joints",
+    "PointOnPlane": "mbdae.laws.joints", "Prismatic": "mbdae.laws.joints", "RadauIIA": "mbdae.integrators.runge_kutta.radau",
+    "Recursive": "mbdae.scene.components", "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
+    "Screw": "mbdae.laws.joints", "Section": "mbdae.scene.section", "Spherical": "mbdae.laws.joints",
+    "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
+    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "extremes": "mbdae.extremes",
+    "load": "mbdae.api", "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance",
-    "Coulomb", "Coupling", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Friction", "GeneralizedAlpha", "Hertz",
-    "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError",
-    "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Section", "SolverError", "Spherical",
-    "StartError", "SteadyError", "Switches", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params",
-    "report", "selftest", "sweep", "t",
+    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb", "Coupling",
+    "Cylindrical", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz",
+    "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar",
+    "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw",
+    "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop", "Switches", "Universal", "Weld", "audit",
+    "compare", "extremes", "load", "measure_order", "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

@@ -60,8 +60,9 @@ def run(a: argparse.Namespace) -> int:
         print(f"largest constraint violation {r.drift.position.max(initial=0.0):.1e}, "
               f"largest energy balance error {abs(r.energy.balance).max():.1e} J")  # fmt: skip
         for joint, c in r.contacts.items():
+            loose = f" m, play {c['play']:.2g} m; force times sliding distance {c['wear']:.3g} J" if "play" in c else ""
             print(f"'{joint}': {c['contacts']:.0f} contacts, the first at t = {c['first']:.6g} s; penetration up to "
-                  f"{c['deepest']:.2g} m, play {c['play']:.2g} m; force times sliding distance {c['wear']:.3g} J")  # fmt: skip
+                  f"{c['deepest']:.2g}{loose or ' (m or rad) past its limits'}")  # fmt: skip
         _list(a.written)
     for warning in r.warnings:
         print(f"mbdae: warning: {warning}", file=sys.stderr)

@@ -66,29 +66,28 @@ class Equations:
         model = self.prepared.model
         return len(model.recursive), len(model.recursive) + len(model.stay_kinematic)
 
-    @property
-    def bodies_alone(self) -> bool:
-        """Whether all positions and velocities are those of bodies: no joint has unknowns of its own."""
-        return self.prepared is None or all(node.body is not None for node in self.prepared.model.nodes)
-
     def motion_as_in(self, other: Equations, t: Array, y: Array) -> Array:
-        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n) at t, in the order `other` has them."""
+        """(nt, nq + nu) positions and velocities of the bodies from unknowns y (nt, n) at t, in the order `other` has them; 0 in
+        the places of coordinates of joints, which not all joint models have."""
         assert self.prepared is not None
         assert other.prepared is not None
         q, u, _ = self.prepared.states(t, y)
-        return np.hstack([q, u])[:, _columns(self.prepared, other.prepared)]
+        return np.hstack([q, u, np.zeros((len(q), 1))])[:, _columns(self.prepared, other.prepared)]
 
 
 def _columns(own: Prepared, wanted: Prepared) -> list[int]:
-    """Places, among the unknowns of `own`, of the unknowns of the bodies of `wanted`."""
+    """Places, among the unknowns of `own`, of the unknowns of the bodies of `wanted`; -1 for coordinates of joints."""
     twins = {node.body.name: node for node in own.model.nodes if node.body is not None}
     positions: list[int] = []
     velocities: list[int] = []
     for node in wanted.model.nodes:
-        name = node.body.name if node.body is not None else ""
-        twin = twins.get(name)
+        if node.body is None:
+            positions += [-1] * node.kind.sizes[0]
+            velocities += [-1] * node.kind.sizes[1]
+            continue
+        twin = twins.get(node.body.name)
         if twin is None or twin.kind is not node.kind:
-            raise OptionError(f"body '{name}' has other unknowns here than in the reference; "
+            raise OptionError(f"body '{node.body.name}' has other unknowns here than in the reference; "
                               f"name a sensor to compare them by, such as measure='C.angle'")  # fmt: skip
         positions += range(twin.q, twin.q + node.kind.sizes[0])
         velocities += range(own.mechanics.nq + twin.u, own.mechanics.nq + twin.u + node.kind.sizes[1])

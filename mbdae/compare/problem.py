@@ -135,9 +135,10 @@ class Problem:
     @cached_property
     def yardstick(self) -> Equations:
         """Equations in whose unknowns runs are compared: positions and velocities of the bodies, which all joint models have."""
-        if self.scene is None or self.stated.bodies_alone:
+        joints = self.scene.joints if self.scene is not None else []
+        own = [c.name for c in joints if c.kept and not isinstance(c.model, Kinematic)]
+        if self.scene is None or not own:
             return self.stated
-        own = [c.name for c in self.scene.joints if c.kept]
         return Equations(prepare(self.scene.replace(*own, model=Kinematic()), t_end=self.t_end))
 
     def solve(self, solver: Solver, form: Form | None, equations: Equations | None = None, repeat: bool = True) -> Timed:

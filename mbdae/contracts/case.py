@@ -15,7 +15,6 @@ from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels import LinearisedPlan, Plan
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.derive import Derived, Side, derive
-from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.outputs import Target, acceleration, dynamics, input_symbols, jacobian_G, kinematics, position, velocity
 from mbdae.symbolic.vectors import ZERO, Expr
@@ -28,27 +27,36 @@ Measured = tuple[str, float]  #: entry and its relative error
 
 
 def statement(d: Derived) -> list[tuple[Target, Expr]]:
-    """The law as stated: V, R, force, torque, and the point of l."""
-    v, law = d.variation, d.law
+    """The law as stated: V, R, force, torque, the point of l, what its thrust measures, and the thrust."""
+    v, law, zero = d.variation, d.law, se.Integer(0)
     if isinstance(law, Force):
-        force, torque = law.wrench(*d.sides) or (ZERO, ZERO)
-        energies = [law.energy(*d.sides), law.dissipation(*d.frames)]
+        wrench, thrust = law.wrench(*d.sides), law.thrust(*d.sides)
+        energies = [law.energy(*d.sides), law.dissipation(*d.sides)]
     elif d.reactive:
-        (force, torque), energies = law.resistance(*d.sides, d.reactions), [se.Integer(0), se.Integer(0)]
+        wrench, thrust, energies = law.resistance(*d.sides, d.reactions), d.rubbing, [zero, zero]
     else:
         return []
-    parts = [*energies, *force, *torque, *d.frames[1].r]
-    names = ["V", "R", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "rx", "ry", "rz"]
+    force, torque = wrench or (ZERO, ZERO)
+    parts = [*energies, *force, *torque, *d.sides[1].r, *(thrust or (zero, zero))]
+    names = ["V", "R", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "rx", "ry", "rz", "along", "push"]
     return [((n,), v.resolve(v.name(e))) for n, e in zip(names, parts, strict=True)]
 
 
 def scalars(d: Derived) -> list[tuple[Target, Expr]]:
-    """Energy, powers and coordinate."""
-    named = {"energy": d.energy, "dissipated": d.dissipated_power, "work": d.work_power, "coordinate": d.coordinate}
+    """Energy, powers and coordinates (by "coordinate" and their names)."""
+    named = {"energy": d.energy, "dissipated": d.dissipated_power, "work": d.work_power}
+    named |= {f"coordinate {name}": e for name, e in d.coordinates.items()}
     if isinstance(d.law, Force) and d.law.losses(*d.sides):
         v = d.variation
         named["losses"] = v.resolve(v.name(sum(d.law.losses(*d.sides).values(), se.Integer(0))))
     return [((n,), e) for n, e in named.items() if e != 0]
+
+
+def branches(d: Derived) -> list[tuple[Target, Expr]]:
+    """What must be positive, where the rows alone admit a second solution."""
+    v, oriented = d.variation, all(f.kind.oriented for f in d.sides)
+    found = d.law.positives(*d.sides) if oriented else {}
+    return [(("positive", name), v.resolve(v.name(e))) for name, e in found.items()]
 
 
 def starts(d: Derived) -> list[tuple[Target, Expr]]:
@@ -63,7 +71,7 @@ def of_elements(d: Derived) -> list[tuple[Target, Expr]]:
 
 #: groups of outputs the contracts evaluate
 EVALUATED: tuple[Outputs, ...] = (
-    ggl_outputs, dynamics, position, velocity, acceleration, jacobian_G, statement, scalars, starts, of_elements,
+    ggl_outputs, dynamics, position, velocity, acceleration, statement, scalars, starts, of_elements,
 )  # fmt: skip
 
 
@@ -126,17 +134,43 @@ class Case:
 
     @cached_property
     def on_manifold(self) -> Values:
-        """States near the drawn position at which the rows of a joint vanish (Gauss-Newton)."""
-        values = self.states.near
+        """States near the drawn position at which the rows of a joint vanish and what must be positive is so."""
+        values = self.solved(self.states.near)
+        meant = np.all(np.abs(self.rows(values)[0]) < 1e-12, axis=1)
+        if self._branches.targets:
+            meant &= np.all(self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real > 0, axis=1)
+        chosen = np.flatnonzero(meant)[:POINTS] if meant.any() else np.arange(POINTS)
+        return {name: e[chosen] for name, e in values.items()}
+
+    @cached_property
+    def _branches(self) -> Plan:
+        return Plan(self.d, branches)
+
+    @cached_property
+    def _rows(self) -> Plan:
+        return Plan(self.d, lambda d: [*position(d), *jacobian_G(d)])
+
+    def rows(self, values: Values) -> tuple[Array, Array]:
+        """g (points, rows) and G (points, rows, velocities of all frames one after the other)."""
+        points = len(next(iter(values.values())))
+        found = np.zeros((points, 0))
+        if self._rows.targets:
+            found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
+        places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
+        count = len(self.d.rows)
+        G = np.zeros((len(found), count, len(places)))
+        for (_, row, side, column), entry in zip(self._rows.targets[count:], found.T[count:], strict=True):
+            G[:, row, places.index((side, column))] += entry
+        return found[:, :count], G
+
+    def solved(self, values: Values, fixed: str = "") -> Values:
+        """States from these on at which the rows vanish, where Gauss-Newton's method finds them. fixed: a side that stays."""
+        still = [f.side == fixed for f in self.d.frames for _ in range(f.kind.sizes[1])]
         for _ in range(30):
-            g = self.evaluate(position, values).real
+            g, G = self.rows(values)
             if not g.size or np.max(np.abs(g), initial=0.0) < 1e-14:
                 break
-            places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
-            G = np.zeros((len(g), len(self.d.rows), len(places)))
-            entries = self.evaluate(jacobian_G, values).real.T
-            for (_, row, side, column), entry in zip(self.targets(jacobian_G), entries, strict=True):
-                G[:, row, places.index((side, column))] += entry
+            G[:, :, still] = 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
             values = self._displaced(values, steps)
         return values
@@ -146,9 +180,10 @@ class Case:
         for f in self.d.frames:
             part = steps[:, start : start + f.kind.sizes[1]]
             start += f.kind.sizes[1]
-            if f.kind is NodeKind.SPATIAL:
-                P = np.stack([values[str(s)] for s in f.q[3:]], axis=-1)
-                new = np.hstack([part[:, :3], [turned(p, w) - p for p, w in zip(P, part[:, 3:], strict=True)]])
+            if f.kind.by_quaternion:
+                n = f.kind.translations
+                P = columns(f.q[n:], values)
+                new = np.hstack([part[:, :n], turned(P, part[:, n:]) - P])
             else:
                 new = part
             out |= {str(s): values[str(s)] + new[:, i] for i, s in enumerate(f.q)}

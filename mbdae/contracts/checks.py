@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.contracts.case import STEP, Case, Measured, compared, label, of_elements, rebuilt, scalars, starts, statement
+from mbdae.contracts.motion import stated_motion
 from mbdae.contracts.states import Values, columns, embedded, rates, rigid_velocities, rigidly_moved, rotation
 from mbdae.errors import LawError
 from mbdae.formulations.ggl import ggl_outputs
@@ -23,7 +24,7 @@ from mbdae.system.base import Array
 #: largest relative error of every contract
 BOUNDS = {
     "Jacobian": 1e-10, "compiled kernel": 1e-12, "rates": 1e-11, "virtual work": 1e-11, "action = reaction": 1e-10,
-    "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11,
+    "invariance": 1e-10, "power": 1e-11, "inertia": 1e-11, "singular states": 0.0, "planar = spatial": 1e-11, "motion": 1e-9,
 }  # fmt: skip
 
 
@@ -81,7 +82,7 @@ def compiled(case: Case) -> Iterator[Measured]:
     yield from compared([label(case.d, t) for t in p.targets], p.kernel.values(x), p.kernel.oracle(x).real)
 
 
-def motion(case: Case) -> Iterator[Measured]:
+def rates_of_rows(case: Case) -> Iterator[Measured]:
     """G u + g_t against dg/dt, gamma against d(G u + g_t)/dt."""
     for lower, upper in ((position, velocity), (velocity, acceleration)):
         names = [label(case.d, t) for t in case.targets(upper)]
@@ -121,14 +122,16 @@ def _row_forces(case: Case) -> Array:
 
 
 def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: dict[str, Array]) -> Array:
-    """dV + dR/du - wrench on a unit velocity of one side."""
+    """dV + dR/du - wrench - thrust on a unit velocity of one frame."""
     symbol = str(f.u[i])
     names = [t[0] for t in case.targets(statement)]
-    dV = case.slope(statement, unit)[:, names.index("V")]
+    slopes = case.slope(statement, unit)
+    dV, along = slopes[:, names.index("V")], slopes[:, names.index("along")]
     shifted = case.values | {symbol: case.values[symbol] + 1j * STEP}
     dR = case.evaluate(statement, shifted).imag[:, names.index("R")] / STEP
-    if f.side == "c":
-        return np.asarray(dV + dR)
+    drawn_by = dV + dR - stated["push"] * along
+    if f.side not in ("k", "l"):
+        return np.asarray(drawn_by)
     force, torque, point = (np.stack([stated[a + b] for b in "xyz"], axis=-1) for a in "FMr")
     n = f.kind.translations
     center, move, spin = np.zeros_like(point), np.zeros_like(point), np.zeros_like(point)
@@ -139,11 +142,11 @@ def _stated_power(case: Case, stated: dict[str, Array], f: Frame, i: int, unit: 
         spin = turning * [0, 0, 1] if f.kind.flat else np.einsum("pij,pj->pi", rotation(f, case.values), turning)
     at_point = move + np.cross(spin, point - center)
     sign = 1 if f.side == "l" else -1
-    return np.asarray(dV + dR - sign * (np.sum(force * at_point, axis=1) + np.sum(torque * spin, axis=1)))
+    return np.asarray(drawn_by - sign * (np.sum(force * at_point, axis=1) + np.sum(torque * spin, axis=1)))
 
 
 def reciprocity(case: Case) -> Iterator[Measured]:
-    """No power on a common rigid motion of both sides: forces and moments balance."""
+    """No power on a common rigid motion of all sides: forces and moments balance."""
     d = case.d
     if isinstance(d.law, Element) or not all(f.kind.moves for f in d.frames):
         return
@@ -167,7 +170,7 @@ def invariance(case: Case) -> Iterator[Measured]:
         other |= _moved_multipliers(case, values)
     before, after = (table(case, scalars, v) for v in (values, other))
     for name, value in before.items():
-        at = _same_sense(case, values) if name == "coordinate" else np.ones(len(value), dtype=bool)
+        at = _same_sense(case, values) if name.startswith("coordinate") else np.ones(len(value), dtype=bool)
         yield from compared([name], after[name].real[at, None], value.real[at, None])
     names = [label(d, t) for t in case.targets(position)]
     yield from compared(names, case.evaluate(position, other).real, case.evaluate(position, values).real)
@@ -294,13 +297,13 @@ def planar(case: Case) -> Iterator[Measured]:
     a, b = table(case, scalars, own), table(other, scalars, values)
     for name in a.keys() & b.keys():
         difference = a[name].real - b[name].real
-        if name == "coordinate" and case.d.law.coordinate_unit == "rad":
+        if name.startswith("coordinate") and d.law.coordinates[name.partition(" ")[2]].unit == "rad":
             difference -= 2 * np.pi * np.round(difference / (2 * np.pi))
         yield from compared([name], difference[:, None], 0 * difference[:, None])
 
 
 CONTRACTS: dict[str, Callable[[Case], Iterator[Measured]]] = {
-    "Jacobian": jacobian, "compiled kernel": compiled, "rates": motion, "virtual work": virtual_work,
+    "Jacobian": jacobian, "compiled kernel": compiled, "rates": rates_of_rows, "virtual work": virtual_work,
     "action = reaction": reciprocity, "invariance": invariance, "power": power, "inertia": inertia,
-    "singular states": singular, "planar = spatial": planar,
+    "singular states": singular, "planar = spatial": planar, "motion": stated_motion,
 }  # fmt: skip

@@ -3,14 +3,15 @@
     Jacobian              exact derivatives of all outputs of the forms against complex step
     compiled kernel       compiled code against NumPy
     rates                 G u + g_t = dg/dt and gamma = d2g/dt2 at zero acceleration, quaternions of any length
-    virtual work          generalised forces = (dg/dq)^T lambda + dV/dq + dR/du - wrench, entry by entry
+    virtual work          generalised forces = (dg/dq)^T lambda + dV/dq + dR/du - wrench - thrust, entry by entry
     action = reaction     no force and no moment on a common rigid motion (joints: where their rows vanish)
     invariance            rows, energies and coordinate unchanged by a common rigid motion
     power                 generalised forces . velocity = dV/dt + dissipated - work; dissipated >= 0
     inertia               generalised forces . velocity = dT/dt, and the balance of angular momentum
     singular states       finite as drawn, at a quarter and at a half turn
     planar = spatial      rows, forces and energy of the planar variant are those of the spatial one in the plane
-    declaration           every parameter and state has a unit and a meaning
+    motion                rows, coordinates, ties and branches of a joint are those of the motion it states
+    declaration           every parameter, coordinate and state has a unit and a meaning
 """
 
 from __future__ import annotations
@@ -86,8 +87,9 @@ def _of_law(law: type[Law], options: dict[str, Any]) -> SelfTest:
 
 
 def declaration(law: type[Law] | type[Part]) -> Iterator[str]:
-    """Messages on parameters and states without unit or meaning. The unit of a pure number is "1"."""
-    for what, table in (("parameter", law.params), ("state", law.states)):
+    """Messages on parameters, coordinates and states without unit or meaning. The unit of a pure number is "1"."""
+    tables = {"parameter": law.params, "coordinate": getattr(law, "coordinates", {}), "state": law.states}
+    for what, table in tables.items():
         for name, entry in table.items():
             if not entry.unit:
                 yield f"declaration: {what} '{name}' has no unit; give one, '1' for a pure number"

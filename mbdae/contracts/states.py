@@ -1,7 +1,8 @@
-"""Random states of a law for `mb.selftest`: both sides as drawn, a state of motion, values of all symbols by name."""
+"""Random states of a law for `mb.selftest`: its sides as drawn, a state of motion, values of all symbols by name."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,15 +35,20 @@ def joint_axes(axes: Axes, rng: np.random.Generator) -> Array:
 
 
 class States:
-    """Draws the two sides of a law and moves them; `values` holds all symbols of `count` points."""
+    """Draws the sides of a law and moves them; `values` holds all symbols of `count` points."""
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
         self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
-        self.near = _stack([self._point(rng.uniform(-0.4, 0.4, 3), False) for _ in range(count)])  #: near the drawn position
+        self._count = count
+
+    @cached_property
+    def near(self) -> Values:
+        """States near the drawn position, four times as many."""
+        return _stack([self._point(self.rng.uniform(-0.4, 0.4, 3), False) for _ in range(4 * self._count)])
 
     def special(self, rotation: float, together: bool) -> Values:
-        """One point with l turned by `rotation` about the joint axis; `together`: its points coincide."""
+        """One point with l (and further sides) turned by `rotation` about the joint axis; `together`: its points coincide."""
         return _stack([self._point(rotation, together)])
 
     def _point(self, relative: Any, together: bool) -> dict[str, float]:
@@ -55,16 +61,20 @@ class States:
             values[name] = self.given.get(name, float(rng.uniform(0.5, 1.5)))
             values |= {f"{name}_dot": float(rng.normal()), f"{name}_ddot": float(rng.normal())}
         free = np.array([0.0, 0.0, 1.0]) if flat else np.ones(3)
-        about = free * (relative * J[:, 2] if np.ndim(relative) == 0 else np.asarray(relative))
+        abouts = [relative * J[:, 2] if np.ndim(relative) == 0 else np.roll(relative, i) for i, _ in enumerate(d.sides[1:])]
+        turns = [np.eye(3), *(turn(free * about) for about in abouts)]  # of every side relative to the first
         common = turn(rng.uniform(-1.5, 1.5, 3) * free)
-        if any(f.kind in (NodeKind.GROUND, NodeKind.PLANAR_GROUND) for f in d.frames):
-            common = np.eye(3) if not d.frames[0].kind.moves else turn(about).T
+        for f, R in zip(d.sides, turns, strict=False):
+            if not f.kind.moves:
+                common = R.T
         at: Array | None = None
-        for f in d.frames[2:]:
-            values |= {str(s): float(rng.normal()) for s in (*f.q, *f.u)} | {f"{f.side}_up1": float(rng.normal())}
-        for f in d.sides:
-            motion = common if f is d.frames[0] else common @ turn(about)
-            at = self._side(values, f, J, motion, at if together else None)
+        for f in d.frames[len(d.sides) :]:
+            upright = np.eye(4)[0] * 2 if f.kind.by_quaternion else np.zeros(len(f.q))
+            values |= {str(s): float(c) for s, c in zip(f.q, upright + 0.7 * rng.normal(size=len(f.q)), strict=True)}
+            values |= {str(s): float(rng.normal()) for s in f.u}
+            values |= {f"{f.side}_up{i + 1}": float(rng.normal()) for i in range(len(f.u))}
+        for f, R in zip(d.sides, turns, strict=False):
+            at = self._side(values, f, J, common @ R, at if together else None)
         return values
 
     def _side(self, values: dict[str, float], f: Frame, J: Array, motion: Array, at: Array | None) -> Array:
@@ -87,7 +97,7 @@ class States:
         turned_by = float(np.arctan2(motion[1, 0], motion[0, 0]))
         P = quaternion(R) * rng.uniform(0.5, 2.0) * rng.choice([-1.0, 1.0])
         third = heading + turned_by if f.kind.turns else center[2]
-        q = [*center, *P] if f.kind is NodeKind.SPATIAL else [center[0], center[1], third]
+        q = [*center[: f.kind.translations], *P] if f.kind.by_quaternion else [center[0], center[1], third]
         values |= {str(s): float(c) for s, c in zip(f.q, q, strict=False)}
         values |= {str(s): float(c) for s, c in zip(f.u, rng.normal(size=nu), strict=True)}
         values |= {f"{f.side}_qp{i + 1}": float(c) for i, c in enumerate(rng.normal(size=nq))}
@@ -108,19 +118,20 @@ def columns(symbols: Any, values: Values) -> NDArray[Any]:
 def rotation(f: Frame, values: Values) -> Array:
     """R (points, 3, 3) of a side."""
     q = columns(f.q, values)
-    if f.kind is NodeKind.SPATIAL:
-        return rotation_matrices(q[:, 3:])
+    if f.kind.by_quaternion:
+        return rotation_matrices(q[:, f.kind.translations :])
     headings = q[:, 2] if f.kind is NodeKind.PLANAR else np.zeros(len(q))
     return np.array([turn([0, 0, h]) for h in headings])
 
 
 def rates(f: Frame, values: Values, u: NDArray[Any]) -> NDArray[Any]:
     """q' (points, nq) for velocities u (points, nu)."""
-    if f.kind is not NodeKind.SPATIAL:
+    if not f.kind.by_quaternion:
         return u
-    P = columns(f.q, values)[:, 3:]
-    turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, 3:], strict=True)]
-    return np.hstack([u[:, :3], np.array(turning)])
+    n = f.kind.translations
+    P = columns(f.q, values)[:, n:]
+    turning = [quaternion_product(p, np.r_[0.0, w]) / 2 for p, w in zip(P, u[:, n:], strict=True)]
+    return np.hstack([u[:, :n], np.array(turning)])
 
 
 def moved(d: Derived, values: Values, step: complex, u: dict[str, NDArray[Any]], clock: bool = False) -> Values:
@@ -141,7 +152,7 @@ def rigidly_moved(d: Derived, values: Values, rng: np.random.Generator) -> Value
     A, c = rotation_matrices(P), rng.normal(size=3) * ([1, 1, 0] if flat else [1, 1, 1])
     out = dict(values)
     for f in d.frames:
-        if f.kind is NodeKind.COORDINATE:
+        if f.kind.of_joint:
             continue
         n = 2 if flat else 3
         q, u = columns(f.q, values).copy(), columns(f.u, values).copy()
@@ -160,8 +171,8 @@ def rigid_velocities(d: Derived, values: Values, direction: int) -> dict[str, Ar
     out = {}
     for f in d.frames:
         q, n = columns(f.q, values), f.kind.translations
-        if f.kind is NodeKind.COORDINATE:
-            out[f.side] = np.zeros((len(q), 1))
+        if f.kind.of_joint:
+            out[f.side] = np.zeros((len(q), len(f.u)))
             continue
         center = np.zeros((len(q), 3))
         center[:, :n] = q[:, :n]

@@ -2,67 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import product
 from typing import Any
 
+from mbdae.contracts.choices import Choice, choices
 from mbdae.errors import LawError
-from mbdae.laws.contact import Hertz
-from mbdae.laws.friction import Coulomb, LuGre
-from mbdae.laws.joints import Prismatic, Revolute
+from mbdae.laws.elements import JointCoordinate
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.joint import Joint, symbolic_motion
 from mbdae.symbolic.law import Element, Force, Law, Structure
-from mbdae.symbolic.part import Part, PartStructure
 
 Variant = tuple[str, Structure, tuple[Side, ...]]
-#: options of the package's laws; the options of other laws are given to `selftest`
-_OPTIONS: dict[str, tuple[Any, ...]] = {
-    "joint": (Revolute, Prismatic), "following": (False, True), "tilting": (False, True),
-    "normal": (Hertz(1, damping=1).structure(),),
-    "friction": (PartStructure(Coulomb, frozenset(), ()),
-                 PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))),
-}  # fmt: skip
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)
 _PLANAR = (NodeKind.PLANAR, NodeKind.PLANAR_GROUND, NodeKind.PLANAR_POINT)
+_OF_JOINTS = {False: NodeKind.COORDINATE, True: NodeKind.ROTATION}  #: by whether the coordinate is a free rotation
 
 
-def sides_of(law: type[Law]) -> list[tuple[Side, ...]]:
-    """Kinds of nodes and directions of axes between which a law may act."""
+def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
+    """Kinds of nodes and directions of axes between which a law may act; the joint coordinates among its unknowns come last."""
     if issubclass(law, Element):
-        return [((kind, Axes.GENERAL),) for kind in (*_SPATIAL, *_PLANAR, NodeKind.COORDINATE) if kind.moves]
-    pairs = [(k, l, Axes.GENERAL) for k, l in product(_SPATIAL, _SPATIAL)]
-    pairs += [(k, l, Axes.NORMAL) for k, l in product(_PLANAR, _PLANAR)]
-    pairs += [(k, l, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for k, l in product(_PLANAR[:2], _PLANAR[:1])]
+        kinds = _OF_JOINTS.values() if issubclass(law, JointCoordinate) else (*_SPATIAL, *_PLANAR)
+        return [((kind, Axes.GENERAL),) for kind in kinds if kind.moves]
+    own = tuple((kind, Axes.GENERAL) for kind in _own_kinds(law, structure))
+    count = len(law.frames)
+    if not count:
+        return [own]
+    bodies = [(kinds, Axes.GENERAL) for kinds in _kinds(count, _SPATIAL)] + [(kinds, Axes.NORMAL) for kinds in _kinds(count, _PLANAR)]
+    flat = [(first, *[NodeKind.PLANAR] * (count - 1)) for first in _PLANAR[:2]]
+    bodies += [(kinds, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for kinds in flat]
     outside = issubclass(law, Force) and law.external
-    own = [(NodeKind.COORDINATE, Axes.GENERAL)] if law.coordinates else []
-    allowed = [(k, l, a) for k, l, a in pairs if (k.moves or l.moves) and not (outside and k.moves)]
-    return [((k, axes), (l, axes), *own) for k, l, axes in allowed]
+    allowed = [(kinds, axes) for kinds, axes in bodies if any(k.moves for k in kinds) and not (outside and kinds[0].moves)]
+    return [(*((kind, axes) for kind in kinds), *own) for kinds, axes in allowed]
 
 
-def structures_of(law: type[Law], options: dict[str, Any]) -> list[Structure]:
-    """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only."""
-    missing = [o for o in law.options if o not in options and o not in _OPTIONS]
-    if missing:
-        raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
-    found: list[Structure] = []
-    given = {o: v.structure() if isinstance(v, Part) else v for o, v in options.items()}
-    for chosen in product(*((given[o],) if o in given else _OPTIONS[o] for o in law.options)):
-        fixed = tuple(zip(law.options, chosen, strict=True))
-        optional = [p for p in law.params if _derivable(law, Structure(frozenset([p]), options=fixed))]
-        absences = [frozenset[str](), *(frozenset([p]) for p in optional)]
-        absences += [frozenset(optional) - {p} for p in optional] + [frozenset(optional)]
-        found += [Structure(a, options=fixed) for a in dict.fromkeys(absences) if _derivable(law, Structure(a, options=fixed))]
-        if law.params and not law.timeless and not issubclass(law, Element):
-            found.append(Structure(timed=frozenset(law.params), options=fixed))
+def _own_kinds(law: type[Law], structure: Structure) -> list[NodeKind]:
+    """Kinds of the joint coordinates that are unknowns of the law."""
+    named = getattr(law, "coordinates", {})
+    return [_OF_JOINTS[name in named and named[name].unit == "rotation"] for name in law.symbolic(structure).own_coordinates]
+
+
+def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, ...]]:
+    """Kinds of the nodes of `count` bodies: of two all pairs, of more all equal or one of another kind."""
+    if count == 2:
+        return product(kinds, kinds)
+    whole = (kinds[0],) * count
+    return [whole] + [(*whole[:i], other, *whole[i + 1 :]) for i in range(count) for other in kinds[1:]]
+
+
+def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bool]:
+    """A law with all its parameters, with all of them functions of time, without each optional one, and with one of them only;
+    other values of the options with fewer of these. Each with whether it is tried in the plane too."""
+    found: dict[Structure, bool] = {}
+    whole, once = choices(law, options)
+    for i, choice in enumerate((*whole, *once)):
+        fixed = tuple((o, choice[o]) for o in law.options)
+        idle = _idle(law, choice)
+        idle |= {d for d in law.drives() if not _derivable(law, Structure(idle | law.drives().keys() - {d}, options=fixed))}
+        needed = [p for p in law.params if p not in idle]
+        optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
+        absences = _absences(law, optional, choice in whole and (i == 0 or not choice.get("kept")))
+        tried = [Structure(idle | a, options=fixed) for a in (absences if i <= len(whole) else absences[-1:])]
+        found |= {s: s in (tried[0], tried[-1]) for s in tried if s.absent == idle or _derivable(law, s)}
+        if needed and choice in whole and not law.timeless and not issubclass(law, Element):
+            found[Structure(idle, frozenset(needed), fixed)] = True
     return found
+
+
+def _absences(law: type[Law], optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
+    """Which of the optional parameters are left out: none, all, and where it is thorough each, and all but one."""
+    some = [frozenset([p]) for p in optional] if thorough else []
+    some += [optional - {p} for p in optional] if thorough and len(law.drives()) < 2 else []
+    return sorted(dict.fromkeys([frozenset[str](), *some, optional]), key=lambda absent: (len(absent), sorted(absent)))
+
+
+def _idle(law: type[Law], choice: Choice) -> frozenset[str]:
+    """Parameters without meaning for these options: the radius of friction where nothing rubs on one."""
+    if not issubclass(law, Joint) or "friction_radius" not in law.derived():
+        return frozenset()
+    rubbed = law.coordinates[choice["rubs"] or next(iter(law.scalars()))]
+    return frozenset() if choice["friction"] and rubbed.unit == "rad" else frozenset(["friction_radius"])
 
 
 def _derivable(law: type[Law], structure: Structure) -> bool:
     """Whether the law can be stated with these parameters absent (arithmetic with None fails otherwise)."""
-    for sides in sides_of(law):
+    for sides in sides_of(law, structure):
         try:
-            derive(law, structure, sides)  # type: ignore[arg-type]
+            d = derive(law, structure, sides)  # type: ignore[arg-type]
+            if isinstance(d.law, Joint):
+                symbolic_motion(d.law)
         except LawError:
             continue
         except (TypeError, AttributeError, RuntimeError):
@@ -72,13 +101,11 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
-    """Every structure between the main pairs of node kinds, the first structure between all pairs."""
-    seen: set[Any] = set()
-    for structure in structures_of(law, options):
-        first = structure.options not in seen
-        seen.add(structure.options)
-        for sides in sides_of(law):
-            if not first and not _is_main(law, sides):
+    """Every structure between the main kinds of nodes, the first structure of the first options between all."""
+    for i, (structure, flat) in enumerate(structures_of(law, options).items()):
+        for sides in sides_of(law, structure):
+            in_plane = any(kind.flat for kind, _ in sides)
+            if i and not (_is_main(law, sides) and (flat or not in_plane)):
                 continue
             name = _variant_name(structure, sides)
             try:
@@ -90,16 +117,14 @@ def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -
 
 
 def _is_main(law: type[Law], sides: tuple[Side, ...]) -> bool:
-    """Between two bodies (a body and the ground for loads from outside), the axis of a planar variant along the normal."""
+    """Between bodies (a body and the ground for loads from outside), the axis of a planar variant along the normal."""
     outside = issubclass(law, Force) and law.external
-    return all(kind.turns for kind, _ in sides[1 if outside else 0 : 2]) and sides[0][1] in (Axes.GENERAL, Axes.NORMAL)
+    return all(kind.turns and axes in (Axes.GENERAL, Axes.NORMAL) for kind, axes in sides[1 if outside else 0 : len(law.frames)])
 
 
 def _variant_name(structure: Structure, sides: tuple[Side, ...]) -> str:
     axes = f", axis {sides[0][1].value}" if any(kind.flat for kind, _ in sides) else ""
-    parts = [f"{o}={getattr(v, '__name__', v)}" for o, v in structure.options]
+    parts = [f"{o}={getattr(v, '__name__', v)}" for o, v in structure.options if v not in (None, False)]
     parts += [f"without {'/'.join(sorted(structure.absent))}"] if structure.absent else []
     parts += ["timed"] if structure.timed else []
     return f"{' - '.join(kind.value for kind, _ in sides)}{axes}{' (' + ', '.join(parts) + ')' if parts else ''}"
-
-

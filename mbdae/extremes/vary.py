@@ -12,8 +12,9 @@ from typing import Any
 
 from mbdae.errors import OptionError
 from mbdae.extremes.pulses import Pulse, pulses, varying
-from mbdae.extremes.statements import call_of, changed, items_of, name_of, stated_number
+from mbdae.extremes.statements import call_of, changed, items_of, stated_number
 from mbdae.extremes.values import OPTIONS
+from mbdae.scene.record import item_name
 from mbdae.scene.scene import SceneData
 from mbdae.values import number, shown
 
@@ -80,7 +81,7 @@ def _of_item(base: SceneData, t_end: float, name: str, values: tuple[float, ...]
         s, factor = changed(base, name, value, t_end)
         item, *keys = name.split(".")
         index, call = call_of(base, copy.deepcopy(base.statements), item)
-        pulse = varying(call.arguments, keys, t_end, name)
+        pulse = varying(call, keys, t_end, name)
         if pulse is None:
             return _stops(pulses(s.statements, t_end * factor))
         others = [statement for i, statement in enumerate(s.statements) if i != index]
@@ -114,7 +115,7 @@ def default_vary(scene: SceneData) -> dict[str, list[float]]:
     """Accuracies and constant steps; masses, stiffnesses and speeds of what the scene states, by factors."""
     found: dict[str, list[float]] = {"accuracy": [1e-3, 1e-5, 1e-7], "step": [1e-2, 1e-4, 1e-6, 1e-8]}
     for kind, factors in (("mass", (1e-6, 1e-3, 1.0, 1e3, 1e6)), ("stiffness", (1.0, 1e3, 1e6)), ("speed", (1.0, 10.0, 100.0))):
-        items = [name for name in (name_of(s) for s in scene.statements) if isinstance(name, str)]
+        items = [name for name in (item_name(s) for s in scene.statements) if isinstance(name, str)]
         of_kind = [(name, now) for name in items if (now := stated_number(scene, name, kind))]
         for name, now in of_kind[:FEW]:
             found[f"{name}.{kind}"] = [now * f for f in factors]

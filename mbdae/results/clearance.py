@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from mbdae.results.contacts import Contacts, contacts_of
 from mbdae.results.sensors import ConnectionSensor
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force
@@ -108,15 +107,5 @@ class ClearanceSensor(ConnectionSensor):
 
     def summary(self) -> dict[str, float]:
         """The contact in numbers: see `Result.contacts`."""
-        found, law = self.contacts, self._item.laws[-1]
-        play = law.outer - law.inner
-        return {"contacts": len(found), "first": found.first, "deepest": found.deepest, "play": play, "wear": self.wear}
-
-    @cached_property
-    def contacts(self) -> Contacts:
-        """Begin, end and peak penetration of every contact, found on the steps of the run."""
-        t, seen = self._result.solution.t, self.on_steps
-        found = [contacts_of(t, gap, rate) for gap, rate in zip(seen["gap"].T, seen["gap_rate"].T, strict=True)]
-        begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        order = np.argsort(begin, kind="stable")
-        return Contacts(begin[order], end[order], peak[order])
+        law = self._item.laws[-1]
+        return super().summary() | {"play": law.outer - law.inner, "wear": self.wear}

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from mbdae.integrators.solution import Solution
 from mbdae.system.base import Array
+from mbdae.system.motion.states import gaps_of
+from mbdae.system.prepare import Prepared
+from mbdae.system.start.contacts import ExpectedContact
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """All contacts of a run in order of time, also those between the result's times: begin, end (s), peak penetration (m), (n,).
+    """All contacts of a run in order of time, also those between the result's times: begin, end (s), peak penetration (m; rad at
+    limits of an angle), (n,).
 
     A contact that lasts to the end of the run ends there; contacts at the two ends of a bearing are counted each."""
 
@@ -29,8 +35,18 @@ class Contacts:
 
     @property
     def deepest(self) -> float:
-        """Largest penetration, m; 0 where there is none."""
+        """Largest penetration, m or rad; 0 where there is none."""
         return float(np.max(self.peak, initial=0.0))
+
+
+def contacts_at(prepared: Prepared, solution: Solution, expected: Sequence[ExpectedContact]) -> Contacts:
+    """The contacts of one or several one-sided laws, found on the steps of a run."""
+    gaps = gaps_of(prepared.mechanics, solution.t, *prepared.states(solution.t, solution.y)[:2])
+    found = [contacts_of(solution.t, gap, rate) for one in expected
+             for gap, rate in zip(*(part.T for part in gaps[one.place]), strict=True)]  # fmt: skip
+    begin, end, peak = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    order = np.argsort(begin, kind="stable")
+    return Contacts(begin[order], end[order], peak[order])
 
 
 def contacts_of(t: Array, gap: Array, rate: Array) -> tuple[Array, Array, Array]:

@@ -87,8 +87,9 @@ class Result(RunStates, ListsAttributes):
 
     @property
     def contacts(self) -> dict[str, dict[str, float]]:
-        """By joint with clearance: number of `contacts`, `first` (s), `deepest` penetration (m), `play` (m), `wear` (J)."""
-        return {c.name: self[c.name].summary() for c in self.prepared.model.scene.joints if c.loose}
+        """By joint with clearance or limits: number of `contacts`, `first` (s), `deepest` penetration (m, or rad at limits of an
+        angle); with clearance also `play` (m), `wear` (J)."""
+        return {item: self[item].summary() for item in dict.fromkeys(contact.item for contact in self.prepared.contacts)}
 
     @property
     def start(self) -> Start:

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.notation import QUANTITIES
+from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -58,8 +59,8 @@ def placed(scene: Any, key: str) -> tuple[Any, Any]:
 
 
 def rates_of(item: Connection) -> dict[str, str]:
-    """Coordinates of a joint by the names of the sensors of their rates."""
-    names = item.coordinates
+    """Angles and displacements of a joint by the names of the sensors of their rates."""
+    names = item.scalars
     return {f"{c}_rate": c for c in names} | ({"rate": names[0]} if len(names) == 1 else {})
 
 
@@ -68,7 +69,7 @@ def measured(scene: Any, sensor: str) -> tuple[str, str]:
     name, quantity = split(sensor)
     item = placed(scene, name)[0]
     if isinstance(item, Connection):
-        known = {c: item.unit(c) for c in item.coordinates} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
+        known = {c: item.unit(c) for c in item.scalars} | {r: f"{item.unit(c)}/s" for r, c in rates_of(item).items()}
         if quantity in known:
             return "speed" if (quantity, known[quantity]) == ("rate", "m/s") else quantity.replace("_", " "), known[quantity]
     return quantity.replace("_", " "), QUANTITIES[quantity].unit if quantity in QUANTITIES else ""
@@ -162,22 +163,24 @@ class ConnectionSensor(ListsAttributes):
     def __getattr__(self, name: str) -> Array:
         """A coordinate of the joint by its name, (nt,) rad or m, 0 as drawn, whole turns of angles counted; its rate by
         "<name>_rate", or "rate" where there is one coordinate."""
-        item = self.__dict__.get("_item")
-        names = item.coordinates if item is not None else ()
-        rates = rates_of(item) if names else {}
+        item: Connection | None = self.__dict__.get("_item")
+        if item is None:
+            return super().__getattr__(name)  # type: ignore[misc,no-any-return]
+        names, rates = item.scalars, rates_of(item)
         if name in names or name in rates:
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
-                raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} cannot be read from the bodies it connects: "
-                                  f"use model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
+                what = rates.get(name, name)
+                raise OptionError(f"{item.kind} '{item.name}': its {what} cannot be read from the bodies it connects: use "
+                                  f"model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
             return found[name in rates]
-        if item is not None and name in ("angle", "displacement", "rate", "angle_rate", "displacement_rate"):
-            has = f"its coordinates: {', '.join(names)}" if names else "it has no coordinates: read its bodies instead"
+        if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
+            has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"
             raise OptionError(f"{item.kind} '{item.name}' has no {name}; {has}")
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._item.coordinates, *rates_of(self._item)]
+        return [*super().__dir__(), *self._item.scalars, *rates_of(self._item)]
 
     @cached_property
     def _wrench(self) -> Array:
@@ -199,6 +202,20 @@ class ConnectionSensor(ListsAttributes):
         values."""
         prefix = self._item.name + "."
         return not any(row.name.startswith(prefix) for row in self._result.prepared.rank.not_unique)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Begin, end and peak penetration of every contact of a joint with clearance or limits, found on the steps of the run; of
+        several limited coordinates all in order of time, each penetration in the unit of its coordinate."""
+        known = [one for one in self._result.prepared.contacts if one.item == self._item.name]
+        if not known:
+            raise OptionError(f"{self._called[14:]} touches nothing: contacts are those of joints with clearance or with limits")
+        return contacts_at(self._result.prepared, self._result.solution, known)
+
+    def summary(self) -> dict[str, float]:
+        """The contacts in numbers: see `Result.contacts`."""
+        found = self.contacts
+        return {"contacts": len(found), "first": found.first, "deepest": found.deepest}
 
     @cached_property
     def power(self) -> Array:

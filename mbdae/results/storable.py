@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from mbdae.errors import MbdaeError, OptionError, SceneError
+from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.scene import SceneData
 
@@ -15,8 +16,7 @@ def statements(scene: SceneData) -> dict[str, Any]:
     """The data of a scene; OptionError where a scene built from it would differ."""
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": scene.statements}
     for method, args, kwargs in scene.statements:
-        item = args[0] if args else kwargs.get("name")
-        item = item["name"] if isinstance(item, dict) else item
+        item = item_name([method, args, kwargs])
         for found in _inside([args, kwargs]):
             if "unreadable" in found:
                 raise OptionError(f"{method} '{item}' was given {found['unreadable']}, which cannot be stored: give numbers, "

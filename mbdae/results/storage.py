@@ -169,19 +169,19 @@ def _by_joint(start: Start) -> dict[str, dict[str, float]]:
 def _coordinates(stored: dict[str, Any], scene: SceneData) -> dict[tuple[str, str], float]:
     """Start values by joint and name from those that a file holds: tables by name, or (earlier versions) one number."""
     known = {c.name: c.coordinates for c in scene.joints}
-    found = {}
+    found: dict[tuple[str, str], float] = {}
     for joint, values in stored.items():
         names = known.get(joint, ())
         of_joint = values if isinstance(values, dict) else dict.fromkeys(names[:1], values)
         if not of_joint or not set(of_joint) <= set(names):
-            raise BadValueError(f"its start has {shown(values)} for the joint {shown(joint)}, whose coordinates are {shown(list(names))}")
+            raise BadValueError(f"its start has {shown(values)} of {shown(joint)} with the coordinates {shown(list(names))}")
         found |= {(joint, name): float(value) for name, value in of_joint.items()}
     return found
 
 
 def _scene(header: dict[str, Any], known: Known) -> SceneData:
     _check_elements(header["scene"]["statements"], len(header["run"]["names"]))
-    scene = replay(header["scene"], SceneData, known)
+    scene: SceneData = replay(header["scene"], SceneData, known)
     if scene.problems or not scene.bodies:
         raise BadValueError(f"its scene cannot be: {scene.problems[0] if scene.problems else 'it has no bodies'}")
     return scene
@@ -206,8 +206,7 @@ def _prepared(header: dict[str, Any], scene: SceneData, start: Start) -> Prepare
     mechanics = mechanics_of(model, rank.kept, all_bodies)
     prepared = Prepared(model, mechanics, rank, start, header["time"], all_bodies)
     _check_unknowns(prepared, unknowns)
-    if any(c.loose for c in scene.joints):
-        prepared.contacts += expected_contacts(mechanics, start, {})
+    prepared.contacts += expected_contacts(mechanics, start, {}, prepared.time)
     return prepared
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
+from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.run.choice import Choice, choose, with_recursive_joints
 from mbdae.run.reductions import Reduction, reductions
+from mbdae.scene.components import Classical, Connection, Recursive
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.coupling import Coupling
+from mbdae.symbolic.joint import Joint
 from mbdae.system.model.inputs import expressions_of, timeline
 from mbdae.system.prepare import FORESIGHT, Prepared, prepare
 
@@ -89,23 +94,43 @@ class Check(ListsAttributes):
         return tuple(name for tree in self.prepared.all_bodies.moved.trees for name in tree.rigid)
 
     @property
+    def remarks(self) -> dict[str, str]:
+        """What joints say of their own values, such as that a screw is self-locking."""
+        said = {c.name: c.joint.remarks() for c in self.prepared.model.scene.joints if isinstance(c.joint, Joint)}
+        return {name: "; ".join(texts) for name, texts in said.items() if texts}
+
+    @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints stated as recursive that stay kinematic all the same, and why."""
         return dict(self.prepared.model.stay_kinematic)
+
+    @property
+    def kept_coordinates(self) -> dict[str, str]:
+        """Kinematic joints whose coordinates are unknowns of their own all the same, and why."""
+        found = {}
+        for c in self.prepared.model.scene.joints:
+            if c.kept and not isinstance(c.model, Classical | Recursive):
+                found[c.name] = why_kept(c, [o for o in self.prepared.model.scene.connections if isinstance(o.joint, Coupling)])
+        return found
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene
         beams = f", {len(self.beams)} of them flexible beams" if self.beams else ""
         loads = f", {len(scene.line_loads)} distributed loads" if scene.line_loads else ""
-        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies{beams}, {len(scene.joints)} joints, "
-                 f"{len(scene.connections) - len(scene.joints)} force elements{loads}",
+        couplings = sum(isinstance(c.joint, Coupling) for c in scene.connections)
+        forces = len(scene.connections) - len(scene.joints) - couplings
+        coupled = f"{couplings} coupling{'s' * (couplings > 1)}, " if couplings else ""
+        lines = [f"scene '{scene.name}': {len(scene.bodies)} bodies{beams}, {len(scene.joints)} joints, {coupled}"
+                 f"{forces} force elements{loads}",
                  f"  {'planar' if self.planar else 'spatial'}: {p.model.why}",
                  f"  degrees of freedom: {self.degrees_of_freedom}",
                  "  unknowns: " + ", ".join(f"{n} {kind}" for kind, n in self.unknowns.items() if n)]  # fmt: skip
+        lines += self._of_joints()
         lines += self._of_beams()
         lines += self._of_recursive_joints()
         lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
+        lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
         lines += self._of_inputs()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)
@@ -123,6 +148,18 @@ class Check(ListsAttributes):
         lines.append(f"  unknowns with all multipliers: {steps}")
         lines.append(f"  to an accuracy of {self.accuracy:g}: {self.choice}")
         return "\n".join(lines)
+
+    def _of_joints(self) -> list[str]:
+        """The joints by model, each with its coordinates; those kept as unknowns although the model does not ask for it."""
+        models: dict[str, dict[str, list[str]]] = {}
+        for c in self.prepared.model.scene.joints:
+            model = type(c.model).__name__.lower() if c.has_models else "without coordinates"
+            models.setdefault(model, {}).setdefault(_coordinates(c), []).append(c.name)
+        lines = [f"  joints, {model}: " + "; ".join(f"{_listed(names)}{text}" for text, names in groups.items())
+                 for model, groups in models.items()]  # fmt: skip
+        kept = self.kept_coordinates
+        reasons = {why: [name for name in kept if kept[name] == why] for why in dict.fromkeys(kept.values())}
+        return lines + [f"  coordinates kept as unknowns: {_listed(names)}: {why}" for why, names in reasons.items()]
 
     def _of_beams(self) -> list[str]:
         """Meshes, and which unknowns are eliminated."""
@@ -181,6 +218,27 @@ class Check(ListsAttributes):
         for name, why in self.kept_kinematic.items():
             reasons.setdefault(why, []).append(name)
         return lines + [f"  kept kinematic: {_listed(names)}: {why}" for why, names in reasons.items()]
+
+
+def why_kept(c: Connection, couplings: list[Connection]) -> str:
+    """Why the coordinates of a joint are unknowns of their own although its model does not ask for it."""
+    law: Any = c.joint
+    if law.must_keep():
+        return "the joint states no rows without them"
+    coupled = [o.name for o in couplings if any(joint == c.name for joint, _ in o.joint.coordinates_in(o.name))]
+    if coupled:
+        return f"whole turns count in {_listed(coupled)}"
+    if c.prescribed and type(law).ties is Joint.ties:
+        return "the joint states no row that prescribes a coordinate without them"
+    acting = [type(part).__name__.removeprefix("Joint").lower() for part in c.laws if isinstance(part, OnCoordinate)]
+    acting += ["friction"] if c.rubs else []
+    return f"the joint does not read from the bodies the coordinate of its {_listed(list(dict.fromkeys(acting)))}"
+
+
+def _coordinates(c: Connection) -> str:
+    """The coordinates of a joint in brackets, prescribed ones said to be so."""
+    names = [name + (" prescribed" if name in c.prescribed else "") for name in c.coordinates]
+    return f" ({', '.join(names)})" if names else ""
 
 
 def doubts(p: Prepared) -> list[str]:

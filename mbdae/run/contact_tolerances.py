@@ -42,7 +42,7 @@ def typical_speed(prepared: Prepared) -> float:
 def largest_tolerance(prepared: Prepared, solver: Solver) -> float:
     """The largest rtol with which a solver resolves the contacts and the friction of a scene; inf where there are none."""
     limits = [float("inf")]
-    limits += [solver.penetration_share * contact.depth / prepared.length for contact in prepared.contacts]
+    limits += [solver.penetration_share * contact.depth / contact.size for contact in prepared.contacts]
     limits += [RESOLVED * velocity / typical_speed(prepared) for _, _, velocity in slowest_velocities(prepared)]
     return min(limits)
 
@@ -53,11 +53,12 @@ def resolving(prepared: Prepared | None, solver: Solver, run: Solution, ceiling:
     if prepared is None or not prepared.contacts:
         return ceiling
     q, u, _ = prepared.states(run.t, run.y)
-    pairs = gaps_of(prepared.mechanics, run.t, q, u).values()
-    found = [contacts_of(run.t, *place)[2] for gap, rate in pairs for place in zip(gap.T, rate.T, strict=True)]
+    gaps = gaps_of(prepared.mechanics, run.t, q, u)
+    found = [contacts_of(run.t, *place)[2] / contact.size for contact in prepared.contacts
+             for place in zip(*(part.T for part in gaps[contact.place]), strict=True)]  # fmt: skip
     peaks = [peak for peak in (float(np.median(deep)) for deep in found if len(deep)) if peak > 0]
     limits = [RESOLVED * velocity / typical_speed(prepared) for _, velocity in reversing(prepared, run)]
-    return min([solver.penetration_share * min(peaks) / prepared.length, *limits]) if peaks else ceiling
+    return min([solver.penetration_share * min(peaks), *limits]) if peaks else ceiling
 
 
 def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
@@ -65,6 +66,8 @@ def reversing(prepared: Prepared, run: Solution) -> Iterator[tuple[str, float]]:
     slowest: dict[str, float] = {}
     for g, p, values in prepared.mechanics.evaluate(observed_outputs, run.t, *prepared.states(run.t, run.y)):
         at = [[o for o, (name, _) in enumerate(p.targets) if name == wanted] for wanted in ("gap", "slip")]
+        if not all(at):
+            continue
         for i, instance in enumerate(prepared.model.groups[g].instances):
             gap, slip = (values[:, i, places] for places in at)
             slowest[instance.item] = float(np.min(np.abs(slip[gap < 0]), initial=np.inf))
@@ -78,10 +81,11 @@ def refuse_unresolved(prepared: Prepared, solver: Solver) -> None:
     wanted, rtol = largest_tolerance(prepared, solver), solver.rtol
     tightest = solver.tightest.get("GGL", solver.tightest[""])
     for contact in prepared.contacts:
-        if rtol is not None and rtol * prepared.length > WRONG * contact.depth:
+        if rtol is not None and rtol * contact.size > WRONG * contact.depth:
             raise OptionError(
-                f"rtol = {rtol:g} in {solver.label} means {rtol * prepared.length:.2g} m, '{contact.item}' is expected to "
-                f"penetrate by {contact.depth:.2g} m: contact would be lost silently; use rtol = {wanted:.1g} or an accuracy"
+                f"rtol = {rtol:g} in {solver.label} means {rtol * contact.size:.2g} {contact.unit}, '{contact.item}' is expected "
+                f"to penetrate by {contact.depth:.2g} {contact.unit}: contact would be lost silently; use rtol = {wanted:.1g} or "
+                f"an accuracy"
             )
     for item, friction, velocity in slowest_velocities(prepared):
         limit = RESOLVED * velocity / typical_speed(prepared)

@@ -15,6 +15,7 @@ from mbdae.kernels.plan import linearised_plan
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.run.choice import Choice
 from mbdae.scene.components import Classical
+from mbdae.scene.models import refusal
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import may_be_recursive, replaced
 from mbdae.system.assembled.assembly import Assembly
@@ -103,7 +104,7 @@ def _ladder(scene: SceneData, prepared: Prepared) -> Iterator[tuple[str, Assembl
 
     spatial = copy.copy(scene)
     spatial.space = "spatial"
-    joints = [c.name for c in scene.joints if may_be_recursive(c)]
+    joints = [c.name for c in scene.joints if may_be_recursive(c) and refusal(type(c.joint), Classical()) is None]  # type: ignore[arg-type]
     for reason, classical in (("in space, classical joints, every row, every node on its own", tuple(joints)),
                               ("joints without unknowns of their own", ())):  # fmt: skip
         try:

@@ -7,26 +7,28 @@ what it dissipated.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.clearance import ClearanceSensor
+from mbdae.results.contacts import contacts_at
 from mbdae.results.result import Result
 from mbdae.run.contact_tolerances import RESOLVED, reversing, slowest_velocities, typical_speed
 from mbdae.run.control import Controlled
 from mbdae.system.prepare import Prepared
+from mbdae.system.start.contacts import ExpectedContact
 
 COARSE = 0.1  #: tolerance of positions over the penetration above which a result is doubtful
 ALARM = 0.1  #: energy error over the energy dissipated above which a result is not reliable
 MOVING = 1e-3  #: of the largest kinetic energy: what is compared where less was dissipated
+STORED = 0.1  #: of the largest energy that a contact stores: what is compared where hardly any is dissipated
 FEW_STEPS = 3  #: steps in the shortest contact below which it was not resolved
 #: a backward whirl has at least this ratio of whirl to spin rate, share of the time in contact, and turns around the race
 WHIRL_RATE, WHIRL_CONTACT, WHIRL_TURNS = 5.0, 0.9, 2.0
 RESOLVED_STEP = 1.0  #: step times angular frequency up to which an unstable oscillation grows in a run as in the equations
 GROWN = 5.0  #: logarithm of the growth that steps damped away above which there is a warning
-DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
 
 
 class Assessment(NamedTuple):
@@ -56,23 +58,36 @@ def reliability(result: Result, run: Controlled) -> Assessment:
     energy = _of_energy(result)
     notes, reliable = list(energy), not energy
     for contact in prepared.contacts:
-        sensor: ClearanceSensor = result[contact.item]
-        whirl = _whirl(result, sensor, contact.item)
-        unstable = [] if whirl else _flutter(result, sensor, contact)
-        notes += _of_contact(prepared, sensor, run, contact) + whirl + unstable
-        reliable &= not unstable
+        notes += _of_contact(result, run, contact)
+        sensor = result[contact.item]
+        if isinstance(sensor, ClearanceSensor):
+            whirl = _whirl(result, sensor, contact.item)
+            unstable = [] if whirl else _flutter(result, sensor, contact)
+            notes += whirl + unstable
+            reliable &= not unstable
     return Assessment((*notes, *_of_friction(prepared, run)), reliable)
 
 
 def _of_energy(result: Result) -> list[str]:
-    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate."""
+    """A warning where the energy balance is off by more than a tenth of what contact and friction dissipate, or a hundredth of
+    what a contact stores, where that is more."""
     e = result.energy
     off = float(np.max(np.abs(e.balance), initial=0.0))
     lost, moving = float(e.impact[-1] + e.friction[-1]), float(np.max(e.kinetic, initial=0.0))
-    if off <= ALARM * max(lost, MOVING * moving):
+    if off <= ALARM * max(lost, MOVING * moving, STORED * _stored(result)):
         return []
     return [f"not reliable: the energy balance is off by {off:.2g} J, where contact and friction dissipate {lost:.2g} J: ask for "
             f"a smaller accuracy, or rtol"]  # fmt: skip
+
+
+def _stored(result: Result) -> float:
+    """The largest energy (J) that a contact of a run stores."""
+    found = [0.0]
+    for contact in result.prepared.contacts:
+        deepest = contacts_at(result.prepared, result.solution, [contact]).deepest
+        load = contact.law.elastic_load(deepest) if deepest > 0 else None
+        found.append(load[1] if load is not None else 0.0)
+    return max(found)
 
 
 def _of_constant_steps(result: Result) -> list[str]:
@@ -86,21 +101,21 @@ def _of_constant_steps(result: Result) -> list[str]:
             f"{moved:.2g} J moved: take a smaller step, or error control (mb.RadauIIA(3), mb.IDA())"]  # fmt: skip
 
 
-def _of_contact(prepared: Prepared, sensor: ClearanceSensor, run: Controlled, expected: Any) -> list[str]:
-    """Warnings where penetrations are small against the tolerance, or large against the clearance."""
-    law, item, contacts = expected.law, expected.item, sensor.contacts
+def _of_contact(result: Result, run: Controlled, expected: ExpectedContact) -> list[str]:
+    """Warnings where penetrations are small against the tolerance, or large against what the law is a model of."""
+    law, item, unit = expected.law, expected.item, expected.unit
+    contacts = contacts_at(result.prepared, result.solution, [expected])
     if not len(contacts):
         return []
     found = []
     typical, deepest = float(np.median(contacts.peak)), contacts.deepest
-    tolerance = (run.solver.rtol or 0.0) * prepared.length
+    tolerance = (run.solver.rtol or 0.0) * expected.size
     if typical > 0 and tolerance > max(COARSE, 3 * run.solver.penetration_share) * typical:
-        found.append(f"'{item}' penetrates by {typical:.2g} m (median), {run.solver.label} resolves {tolerance:.2g} m: use "
-                     f"rtol = {run.solver.penetration_share * typical / prepared.length:.1g}")  # fmt: skip
-    limit = law.inner / 10 if law.outer == law.inner else min(law.outer - law.inner, law.inner / 10)
+        found.append(f"'{item}' penetrates by {typical:.2g} {unit} (median), {run.solver.label} resolves {tolerance:.2g} {unit}: "
+                     f"use rtol = {run.solver.penetration_share * typical / expected.size:.1g}")  # fmt: skip
+    limit, what, consequence = law.doubtful_depth()
     if deepest > limit:
-        found.append(f"'{item}' penetrates by up to {deepest:.2g} m, more than {limit:.2g} m (the clearance, or a tenth of the "
-                     f"pin's radius): a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
+        found.append(f"'{item}' penetrates by up to {deepest:.2g} {unit}, more than {limit:.2g} {unit} ({what}): {consequence}")
     return found
 
 
@@ -126,19 +141,16 @@ def _whirl(result: Result, sensor: ClearanceSensor, item: str) -> list[str]:
             f"rad/s, driven by dry friction; this is no ideal joint: less friction or more contact damping ends it"]  # fmt: skip
 
 
-def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str]:
-    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps it.
-
-    k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the
-    centres). A friction coefficient mu couples both directions; without damping, they flutter where (k - f/d)^2 < 4 mu^2 k
-    f/d."""
+def _flutter(result: Result, sensor: ClearanceSensor, expected: ExpectedContact) -> list[str]:
+    """A warning where dry friction makes a contact unstable (flutter) and the steps are so long that an implicit method damps it:
+    see `instability` of its law."""
     law, t = expected.law, result.solution.t
     if law.friction is None or len(t) < 3:
         return []
     seen = sensor.on_steps
     step, grown, fast = np.diff(t, append=t[-1]), 0.0, 0.0
     for gap, force, rub in zip(seen["gap"].T, seen["normal_force"].T, seen["friction_force"].T, strict=True):
-        growth, rate = _instability(law, expected.mass, -gap, force, np.abs(rub))
+        growth, rate = law.instability(expected.mass, -gap, force, np.abs(rub))
         damped = (growth > 0) & (step * rate > RESOLVED_STEP)
         grown += float(np.sum((growth * step)[damped]))
         fast = max(fast, float(np.max(rate[damped], initial=0.0)))
@@ -147,22 +159,6 @@ def _flutter(result: Result, sensor: ClearanceSensor, expected: Any) -> list[str
     return [f"not reliable: friction makes the contact in '{expected.item}' unstable: it oscillates at about {fast:.2g} rad/s "
             f"and grows, which steps of {float(np.max(step)):.1g} s damp away; follow it with a smaller rtol or steps below "
             f"{RESOLVED_STEP / fast:.1g} s, or take less friction or more contact damping"]  # fmt: skip
-
-
-def _instability(law: Any, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any]:
-    """Growth rate (1/s, at most 0 where stable) and frequency (rad/s) of small motions across a contact, (nt,) each."""
-    growth, rate = np.zeros(len(depth)), np.zeros(len(depth))
-    for i in np.flatnonzero((depth > 0) & (force > 0)):
-        a, f = float(depth[i]), float(force[i])
-        elastic = [float(law.normal.elastic_force(a * (1 + e))) for e in (-DIFFERENCE, DIFFERENCE)]
-        normal, across = (elastic[1] - elastic[0]) / (2 * DIFFERENCE * a), f / (law.outer - law.inner + a)
-        coupled = (float(rub[i]) / f) ** 2 * normal * across - (normal - across) ** 2 / 4
-        if coupled > 0:
-            slow = 1e-3 * a * np.sqrt(normal / mass)
-            damping = float(law.normal.damping_force(a, slow)) / slow
-            rate[i] = np.sqrt((normal + across) / (2 * mass))
-            growth[i] = np.sqrt(coupled) / (2 * mass * rate[i]) - damping / (4 * mass)
-    return growth, rate
 
 
 def _of_friction(prepared: Prepared, run: Controlled) -> list[str]:

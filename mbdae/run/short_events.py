@@ -34,9 +34,8 @@ def _inputs(prepared: Prepared, system: SceneSystem) -> bool:
 
 
 def _laws(prepared: Prepared) -> bool:
-    watched = {contact.item for contact in prepared.contacts}
-    return any(_switches(*group.key) for group in prepared.model.groups
-               if not all(instance.item in watched for instance in group.instances))  # fmt: skip
+    watched = {contact.place[0] for contact in prepared.contacts}
+    return any(_switches(*group.key) for g, group in enumerate(prepared.model.groups) if g not in watched)
 
 
 @lru_cache(maxsize=512)

@@ -250,6 +250,11 @@ class Connection:
         return tuple(law.coordinates) if isinstance(law, Joint) else ()
 
     @property
+    def scalars(self) -> tuple[str, ...]:
+        """Names of the coordinates that are angles and displacements, not rotations."""
+        return tuple(c for c in self.coordinates if self.unit(c) != "rotation")
+
+    @property
     def kept(self) -> bool:
         """Whether the coordinates are unknowns of their own."""
         return bool(self.laws[0].own_coordinates) and self.is_joint

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring
+from mbdae.laws.forces import JointDamper, JointFriction, JointLoad, JointSpring, JointStop
 from mbdae.laws.friction import Friction
-from mbdae.scene import reading
+from mbdae.scene import limits, reading
 from mbdae.scene.components import Clearance, JointModel, Recursive
 from mbdae.scene.models import friction_law
 from mbdae.scene.reading import FEEDS, Argument, Reader
@@ -25,6 +25,8 @@ READERS: dict[str, tuple[Reader, Reader]] = {
     "spring": (reading.quantity("N m/rad"), reading.quantity("N/m")),
     "damper": (reading.quantity("N m s/rad", "not negative", FEEDS), reading.quantity("N s/m", "not negative", FEEDS)),
     "load": (reading.driven("N m"), reading.driven("N")),
+    "limits": (limits.limits("rad"), limits.limits("m")),
+    "stop": (limits.stop("N m/rad", "N m s/rad"), limits.stop("N/m", "N s/m")),
     "friction": (friction_law, friction_law),
     "radius": (reading.quantity("m", "positive"),) * 2,
     "normal_force": (reading.quantity("N", "not negative"),) * 2,
@@ -47,9 +49,14 @@ class OnCoordinates:
     @property
     def unreadable(self) -> bool:
         """Whether something acts on a coordinate that can only be read where it is an unknown of its own."""
-        acted = any(self.of(option) for option in ("spring", "damper", "load", "friction"))
+        acted = any(self.of(option) for option in ("spring", "damper", "load", "friction", "limits"))
         tied = self.law.ties is not Joint.ties
         return (acted and self.law.coordinate is Joint.coordinate) or bool(self.of("prescribed") and not tied)
+
+    @property
+    def counts_turns(self) -> bool:
+        """Whether an angle has limits: bodies show it up to whole turns only, as an unknown of its own it is known with them."""
+        return any(self.law.coordinates[c].unit == "rad" for c in self.of("limits"))
 
     def forces(self) -> list[Made]:
         """The force laws on the coordinates."""
@@ -68,6 +75,10 @@ class OnCoordinates:
         if c in self.of("normal_force") and c in self.of("friction"):
             given = {"friction": self.of("friction")[c], "normal_force": self.of("normal_force")[c]}
             found.append((JointFriction, given | ({"radius": self.of("radius")[c]} if c in self.of("radius") else {})))
+        pair = limits.pairs_of(self.values, self.law).get(c)
+        if pair is not None:
+            (low, high), stop = pair
+            found.append((JointStop, {"stiffness": stop.stiffness, "damping": stop.damping or None, "lower": low, "upper": high}))
         return found
 
 
@@ -75,6 +86,8 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
                    model: JointModel | None) -> OnCoordinates:  # fmt: skip
     """The options of a joint by coordinate; mistakes are added to the scene's problems. words: option -> the word of the
     statement, where that is another one."""
+    given = dict(given) | {option: _where_friction_acts(law, option, given) for option in ("radius", "normal_force")}
+    given["stop"] = limits.for_each_limit(law, given.get("stop"), given.get("limits"))
     values = {option: by_coordinate(Argument(scene, item, words.get(option, option)), law, given.get(option), readers)
               for option, readers in READERS.items()}  # fmt: skip
     found = OnCoordinates(law, values)
@@ -82,6 +95,7 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
         for c in sorted(found.of(option).keys() & found.of("prescribed").keys()):
             scene.problems.append(f"{item}: its prescribed value fixes the start already; omit {words.get(option, option)} = "
                                   f"{found.of(option)[c]:g}")  # fmt: skip
+    scene.problems += [f"{item}: {text}" for text in limits.mistakes(values, law, words, model)]
     wrong = _friction_mistakes(found, words, model)
     scene.problems += [f"{item}: {text}" for text in wrong]
     if wrong:
@@ -91,6 +105,14 @@ def on_coordinates(scene: Any, item: str, law: type[Joint], words: Mapping[str, 
         found.own = {"friction": found.of("friction")[own[0]], "rubs": own[0] if len(law.scalars()) > 1 else None}
         found.own |= {"friction_radius": found.of("radius")[own[0]]} if own[0] in found.of("radius") else {}
     return found
+
+
+def _where_friction_acts(law: type[Joint], option: str, given: Mapping[str, Any]) -> Any:
+    """A radius or normal force given once for a joint of several coordinates: that of every coordinate with friction."""
+    value, friction = given.get(option), given.get("friction")
+    if value is None or isinstance(value, Mapping) or not isinstance(friction, Mapping):
+        return value
+    return {c: value for c, entry in law.scalars().items() if c in friction and (option != "radius" or entry.unit == "rad")}
 
 
 def by_coordinate(arg: Argument, law: type[Joint], value: Any, readers: tuple[Reader, Reader]) -> dict[str, Any]:

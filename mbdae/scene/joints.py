@@ -199,7 +199,7 @@ class JointStatements(ConnectionStatements):
         def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
             drives = {cls.drive_name(c): value for c, value in given.of("prescribed").items()}
             own = {**numbers, **given.own} if cls is law else {}
-            kept = extra.get("kept") or given.unreadable
+            kept = extra.get("kept") or given.unreadable or given.counts_turns
             joint = cls(name, **{**drives, **extra, **own, "kept": kept}, **place)
             on = {"joint": cls, "kept": joint.kept}
             return [joint, *(f(name, **{**values, **on}, **place) for f, values in forces)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
+from inspect import signature
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -41,6 +42,15 @@ def statement(method: F) -> F:
 
     STATEMENTS[method.__name__] = recorded
     return recorded  # type: ignore[return-value]
+
+
+def item_name(statement_: Statement) -> Any:
+    """The name of the item of a recorded statement; None where it has none."""
+    method, args, kwargs = statement_
+    names = list(signature(STATEMENTS[method]).parameters)[1:] if method in STATEMENTS else []
+    given = {**dict(zip(names, args, strict=False)), **kwargs}
+    law = given.get("law")
+    return law.get("name") if isinstance(law, dict) else given.get("name")
 
 
 def encode(value: Any, own: Own | None = None) -> Any:

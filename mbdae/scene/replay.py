@@ -20,7 +20,7 @@ from mbdae.errors import MbdaeError, OptionError, SceneError
 from mbdae.inputs import text
 from mbdae.laws.friction import Friction
 from mbdae.scene.components import Body, Classical, Clearance, JointModel, Kinematic, Place, Recursive, Stop
-from mbdae.scene.record import STATEMENTS, Own, Statement, encode, stored_name, without_module
+from mbdae.scene.record import STATEMENTS, Own, Statement, encode, item_name, stored_name, without_module
 from mbdae.scene.section import Section
 from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
@@ -285,10 +285,7 @@ def _is_number(value: Any) -> bool:
 
 def _described(entry: Any) -> str:
     """A statement in a message: its method and the name of its item."""
-    method, args, kwargs = entry
-    first = args[0] if args else kwargs.get("name")
-    name = first.get("name") if isinstance(first, dict) else first
-    return f"{shown(method)} of {shown(name)}"
+    return f"{shown(entry[0])} of {shown(item_name(entry))}"
 
 
 def refuse_losses(scene: Any, copy: Any) -> None:

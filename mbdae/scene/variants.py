@@ -10,7 +10,7 @@ from mbdae.errors import SceneError
 from mbdae.scene.components import Beam, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.items import SceneItems
 from mbdae.scene.models import MODELS, refusal
-from mbdae.scene.record import STATEMENTS, Statement, encode
+from mbdae.scene.record import STATEMENTS, Statement, encode, item_name
 from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
@@ -48,7 +48,7 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     statements: list[Statement] = []
     own, places = dict(scene.own), _model_places()
     for method, args, kwargs in scene.statements:
-        if method in places and _stated_name(method, args, kwargs) in chosen:
+        if method in places and item_name([method, args, kwargs]) in chosen:
             args, kwargs = _with_model(args, kwargs, encode(model, own), places[method])
         statements.append([method, args, kwargs])
     data = {"name": scene.name, "gravity": scene.gravity.tolist(), "space": scene.space, "statements": statements}
@@ -60,13 +60,6 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
 def _ideal(joint: Connection) -> Any:
     """The law of a joint without play."""
     return joint.as_kinematic[0] if joint.loose else joint.joint
-
-
-def _stated_name(method: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
-    """The name of the item of a statement."""
-    names = list(signature(STATEMENTS[method]).parameters)[1:]
-    given = {**dict(zip(names, args, strict=False)), **kwargs}
-    return given["name"] if "name" in given else given["law"]["name"]
 
 
 def with_recursive_tree(scene: SceneItems) -> Any:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.laws.forces import JointLoad, JointSpring
-from mbdae.laws.joints import Distance, FixedOrientation
+from mbdae.laws.joints import Distance
 from mbdae.scene.components import Array, Connection
 from mbdae.show import symbols
 from mbdae.show.collected import Collected, ends
@@ -25,10 +25,11 @@ SLIGHT = 1e-9  #: rates (m or rad over the unit of a coordinate) and sines of an
 
 @dataclass(frozen=True)
 class Freedom:
-    """The motion of l relative to k that a joint leaves free where it is drawn: by coordinate the velocity (3,) of l's point, m/s,
-    and the angular velocity (3,), rad/s, that a rate of 1 causes."""
+    """The motion of l relative to k that a joint leaves free where it is drawn: by coordinate the velocity (3,) of l's point
+    (m/s) and the angular velocity (3,) (rad/s) that a rate of 1 causes; ball: whether l turns about all axes."""
 
     rates: dict[str, tuple[Array, Array]]
+    ball: bool
 
     @cached_property
     def slides(self) -> list[Array]:
@@ -38,7 +39,7 @@ class Freedom:
     @cached_property
     def turns(self) -> list[Array]:
         """Unit vectors about which it turns, each direction once."""
-        return _directions([w for _, w in self.rates.values()])
+        return list(np.eye(3)) if self.ball else _directions([w for _, w in self.rates.values()])
 
     @property
     def thread(self) -> float:
@@ -52,7 +53,8 @@ def freedom(item: Connection) -> Freedom | None:
     if not isinstance(law, Joint) or not law.states_motion():
         return None
     motion = JointMotion(item)
-    return Freedom({c: motion.rates({}, {c: 1.0})[1:] for c in law.coordinates})
+    ball = law.scalars().keys() != law.coordinates.keys()
+    return Freedom({c: motion.rates({}, {c: 1.0})[1:] for c in law.scalars()}, ball)
 
 
 def _directions(vectors: list[Array]) -> list[Array]:
@@ -73,8 +75,7 @@ class JointShapes(Collected):
         else:
             self._by_motion(item, free)
         at, at_l = ends(item)
-        guided = free is not None and len(free.slides) == 1
-        if item.k.is_ground and not guided and not isinstance(item.joint, FixedOrientation):
+        if item.k.is_ground and (free is None or len(free.slides) in (0, 2)):
             self._ground(item.name, at)
         if item.l.is_ground:
             self._ground(item.name, at_l)
@@ -87,8 +88,6 @@ class JointShapes(Collected):
             self._marked(item, "dot", item.l)
             ways = [self._over_time(body, at) for body, at in zip((item.k, item.l), ends(item), strict=True)]
             self._add(item.name, "dashed", np.stack(ways, 1))
-        elif isinstance(law, FixedOrientation) or law.holds_point:
-            self._marked(item, "ball" if law.holds_point else "lock", item.k)
         else:
             self._marked(item, "pin", item.k)
             if not self.planar:
@@ -102,17 +101,17 @@ class JointShapes(Collected):
             self._guide(item, slides[0], free.thread)
         elif len(slides) == 2:
             self._plane(item, slides)
-        elif len(slides) == 3 and not turns:
-            self._marked(item, "dot", item.l)
+        elif len(slides) == 3:
+            self._marked(item, "dot" if turns else "lock", item.k)
         if not (slides or turns):
             self._marked(item, "weld", item.k)
         elif len(turns) == 1:
             self._pin(item, turns[0], slides)
         elif len(turns) == 2:
             self._cross(item, turns)
-        elif turns:
+        elif turns and len(slides) < 3:
             self._marked(item, "ball", item.l if slides else item.k)
-        if (slides and not turns) or _along(turns, slides):
+        if (len(slides) in (1, 2) and not turns) or _along(turns, slides):
             self._slider(item, slides[0])
         for c, (v, w) in free.rates.items():
             self._on_coordinate(item, c, v, w)
@@ -133,7 +132,7 @@ class JointShapes(Collected):
     def _cross(self, item: Connection, turns: list[Array]) -> None:
         """Two crossed pins, the first in a fork of k, the second in a fork of l."""
         at, at_l = ends(item)
-        normal = symbols.unit(np.cross(*turns))
+        normal = symbols.unit(np.cross(turns[0], turns[1]))
         away = at - item.k.position if item.l.is_ground else item.l.position - at_l
         back = (1.0 if normal @ away < 0 else -1.0) * 1.6 * self.mark * normal
         self._add(item.name, "line", symbols.yoke(at, 1.6 * self.mark * turns[0], back), item.k)

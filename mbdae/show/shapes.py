@@ -105,7 +105,8 @@ class _Builder(JointShapes):
             self._marked(item, "dot" if item.kind == "bushing" else "pin", item.k)
         draw = {"spring": self._spring, "pointspring": self._spring, "bushing": self._bushing, "force": self._load,
                 "torque": self._load}  # fmt: skip
-        draw.get(item.kind, lambda item, law: None)(item, law)
+        if item.kind in draw:
+            draw[item.kind](item, law)
         if item.k.is_ground and item.kind not in ("force", "torque", "bushing"):
             self._ground(item.name, at)
         if item.l.is_ground:

@@ -82,7 +82,7 @@ def helix(start: Array, end: Array, radius: float, pitch: float) -> Array:
 
 def yoke(center: Array, pin: Array, back: Array) -> Array:
     """A fork (8, 3) that holds a pin: half the pin's length as a vector, and the vector from the pin to the fork's base."""
-    return center + np.array([pin, -pin, -pin + back, back, 1.8 * back, back, pin + back, pin])
+    return np.asarray(center + np.array([pin, -pin, -pin + back, back, 1.8 * back, back, pin + back, pin]))
 
 
 def hatching(point: Array, down: Array, size: float, foot: bool = True) -> Array:

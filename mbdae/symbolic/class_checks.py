@@ -187,9 +187,12 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
 
 def _checked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
     read, wanted = RETURNS[name]
+    unstated = method.__module__ in ("mbdae.symbolic.law", "mbdae.symbolic.joint")  # what a class of the base says by default
 
     @wraps(method)
     def checked(self: Any, *args: Any, **kwargs: Any) -> Any:
+        if unstated and len(self.frames) > 2:
+            args = (*args[:2], *args[len(self.frames) :])
         where = f"{type(self).__name__}.{name}"
         try:
             found = method(self, *args, **kwargs)
@@ -218,8 +221,10 @@ def _hint(law: Any, error: Exception) -> str:
     if isinstance(error, AttributeError) and "'Frame'" in text:
         return f"; a frame has {FRAME}"
     if isinstance(error, AttributeError) and type(law).__name__ in text:
-        known = ", ".join((*law.params, *law.options, *law.states)) or "none"
-        return f"; its parameters, options and states: {known}; declare others in params = mb.params(name=('unit', 'meaning'))"
+        by_itself = law.derived() if hasattr(law, "derived") else ()
+        names = (*getattr(law, "coordinates", ()), *law.params, *law.options, *law.states)
+        known = ", ".join(name for name in names if name not in by_itself) or "none"
+        return f"; its coordinates, parameters, options and states: {known}; declare others in params = mb.params(name=('unit', 'meaning'))"
     absent = [key for key in law.params if getattr(law, key, None) is None]
     if "NoneType" in text and absent:
         return f"; {', '.join(absent)} {'is' if len(absent) == 1 else 'are'} left out (None) here: give a value, or say what " \

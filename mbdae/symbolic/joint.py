@@ -92,6 +92,16 @@ class Joint(TwoBodyLaw):
         along: Vec = k.z * (k.z @ force)
         return force - along
 
+    def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
+        """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
+        the friction itself, of a signed coefficient, has a part in that force."""
+        pressing = self.pressing(k, l, force)
+        return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
+
+    def remarks(self) -> list[str]:
+        """What `check()` says of the values of this joint, one sentence each."""
+        return []
+
     def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
 
@@ -171,18 +181,24 @@ class Joint(TwoBodyLaw):
         if ties:
             return dict(self.constraints(*frames)) | {c: row for c, (row, _) in ties.items()}
         if not self.states_motion():
+            self._refuse_untied()
             return dict(self.constraints(*frames))
-        k, l = frames
+        k, l = frames[:2]
         moved, axes = self._pose(k)
         d = l.r - k.r - moved
         return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
+
+    def _refuse_untied(self) -> None:
+        """Raise LawError where coordinates would be unknowns that no row contains."""
+        if self.coordinates and type(self).coordinate is not Joint.coordinate:
+            raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to the "
+                           f"bodies (`ties`): use mb.Kinematic()")  # fmt: skip
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}
         ties = self._complete_ties(*frames) if self.kept else self._ties(*frames) if self.prescribed else {}
         if self.kept and not ties and self.states_motion():
-            k, l = frames
-            axes = self._pose(k)[1]
+            l, axes = frames[1], self._pose(frames[0])[1]
             return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
         held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
         return stated | {f"{c}, not half a turn off": positive for c, positive in held.items()}
@@ -244,12 +260,11 @@ class Joint(TwoBodyLaw):
         """The rubbed coordinate and the friction on it (N or N m), for a reaction force on l (N); None: there is none."""
         if self.friction is None:
             return None
-        k, l = frames
-        if not (k.kind.oriented and (l.kind.oriented or self.coordinates[self.rubbed].unit == "m")):
+        k, *others = frames
+        if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        pressing = self.pressing(k, l, force)
-        normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
-        return self.read(*frames)[self.rubbed], let(-self.friction.coefficient(self.sliding(*frames)) * normal) * self.lever()
+        coefficient = let(self.friction.coefficient(self.sliding(*frames)))
+        return self.read(*frames)[self.rubbed], let(-coefficient * self.normal_force(frames[0], frames[1], force, coefficient)) * self.lever()
 
     def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))

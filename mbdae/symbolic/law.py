@@ -11,7 +11,7 @@ A law declares its parameters with units and states one or more of
     resistance(k, l, reactions) -> (force, torque) joints only: as `wrench`, by the joint's own reactions; it dissipates
     observed(k, l)     -> {name: expressions}      further sensor values beside force, torque and power
     losses(k, l)       -> {cause: power}           its dissipated power by cause, W
-    gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m) that act where they are negative, and rates
+    gaps(k, l)         -> [(gap, rate)]            one-sided laws: distances (m or rad) that act where negative, and rates
     kinetic_energy(b)  -> expression               elements only, J
 
 on abstract frames (`symbolic/frames.py`), those of two bodies k and l or of as many as `frames` names. Everything else is
@@ -23,8 +23,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf, pi
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import symengine as se
 
@@ -199,6 +200,29 @@ class TwoBodyLaw(Law):
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
+SLOW = 1e-2  #: part of the scene's size that moves in its characteristic time, where nothing is known of a speed
+
+
+class Impact(NamedTuple):
+    """What is known of a contact before the run; m, kg, or rad, kg m^2.
+
+    mass: smallest effective mass of an impact; speed: of the two sides relative to each other; force: of the ideal joint in its
+    place, 0 where it is not known; gap: the smallest; size: the scene's length, or 1 rad; time: in which motion changes, s."""
+
+    mass: float
+    speed: float
+    force: float
+    gap: float
+    size: float
+    time: float
+
+    @property
+    def likely_speed(self) -> float:
+        """The largest of: the speed of the start, that at which the gap closes in `time`, a small part of that at which the whole
+        scene is crossed in it."""
+        return max(self.speed, self.gap / self.time, SLOW * self.size / self.time)
+
+
 class Force(TwoBodyLaw):
     """A law between bodies stated by `energy`, `dissipation`, `wrench` or `thrust`."""
 
@@ -228,17 +252,57 @@ class Force(TwoBodyLaw):
         """Its dissipated power by cause ("impact", "friction"), W; the rest counts as "other"."""
         return {}
 
+    # -- of a one-sided law
+
+    with_joints: ClassVar[bool] = False  #: whether what joints tie to its bodies takes part in an impact, in its effective mass
+
     def gaps(self, *frames: Any, **_: Any) -> Sequence[tuple[Expr, Expr]]:
-        """Of a one-sided law: gaps (m, it acts where one is negative) and their rates (m/s)."""
+        """Gaps (m or rad, it acts where one is negative) and their rates."""
         return ()
 
     def approach(self, *frames: Any, **_: Any) -> Sequence[Expr]:
-        """Of a one-sided law: relative displacements (m) along which it may act."""
+        """Relative displacements (m), or the angle (rad), along which it may act."""
+        return ()
+
+    @property
+    def gap_unit(self) -> str:
+        """Unit of its gaps: m, or rad, where masses are inertias (kg m^2) and speeds in rad/s."""
+        return "m"
+
+    def gap_names(self) -> Sequence[str]:
+        """What to call each gap beside the name of the item; empty: the item's name says it."""
         return ()
 
     def contact_duration(self, mass: float, speed: Any) -> Any:
-        """Of a one-sided law: how long an impact of an effective mass (kg) at a speed (m/s, array) lasts, s."""
+        """How long an impact of an effective mass (kg or kg m^2) at a speed (m/s or rad/s, array) lasts, s."""
         return float("inf") + 0 * speed
+
+    def expected_depth(self, impact: Impact) -> float:
+        """Penetration (m or rad) expected before the run; by default that of a linear spring with its `contact_duration`."""
+        duration, speed = float(self.contact_duration(impact.mass, impact.likely_speed)), impact.likely_speed
+        return speed * duration / pi if speed > 0 else inf
+
+    def elastic_load(self, depth: float) -> tuple[float, float] | None:
+        """Elastic force (N or N m) and energy (J) of a penetration; None: not known."""
+        return None
+
+    def summary_of_contact(self) -> str:
+        """The contact in a few words."""
+        return type(self).__name__
+
+    def refuses_start(self, depth: float, size: float, continued: bool) -> str:
+        """Why a start that penetrates by a depth (m or rad) is refused, and the remedy; "" where it is not. size: the scene's
+        length (m), or 1 rad; continued: another run ended there."""
+        return ""
+
+    def doubtful_depth(self) -> tuple[float, str, str]:
+        """Penetration (m or rad) beyond which the law is no model of the contact, what that depth is, and what follows."""
+        return inf, "", ""
+
+    def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:
+        """Growth rate (1/s, at most 0 where stable) and frequency (rad/s) of small motions across the contact, (nt,) each, for an
+        effective mass (kg), penetrations (m), normal and friction forces (N) (nt,); None: it cannot become unstable."""
+        return None
 
 
 class Element(Law):

@@ -95,6 +95,8 @@ class System:
     guards: Callable[[float, Array], tuple[Array, Array, Array]] | None = None
     #: name of each contact (used in messages); "contact[i]" where there are fewer
     guard_names: tuple[str, ...] = ()
+    #: unit of each gap, m or rad; m where there are fewer
+    guard_units: tuple[str, ...] = ()
     #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time

@@ -55,8 +55,8 @@ class SceneSystem(System):
         if self.rhs is None and not self.numbering.m:
             self.rhs = rhs_of(made, (self.t0, self.y0, self.yp0))
         if prepared.contacts:
-            self.guards = guards = ContactGuards(made, {contact.item: contact.mass for contact in prepared.contacts})
-            self.guard_names = guards.names
+            self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
+            self.guard_names, self.guard_units = guards.names, guards.units
         if WATCH_INPUTS_AND_SWITCHES:
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)

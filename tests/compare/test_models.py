@@ -75,7 +75,7 @@ def test_a_model_that_cannot_be_is_a_failed_run_with_its_reason():
 
 def test_a_model_without_a_joint_to_describe_fails_and_says_so():
     s = mb.Scene("ball", gravity=(1, 0, 0))
-    s.spherical("guide", s.ground, s.rigid_body("block", 1.0, (1.0, 1.0, 1.0)), at=(0, 1, 0))
+    s.distance("rope", s.ground, s.rigid_body("block", 1.0, (1.0, 1.0, 1.0)), at_k=(0, 1, 0), at_l=(0, 0, 0))
     row = mb.compare(s, 0.1, [mb.Run(mb.IDA(), model=mb.Classical())], [1e-3]).runs[0]
     assert "no joint with coordinates" in row.failure
 
@@ -96,3 +96,17 @@ def test_beams_are_compared_by_methods_that_suit_them():
     assert "vibrations resolved" in w.reference.label
     assert w.reference.trusted
     assert all(row.error < 1e-2 for row in w.runs)
+
+
+def test_joints_that_always_keep_their_coordinates_are_compared_by_the_bodies():
+    """A screw has its angle among its unknowns in every model but the recursive one; the bodies move the same."""
+    s, size = mb.Scene("chain", gravity=(0, 0.5, -9.81)), (0.02, 0.05, 0.04)
+    a, b = s.rigid_body("a", 1.0, size, at=(0.4, 0, 0)), s.rigid_body("b", 1.0, size, at=(0.9, 0, 0))
+    s.universal("U", s.ground, a, at=(0, 0, 0), axis=(1, 0, 0))
+    s.screw("H", a, b, at=(0.6, 0, 0), axis=(1, 0, 0), lead=0.1, start_rate=3.0)
+    models = (None, mb.Kinematic(), mb.Classical(), mb.Recursive(), {"H": mb.Recursive()}, {"U": mb.Classical()})
+    for measure in (None, "H.angle_rate"):
+        w = mb.compare(s, 0.2, [mb.Run(mb.RadauIIA(3), model=m) for m in models], [1e-4], measure=measure)
+        assert [row.failure for row in w.runs] == [None] * len(models)
+        assert all(row.error < 1e-3 for row in w.runs)  # rad/s for the sensor, of 3 rad/s
+        assert w.runs[3].form == "ODE"

@@ -46,7 +46,7 @@ ROWS: list[tuple[Callable[..., Any], str]] = [
     (lambda self, k, l: {"a": l.q @ k.x}, "Bowl.constraints fails: "),
     (lambda self, k, l: {"a": l.position @ k.x}, "'Frame' object has no attribute 'position'; a frame has r (point), v (its velocity)"),
     (lambda self, k, l: {"a": self.length * l.r[0]}, "Bowl.constraints fails: AttributeError: 'Bowl' object has no attribute 'length'; "
-                                                     "its parameters, options and states: radius; declare others"),
+                                                     "its coordinates, parameters, options and states: radius; declare others"),
     (lambda self, k, l: {"a": se.Symbol("w") * l.r[0]}, "row 'a' of Bowl contains the symbol w, which it does not declare; write params "
                                                         "= mb.params(w=('unit', 'meaning')) and self.w"),
     (lambda self, k, l: {"a": math.sin(l.r[0])}, "Bowl.constraints fails: "), (lambda self, k, l: {"a": np.sin(l.r[0])}, "se.sin(x)"),
@@ -159,8 +159,8 @@ def test_expressions_of_sympy_and_plain_numbers_are_taken() -> None:
 @pytest.mark.parametrize(
     ("law", "words"),
     [
-        (5, "add without a name: law = 5 is no joint or force law; give an object"),
-        (mb.Revolute, "is no joint or force law"), (mb.Kinematic(), "is no joint or force law"), (None, "law = None is no joint"),
+        (5, "add without a name: law = 5 is no joint, force or coupling; give an object"),
+        (mb.Revolute, "is no joint, force or coupling"), (mb.Kinematic(), "is no joint, force or coupling"), (None, "law = None is no joint"),
         (type("Bare", (mb.Force,), {"__init__": lambda self: None})(), "law = a Bare without name; let Bare.__init__ call super()"),
         (mb.Weld(5, "ground", "rod"), "Weld: name = 5 is not text"),
         (mb.Weld("x", "ground", "rod", at="x"), "Weld 'x': at = 'x' is not"),

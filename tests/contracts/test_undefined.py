@@ -17,7 +17,7 @@ class RowByHeading(mb.Joint):
 
 
 class CoordinateByHeading(mb.Joint):
-    coordinate_unit = "rad"
+    coordinates = mb.params(heading=("rad", "heading of l relative to k"))
 
     def constraints(self, k: Any, l: Any) -> dict[str, Any]:
         return {"x": (l.r - k.r)[0]}
@@ -57,7 +57,7 @@ class StateByHeading(mb.Force):
         return {"h": 0 * self.h}
 
 
-LAWS = {RowByHeading: "row 'mesh'", CoordinateByHeading: "the coordinate", BranchByHeading: "the branch 'near'",
+LAWS = {RowByHeading: "row 'mesh'", CoordinateByHeading: "the coordinate 'heading'", BranchByHeading: "the branch 'near'",
         EnergyByHeading: "the energy", TorqueByHeading: "the torque", StateByHeading: "the rate of state 'h'"}  # fmt: skip
 
 
@@ -74,7 +74,7 @@ def test_a_heading_in_space_is_refused_by_name(law: Any) -> None:
     with pytest.raises(mb.SceneError) as refused:
         scene(law, "spatial").check()
     (problem,) = refused.value.problems
-    for word in ("'lock'", LAWS[law], law.__name__, "heading of", "space='planar'", "self.angle(k, l)"):
+    for word in ("'lock'", LAWS[law], law.__name__, "heading of", "space='planar'", "self.relative_angle(k, l)"):
         assert word in problem
     scene(law, "planar").check()
 

@@ -13,7 +13,8 @@ from mbdae.extremes.statements import changed
 from mbdae.extremes.values import asked_values, ladder
 from mbdae.extremes.vary import default_vary, varied
 from mbdae.inputs.timed import expression, values
-from mbdae.laws.forces import PointSpring
+from mbdae.laws.forces import JointSpring, PointSpring
+from mbdae.laws.joints import Planar
 
 
 def machine(length=1.0):
@@ -175,3 +176,62 @@ def test_a_reference_sees_every_pulse(width, monkeypatch):
     np.testing.assert_allclose(found.values[-1, :2], [4 * width / 2, 8 * width / 2], rtol=1e-6)
     if width < 1e-3:
         assert np.max(np.abs(reference_at(problem, 1e-9).values)) < 1e-9
+
+
+def jack():
+    """Joints with options by coordinate."""
+    s, size = mb.Scene("jack", gravity=(0, 0, -9.81)), (0.1, 0.2, 0.25)
+    bodies = [s.rigid_body(f"b{i}", 1.0, size, at=(i, 0, 0)) for i in range(3)]
+    s.screw("H", s.ground, bodies[0], at=(0, 0, 0), axis=(0, 0, 1), lead=0.2, damper=0.1, start_rate=9.0)
+    s.cylindrical("C", s.ground, bodies[1], at=(1, 0, 0), axis=(1, 0, 0), spring={"displacement": 50.0, "angle": 2.0},
+                  prescribed={"displacement": 0.1 * mb.t})  # fmt: skip
+    pulse = sympy.Piecewise((0, mb.t < 0.3), (2, mb.t < 0.5), (0, True))
+    s.joint(Planar, "E", s.ground, bodies[2], at=(2, 0, 0), spring={"x": 5.0}, load={"y": pulse},
+            start_rate={"x": 1.0, "angle": 3.0})  # fmt: skip
+    return s
+
+
+def stiffness(s, joint, coordinate):
+    (found,) = [law for law in s[joint].laws if isinstance(law, JointSpring) and law.coordinate == coordinate]
+    return found.stiffness
+
+
+@pytest.mark.parametrize(("name", "value", "read"), [
+    ("H.lead", 0.5, lambda s: s["H"].joint.lead), ("H.damper", 3.0, lambda s: s["H"].laws[1].damping),
+    ("H.start_rate", 4.0, lambda s: s["H"].hold_rate["angle"]), ("C.spring.angle", 9.0, lambda s: stiffness(s, "C", "angle")),
+    ("E.stiffness", 9.0, lambda s: stiffness(s, "E", "x")), ("E.start_rate.x", 4.0, lambda s: s["E"].hold_rate["x"]),
+    ("E.load.y.strength", 7.0, lambda s: float(s["E"].laws[-1].load.subs({"t": 0.4}))),
+])  # fmt: skip
+def test_options_of_joints_by_coordinate(name, value, read):
+    s, factor = changed(jack(), name, value)
+    assert (read(s), factor) == (pytest.approx(value), 1.0)
+    assert read(jack()) != pytest.approx(value)
+    assert not s.problems
+    assert s.replace("H", model=mb.Classical())["H"].kept  # the changed statements can be repeated
+
+
+def test_speeds_of_coordinates():
+    assert changed(jack(), "H.speed", 3.0)[1] == pytest.approx(3)
+    s, factor = changed(jack(), "C.speed", 1.0)
+    assert factor == pytest.approx(0.1)
+    assert float(s["C"].prescribed["displacement"].subs({"t": 0.5})) == pytest.approx(0.5)
+    s, factor = changed(jack(), "E.speed.angle", 6.0)
+    assert (s["E"].hold_rate, factor) == ({"x": 1.0, "angle": 6.0}, 0.5)
+
+
+@pytest.mark.parametrize(("name", "message"), [
+    ("E.speed", "this joint has several; say 'E.speed.x' or 'E.speed.angle'"),
+    ("C.stiffness", "this joint has several; say 'C.spring.displacement' or 'C.spring.angle'"),
+    ("C.spring", "has values by coordinate; say 'C.spring.displacement' or 'C.spring.angle'"),
+    ("C.spring.turn", "there is no number 'turn' stated; there is displacement, angle"),
+    ("C.speed.angle", "the item has no speed at the start"),
+])  # fmt: skip
+def test_a_coordinate_has_to_be_named_where_there_are_several(name, message):
+    with pytest.raises(mb.OptionError, match=message):
+        changed(jack(), name, 1.0)
+
+
+def test_defaults_vary_what_one_number_says():
+    names = default_vary(jack()).keys()
+    assert {"E.stiffness", "H.speed", "C.speed"} <= names
+    assert not {"C.stiffness", "E.speed"} & names

@@ -40,7 +40,7 @@ ROUND = 1e3 * float(np.finfo(float).eps)
 
 
 class Contact(NamedTuple):
-    """One contact at one time: gap (m), its rate (m/s), duration (s) of an impact at this speed."""
+    """One contact at one time: gap (m or rad), its rate, duration (s) of an impact at this speed."""
 
     gap: float
     rate: float
@@ -53,7 +53,7 @@ class Contact(NamedTuple):
 
 
 class Cubic(NamedTuple):
-    """Cubic of a gap over a step: width (s), gaps (m) and rates (m/s) at both ends."""
+    """Cubic of a gap over a step: width (s), gaps (m or rad) and their rates at both ends."""
 
     h: float
     g0: float
@@ -62,7 +62,7 @@ class Cubic(NamedTuple):
     r1: float
 
     def value(self, s: float) -> float:
-        """Gap (m) after the part s of the step."""
+        """Gap after the part s of the step."""
         bend = self.h * s * (1 - s) * ((1 - s) * self.r0 - s * self.r1)
         return self.g0 + s * s * (3 - 2 * s) * (self.g1 - self.g0) + bend
 
@@ -72,7 +72,7 @@ class Cubic(NamedTuple):
         return (1 - margin) * min(self.g0, self.g1) < SLOPE * self.h * drop
 
     def minimum(self) -> tuple[float, float]:
-        """Part of the step and gap (m) of the lowest point inside; the lower end where there is none."""
+        """Part of the step and gap of the lowest point inside; the lower end where there is none."""
         d0, d1, rise = self.h * self.r0, self.h * self.r1, self.g1 - self.g0
         a, b = d0 + d1 - 2 * rise, 3 * rise - 2 * d0 - d1
         square = b * b - 3 * a * d0
@@ -231,9 +231,9 @@ class ContactSteps:
             return ""
         remaining = [c.gap if c.gap < 0 else c.calm if c.rate < 0 else inf for c in self._here]
         i = int(np.argmin(remaining))
-        names = self.system.guard_names
-        name = names[i] if i < len(names) else f"contact[{i}]"
-        return f"; nearest contact: {name}, gap {self._here[i].gap:.2e} m, changing by {self._here[i].rate:.2e} m/s"
+        names, units = self.system.guard_names, self.system.guard_units
+        name, unit = names[i] if i < len(names) else f"contact[{i}]", units[i] if i < len(units) else "m"
+        return f"; nearest contact: {name}, gap {self._here[i].gap:.2e} {unit}, changing by {self._here[i].rate:.2e} {unit}/s"
 
     def _cubic(self, i: int) -> Cubic:
         here, end = self._here[i], self._end[i]

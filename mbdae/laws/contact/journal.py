@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import symengine as se
 
 from mbdae.symbolic.frames import Frame
-from mbdae.symbolic.law import Force
+from mbdae.symbolic.law import Force, Impact
 from mbdae.symbolic.part import Parameter, params
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 CENTRED = 1e-40  #: m^2, keeps the distance of the centres differentiable where they meet
 CORE = 1e-12  #: m, without clearance the direction of contact is smoothed within this distance
+#: penetration assumed where nothing is known at the start, over the play and over the radius of the pin; the run corrects it
+PLAY, PIN = 1e-2, 1e-6
+DEEP = 10.0  #: a start that penetrates by more than the pin's radius over DEEP is refused, more in a run is doubtful
+DIFFERENCE = 1e-4  #: of the penetration, to find the stiffness of a contact
 RESTING = 1e-24  #: m^2/s^2, keeps the sliding speed differentiable at rest
 
 
@@ -172,6 +178,53 @@ class JournalContact(Force):
 
     def contact_duration(self, mass: float, speed: Any) -> Any:
         return self.normal.impact(mass, speed)[1]
+
+    def expected_depth(self, impact: Impact) -> float:
+        """Penetration (m) of an impact at the speed of the start; without speed that under the force of the ideal joint, or after
+        a fall through the play under it, at least a small part of the play."""
+        normal, play, mass, force = self.normal, self.outer - self.inner, impact.mass, impact.force
+        if impact.speed * play > 0:
+            return float(normal.impact(mass, impact.speed)[0])
+        fall = float(normal.impact(mass, math.sqrt(2 * force * play / mass))[0]) if force * play > 0 else 0.0
+        return max(float(normal.penetration(force)), fall, float(PLAY * play), float(PIN * self.inner))
+
+    def elastic_load(self, depth: float) -> tuple[float, float]:
+        return float(self.normal.elastic_force(depth)), float(self.normal.energy(depth))
+
+    def summary_of_contact(self) -> str:
+        friction = "without friction" if self.friction is None else f"{type(self.friction).__name__} friction"
+        ends = "" if self.length is None else f", at both ends of {self.length:.3g} m"
+        return f"{self.outer - self.inner:.3g} m play, {type(self.normal).__name__}, {friction}{ends}"
+
+    def refuses_start(self, depth: float, size: float, continued: bool) -> str:
+        if depth <= self.inner / DEEP:
+            return ""
+        return (f"more than {1 / DEEP:g} of the pin's radius {self.inner:g} m: draw the pin inside the race, or give the "
+                f"clearance that is meant")  # fmt: skip
+
+    def doubtful_depth(self) -> tuple[float, str, str]:
+        play, part = self.outer - self.inner, self.inner / DEEP
+        return (part if play == 0 else min(play, part), "the clearance, or a tenth of the pin's radius",
+                "a stiffer normal law is meant, or the parts are too heavy for it")  # fmt: skip
+
+    def instability(self, mass: float, depth: Any, force: Any, rub: Any) -> tuple[Any, Any] | None:
+        """k = df/da is the stiffness along the normal, f/d the one across it (f contact force, a penetration, d distance of the
+        centres). A friction coefficient mu couples both directions; without damping, they flutter where
+        (k - f/d)^2 < 4 mu^2 k f/d."""
+        if self.friction is None:
+            return None
+        growth, rate = np.zeros(len(depth)), np.zeros(len(depth))
+        for i in np.flatnonzero((depth > 0) & (force > 0)):
+            a, f = float(depth[i]), float(force[i])
+            elastic = [float(self.normal.elastic_force(a * (1 + e))) for e in (-DIFFERENCE, DIFFERENCE)]
+            normal, across = (elastic[1] - elastic[0]) / (2 * DIFFERENCE * a), f / (self.outer - self.inner + a)
+            coupled = (float(rub[i]) / f) ** 2 * normal * across - (normal - across) ** 2 / 4
+            if coupled > 0:
+                slow = 1e-3 * a * np.sqrt(normal / mass)
+                damping = float(self.normal.damping_force(a, slow)) / slow
+                rate[i] = np.sqrt((normal + across) / (2 * mass))
+                growth[i] = np.sqrt(coupled) / (2 * mass * rate[i]) - damping / (4 * mass)
+        return growth, rate
 
     def observed(self, k: Frame, l: Frame) -> dict[str, list[Expr]]:
         equal, u = self._equal(k, l), l.r - k.r

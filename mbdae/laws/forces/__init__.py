@@ -7,10 +7,11 @@ from mbdae.laws.forces.joint_damper import JointDamper
 from mbdae.laws.forces.joint_friction import JointFriction
 from mbdae.laws.forces.joint_load import JointLoad
 from mbdae.laws.forces.joint_spring import JointSpring
+from mbdae.laws.forces.joint_stop import JointStop
 from mbdae.laws.forces.point_spring import PointSpring
 from mbdae.laws.forces.rotational_bushing import RotationalBushing
 
 __all__ = [
     "AppliedForce", "AppliedTorque", "Bushing", "Gravity", "JointDamper", "JointFriction", "JointLoad", "JointSpring",
-    "PointSpring", "RotationalBushing",
+    "JointStop", "PointSpring", "RotationalBushing",
 ]  # fmt: skip

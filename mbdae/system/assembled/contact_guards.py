@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,23 +12,38 @@ from mbdae.kernels import plan
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Evaluation
 from mbdae.system.base import Array
+from mbdae.system.motion.impacts import Place, approaches, effective_masses
+from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gap_outputs
+from mbdae.system.start.contacts import ExpectedContact
+
+NEAR = 10.0  #: durations of an impact before it from which its effective mass is that of the present position
+
+States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
 
 
 @dataclass(frozen=True)
 class ContactPlace:
-    """One place of contact: the item it belongs to, its law with numbers, its effective mass (kg)."""
+    """One place of contact: numbers of its law's group and instance, its name, its law with numbers, its effective mass at the
+    start (kg or kg m^2)."""
 
-    item: str
+    place: Place
+    name: str
     law: Any
     mass: float
+
+    def duration(self, speed: float, mass: float | None = None) -> float:
+        """Duration (s) of an impact at a speed, with the mass at the start where none is given."""
+        return float(self.law.contact_duration(self.mass if mass is None else mass, speed))
 
 
 class ContactGuards:
     """Gap, gap rate and duration of an impact at every place of contact."""
 
-    def __init__(self, system: Assembly, masses: dict[str, float]) -> None:
+    def __init__(self, system: Assembly, contacts: Sequence[ExpectedContact], mechanics: Mechanics, states: States) -> None:
         gathers, kernels = [], []
+        self._mechanics, self._states = mechanics, states
+        masses = {contact.place: contact.mass for contact in contacts}
         self.places: list[ContactPlace] = []
         for g, group in enumerate(system.model.groups):
             p = plan(group.derived, gap_outputs)
@@ -35,21 +51,45 @@ class ContactGuards:
                 continue
             gathers.append(system.numbering.gather(g, p.all_inputs))
             kernels.append(p.kernel)
-            self.places += [ContactPlace(instance.item, instance.law, masses[instance.item])
-                            for instance in group.instances for _ in p.targets[::2]]  # fmt: skip
+            for i, instance in enumerate(group.instances):
+                named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
+                self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
         self._batch = system.batch(1)
         self._evaluation = Evaluation(self._batch.W, gathers, kernels)
         self._zero = np.zeros(system.n)
+        self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
 
     @property
     def names(self) -> tuple[str, ...]:
         """The joint of every place."""
-        return tuple(place.item for place in self.places)
+        return tuple(place.name for place in self.places)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of every gap, m or rad."""
+        return tuple(place.law.gap_unit for place in self.places)
 
     def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        """Gap (m), its rate (m/s) and the duration (s) of an impact at that rate, (places,) each."""
+        """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (places,) each."""
+        if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], y):
+            self._last = t, y.copy(), self._evaluated(t, y)
+        return self._last[2]
+
+    def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         self._batch.fill(np.array([t]), y, self._zero)
         pairs = self._evaluation.values().reshape(-1, 2)
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
-        duration = [float(p.law.contact_duration(p.mass, v)) for p, v in zip(self.places, rate, strict=True)]
-        return gap, rate, np.array(duration)
+        duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
+        near = [n for n, p in enumerate(self.places)
+                if p.law.with_joints and (gap[n] < 0 or (rate[n] < 0 and gap[n] < -NEAR * rate[n] * duration[n]))]  # fmt: skip
+        if near:
+            self._with_present_masses(duration, rate, near, t, y)
+        return gap, rate, duration
+
+    def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
+        """Durations of impacts that are near, or last, by the effective masses at the present position."""
+        q = self._states(np.array([t]), y[None])[0][0]
+        rows = approaches(self._mechanics, t, q)
+        masses = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in near])
+        for n, mass in zip(near, masses, strict=True):
+            duration[n] = self.places[n].duration(rate[n], mass)

@@ -55,6 +55,14 @@ class Mechanics(States):
         moved = splu(self.weight).solve(G.T.copy()) if self.model.lines else np.linalg.solve(self.weight, G.T)
         return np.asarray(np.einsum("ij,ji->i", G, moved))
 
+    def mobility_with_joints(self, t: float, q: Array, rows: Array) -> Array:
+        """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
+        impulses = np.vstack([rows, np.zeros((1, self.nu))])  # the last one: what moves without
+        with one_thread():
+            solve = self._constrained(np.full(len(impulses), t), np.tile(q, (len(impulses), 1)), np.zeros(impulses.shape))
+            moved = solve(impulses, None)[0]
+        return np.asarray(np.einsum("ij,ij->i", rows, moved[:-1] - moved[-1]))
+
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
         """f (nt, nu): all forces but those of constraints and their friction; M u' + G^T lambda = f. z (nt, nz): stresses of
         the beams, by default those of their strains (where a beam is stiff, they magnify the error of the positions)."""

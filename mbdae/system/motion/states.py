@@ -189,7 +189,7 @@ class States:
 
 
 def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
-    """Gap (m) and rate (m/s) of every place of contact."""
+    """Gap (m or rad) and its rate of every place of contact."""
     if not isinstance(d.law, Force):
         return []
     pairs = d.law.gaps(*d.sides)
@@ -197,10 +197,7 @@ def gap_outputs(d: Derived) -> list[tuple[Target, Expr]]:
     return [((what, i), resolve(name(e))) for i, pair in enumerate(pairs) for what, e in zip(("gap", "rate"), pair, strict=True)]
 
 
-def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[str, tuple[Array, Array]]:
-    """By item: gaps (m) and rates (m/s) of its places of contact at states (nt,), (nt, places) each."""
-    found = {}
-    for g, _, values in mechanics.evaluate(gap_outputs, t, q, u):
-        for i, instance in enumerate(mechanics.model.groups[g].instances):
-            found[instance.item] = values[:, i, ::2], values[:, i, 1::2]
-    return found
+def gaps_of(mechanics: States, t: Array, q: Array, u: Array) -> dict[tuple[int, int], tuple[Array, Array]]:
+    """By group and instance of every one-sided law: its gaps (m or rad) and their rates at states (nt,), (nt, places) each."""
+    return {(g, i): (values[:, i, ::2], values[:, i, 1::2]) for g, _, values in mechanics.evaluate(gap_outputs, t, q, u)
+            for i in range(len(mechanics.model.groups[g].instances))}  # fmt: skip

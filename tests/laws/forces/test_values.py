@@ -22,7 +22,7 @@ from mbdae.system.base import Array
 
 SPATIAL = (NodeKind.SPATIAL, Axes.GENERAL)
 GROUND = (NodeKind.GROUND, Axes.GENERAL)
-COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)  #: the unknown of a classical joint
+COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)  #: a coordinate of a joint as an unknown
 Values = dict[str, float]
 Wrench = tuple[Array, Array]  #: force and torque on l at its point, inertial
 MU, V_C = 0.3, 0.4
@@ -178,10 +178,25 @@ def test_joint_spring_and_damper() -> None:
 
 
 def test_joint_drives() -> None:
-    torque = derived(forces.JointTorque, torque=1.0)
-    compare(torque, on_axis(torque, 9, {}), lambda k, l, p: (np.zeros(3), p["torque"] * k.A[:, 2]))
-    force = derived(forces.JointForce, force=1.0)
-    compare(force, States(force, {}, np.random.default_rng(10), 6).values, lambda k, l, p: (p["force"] * k.A[:, 2], np.zeros(3)))
+    torque = derived(forces.JointLoad, load=1.0, joint=joints.Revolute)
+    compare(torque, on_axis(torque, 9, {}), lambda k, l, p: (np.zeros(3), p["load"] * k.A[:, 2]))
+    for law, coordinate in ((joints.Prismatic, None), (joints.Cylindrical, "displacement")):
+        force = derived(forces.JointLoad, load=1.0, joint=law, coordinate=coordinate)
+        compare(force, States(force, {}, np.random.default_rng(10), 6).values, lambda k, l, p: (p["load"] * k.A[:, 2], np.zeros(3)))
+
+
+def test_forces_on_a_coordinate_that_is_an_unknown_act_on_it_alone() -> None:
+    """The rows that tie the coordinate to the bodies carry them there: -load, stiffness (c - rest), damping c'."""
+    given = {"load": 3.0, "stiffness": 2.0, "rest": 0.2, "turns": 0.0, "damping": 0.7}
+    laws = {forces.JointLoad: lambda c, cd: -3.0, forces.JointSpring: lambda c, cd: 2.0 * (c - 0.2), forces.JointDamper: lambda c, cd: 0.7 * cd}
+    for law, expected in laws.items():
+        d = derived(law, **{name: value for name, value in given.items() if name in law.params}, joint=joints.Revolute, kept=True)
+        values = States(d, given, np.random.default_rng(22), 6).values
+        p = plan(d, loads)
+        (c,) = d.frames[2:]
+        assert p.targets == [("u", "c", 0)]
+        found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, 0]
+        assert found == pytest.approx(expected(values[str(c.q[0])], values[str(c.u[0])]) + 0 * found)
 
 
 def rate_along(k: Side, l: Side) -> float:
@@ -190,7 +205,7 @@ def rate_along(k: Side, l: Side) -> float:
 
 
 def test_slide_under_a_given_normal_force() -> None:
-    d = derived(forces.SlideFriction, normal_force=5.0, friction=mb.Coulomb(MU, V_C))
+    d = derived(forces.JointFriction, normal_force=5.0, friction=mb.Coulomb(MU, V_C), joint=joints.Prismatic)
     values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(11), 6).values
 
     def friction(k: Side, l: Side, p: Values) -> Wrench:
@@ -199,11 +214,10 @@ def test_slide_under_a_given_normal_force() -> None:
     compare(d, values, friction)
 
 
-@pytest.mark.parametrize("law", [joints.RubbingRevolute, joints.RubbingClassicalRevolute])
-def test_bearing_pressed_by_its_reaction(law: Any) -> None:
+def test_bearing_pressed_by_its_reaction() -> None:
     """-mu N radius about k.z, N the reaction normal to k.z."""
-    d = derived(law, radius=0.8, friction=mb.Coulomb(MU, V_C))
-    values = on_axis(d, 12, {"radius": 0.8, "friction_mu": MU, "friction_v_c": V_C})
+    d = derived(joints.Revolute, friction_radius=0.8, friction=mb.Coulomb(MU, V_C))
+    values = on_axis(d, 12, {"friction_radius": 0.8, "friction_mu": MU, "friction_v_c": V_C})
     rows = [str(s) for s, name in zip(d.multipliers, d.rows, strict=True) if name in ("x", "y", "z")]
 
     def friction(k: Side, l: Side, p: Values) -> Wrench:
@@ -214,9 +228,21 @@ def test_bearing_pressed_by_its_reaction(law: Any) -> None:
     compare(d, values, friction)
 
 
-@pytest.mark.parametrize("law", [joints.RubbingPrismatic, joints.RubbingClassicalPrismatic])
-def test_guide_pressed_by_its_reaction(law: Any) -> None:
-    d = derived(law, friction=mb.Coulomb(MU, V_C))
+def test_bearing_of_an_angle_that_is_an_unknown() -> None:
+    """The same torque on the angle alone, by its rate: the row that ties the angle carries it to the bodies."""
+    d = derived(joints.Revolute, friction_radius=0.8, friction=mb.Coulomb(MU, V_C), kept=True)
+    values = on_axis(d, 12, {"friction_radius": 0.8, "friction_mu": MU, "friction_v_c": V_C})
+    p = plan(d, loads)
+    assert {target[1] for target in p.targets} == {"c"}
+    found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, 0]
+    for point, torque in enumerate(found):
+        z, reaction = side(d, 0, values, point).A[:, 2], np.array([values[f"lambda_{row}"][point] for row in "xyz"])
+        N, rate = np.linalg.norm(reaction - z * (z @ reaction)), values[str(d.frames[2].u[0])][point]
+        assert torque == pytest.approx(0.8 * MU * N * np.tanh(0.8 * rate / V_C))
+
+
+def test_guide_pressed_by_its_reaction() -> None:
+    d = derived(joints.Prismatic, friction=mb.Coulomb(MU, V_C))
     values = States(d, {"friction_mu": MU, "friction_v_c": V_C}, np.random.default_rng(13), 6).values
     rows = [str(s) for s, name in zip(d.multipliers, d.rows, strict=True) if name in ("offset_x", "offset_y")]
 

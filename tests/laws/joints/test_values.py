@@ -17,15 +17,22 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 
 SPATIAL = (NodeKind.SPATIAL, Axes.GENERAL)
-COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)  #: the unknown of a classical joint
-LAWS = [getattr(joints, name) for name in joints.__all__ if not name.startswith("Rubbing")]
-OWN = {"length": 0.7}
+COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)  #: a coordinate of a joint as an unknown
+LAWS = [getattr(joints, name) for name in joints.__all__]
+KEPT = [law for law in LAWS if law.states_motion() and law.coordinates]
+BOTH = [(law, False) for law in LAWS if not law.must_keep()] + [(law, True) for law in KEPT]
+OWN = {"length": 0.7, "lead": 0.9}
 
 
-def derived(law: Any) -> Derived:
-    """The joint with its motion prescribed, where it can be."""
-    stated = law("J", None, None, **{name: OWN.get(name, 0.4) for name in law.params if name in ("drive", "length")})
-    return derive(law, stated.structure(), (SPATIAL, SPATIAL, *[COORDINATE] * len(law.coordinates)))
+def derived(law: Any, kept: bool = False) -> Derived:
+    """The joint with its coordinates prescribed, as the frames show them or as unknowns."""
+    stated = law("J", None, None, kept=kept, **{n: OWN.get(n, 0.4) for n in law.params if n in (*law.drives(), *OWN)})
+    return derive(law, stated.structure(), (SPATIAL, SPATIAL, *[COORDINATE] * len(stated.own_coordinates)))
+
+
+def unknowns(d: Derived) -> dict[str, str]:
+    """Symbols of the coordinates that are unknowns, by name."""
+    return {name: str(f.q[0]) for name, f in zip(d.law.own_coordinates, d.frames[2:], strict=True)}
 
 
 def geometry(d: Derived, values: dict[str, Array], i: int) -> tuple[Array, Array, Array]:
@@ -38,97 +45,104 @@ def geometry(d: Derived, values: dict[str, Array], i: int) -> tuple[Array, Array
     return points[1] - points[0], axes[0], axes[1]
 
 
-def expected(law: Any, u: Array, K: Array, L: Array, drive: float, own: float) -> dict[str, float]:
-    """All rows any joint has: displacements along axes, cosines between axes, what is left of a prescribed motion."""
+def rotated(axis: int, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    about = {0: [[1, 0, 0], [0, c, -s], [0, s, c]], 1: [[c, 0, s], [0, 1, 0], [-s, 0, c]], 2: [[c, -s, 0], [s, c, 0], [0, 0, 1]]}
+    return np.array(about[axis])
+
+
+def tied(name: str, along: Array, S: Array, c: float) -> float:
+    """What is left of a coordinate that has the value c."""
+    if name in ("x", "y", "displacement"):
+        return float(c - along["xy".find(name)] if name != "displacement" else c - along[2])
+    axis = {"angle": 2, "angle_k": 0, "angle_l": 1}[name]  # a pin of k about x, a pin of l about y, both about z
+    back = rotated(axis, c)
+    if name == "angle":
+        return float((S @ back.T)[0, 1])
+    return float(-(back.T @ S[:, 1])[2]) if name == "angle_k" else float(-(S @ back.T)[0, 2])
+
+
+def expected(law: Any, kept: bool, u: Array, K: Array, L: Array, drive: dict[str, float], own: dict[str, float]) -> dict[str, float]:
+    """All rows any joint has: displacements along axes, cosines between axes, what is left of a coordinate."""
     S, along = K.T @ L, K.T @ u  # l's axes and d, seen from k
-    rows = dict(zip("xyz", u, strict=True)) | {"offset_x": along[0], "offset_y": along[1], "axial": along[2]}
+    rows = dict(zip("xyz", u, strict=True)) | {"offset_x": along[0], "offset_y": along[1], "axial": along[2], "offset": along[2]}
     rows |= {"tilt_y": S[2, 0], "tilt_x": S[2, 1], "twist": S[0, 1], "length": float(np.linalg.norm(u)) - OWN["length"]}
-    turned = S @ np.array([np.sin(drive), np.cos(drive), 0])  # the direction of l that is k.y where l is turned by the drive
-    coordinate = drive - own if law is joints.ClassicalRevolute else own - drive
-    rows["drive"] = coordinate if law.coordinates else along[2] - drive if law is joints.Prismatic else turned[0]
-    rows |= {"angle": float((S @ np.array([np.sin(own), np.cos(own), 0]))[0]), "displacement": along[2] - own}
-    return rows
+    rows["pins"] = S[0, 1]
+    if law is joints.Screw:  # stated by its motion alone: the axes and the point of the thread are compared with those of l
+        z = OWN["lead"] * own["angle"] / (2 * np.pi)
+        back = rotated(2, own["angle"]).T @ S
+        rows |= dict(zip("xyz", u - K[:, 2] * z, strict=True))
+        rows |= {"tilt_y": back[2, 0], "tilt_x": back[2, 1], "twist": back[0, 1]}
+    for name, c in law.drives().items():
+        rows[name] = drive[name] - own[c] if kept else tied(c, along, S, drive[name])
+    return rows | ({c: tied(c, along, S, own[c]) for c in own} if law is not joints.Screw else {})
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-def test_rows(law: Any) -> None:
-    d = derived(law)
+@pytest.mark.parametrize(("law", "kept"), BOTH)
+def test_rows(law: Any, kept: bool) -> None:
+    d = derived(law, kept)
     values = States(d, OWN, np.random.default_rng(15), 6).values
     p = plan(d, position)
     found = p.kernel.values(columns(p.all_inputs.symbols, values))
     for i in range(len(found)):
-        own = float(values[str(d.frames[2].q[0])][i]) if law.coordinates else 0.0
-        drive = float(values["drive"][i]) if "drive" in values else 0.0
-        rows = expected(law, *geometry(d, values, i), drive, own)
+        own = {name: float(values[symbol][i]) for name, symbol in unknowns(d).items()}
+        rows = expected(law, kept, *geometry(d, values, i), {n: float(values[n][i]) for n in law.drives()}, own)
         assert found[i] == pytest.approx([rows[name] for name in d.rows], abs=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
-def test_what_a_joint_holds(law: Any) -> None:
-    """Six rows less what is free; a motion of its own adds an unknown and the row that ties it, a prescribed one a row."""
-    free = {"Distance": 5, "FixedOrientation": 3, "Spherical": 3, "Weld": 0, "ClearanceRevolute": 3}
-    names = derived(law).rows
-    driven = "drive" in names
-    assert len(names) == 6 - free.get(law.__name__, 1) + len(law.coordinates) + driven
-    assert len(set(names)) == len(names)
+@pytest.mark.parametrize(("law", "kept"), BOTH)
+def test_what_a_joint_holds(law: Any, kept: bool) -> None:
+    """Six rows less what is free; a coordinate as an unknown adds the row that ties it, a prescribed one a row."""
+    free = {"Distance": 5, "FixedOrientation": 3, "Spherical": 3, "ClearanceRevolute": 3}.get(law.__name__, len(law.coordinates))
+    d = derived(law, kept)
+    assert len(d.rows) == 6 - free + len(law.coordinates) + len(d.law.own_coordinates)
+    assert len(set(d.rows)) == len(d.rows)
+    assert set(law.drives()) <= set(d.rows)
 
 
 def read(d: Derived) -> list[tuple[Target, Expr]]:
-    """The coordinate and what is positive on the branch that is meant."""
+    """The coordinates and what is positive on the branch that is meant."""
     v = d.variation
-    return [(("coordinate",), d.coordinate), *(((name,), v.resolve(v.name(e))) for name, e in d.law.branches(*d.sides).items())]
+    return [*(((f"coordinate {name}",), e) for name, e in d.coordinates.items()),
+            *(((name,), v.resolve(v.name(e))) for name, e in d.law.positives(*d.sides).items())]  # fmt: skip
 
 
 @pytest.mark.parametrize("angle", [0.3, 2.8, -2.9])
-@pytest.mark.parametrize("law", [joints.Revolute, joints.ClassicalRevolute, joints.ClearanceRevolute])
-def test_angles_and_their_branches(law: Any, angle: float) -> None:
+@pytest.mark.parametrize(("law", "kept"), [(joints.Revolute, False), (joints.Revolute, True), (joints.ClearanceRevolute, False)])
+def test_angles_and_their_branches(law: Any, kept: bool, angle: float) -> None:
     """On the axis the angle reads what l was turned by; branches are positive there, and half a turn off they are not."""
-    d = derived(law)
+    d = derived(law, kept)
     for off in (0.0, np.pi):
         values = States(d, {"drive": angle}, np.random.default_rng(16), 1).special(angle + off, True)
-        if law.coordinates:
-            values[str(d.frames[2].q[0])][:] = angle
+        for symbol in unknowns(d).values():
+            values[symbol][:] = angle
         p = plan(d, read)
         angle_read, *branches = p.kernel.values(columns(p.all_inputs.symbols, values))[0]
-        assert np.exp(1j * angle_read) == pytest.approx(np.exp(1j * (angle if law.coordinates else angle + off)), abs=1e-12)
+        assert np.exp(1j * angle_read) == pytest.approx(np.exp(1j * (angle if kept else angle + off)), abs=1e-12)
         assert branches == pytest.approx([1.0, np.cos(off)], abs=1e-12)
 
 
-@pytest.mark.parametrize("law", [joints.Prismatic, joints.ClassicalPrismatic, joints.FixedOrientation, joints.Weld])
-def test_half_turns_that_the_rows_would_admit(law: Any) -> None:
+@pytest.mark.parametrize(("law", "kept"), [(joints.Prismatic, False), (joints.Prismatic, True), (joints.FixedOrientation, False),
+                                           (joints.Weld, False)])  # fmt: skip
+def test_half_turns_that_the_rows_would_admit(law: Any, kept: bool) -> None:
     """The rows vanish upright and after half a turn about k.z; one of the branches tells them apart."""
-    d, rows = derived(law), [i for i, name in enumerate(derived(law).rows) if name in ("tilt_y", "tilt_x", "twist")]
+    d, rows = derived(law, kept), [i for i, name in enumerate(derived(law, kept).rows) if name in ("tilt_y", "tilt_x", "twist")]
     for angle in (0.0, np.pi):
         values = States(d, OWN, np.random.default_rng(19), 1).special(angle, True)
         p, held = plan(d, read), plan(d, position)
         branches = dict(zip(p.targets, p.kernel.values(columns(p.all_inputs.symbols, values))[0], strict=True))
-        branches.pop(("coordinate",))
+        branches.pop(("coordinate displacement",), None)
         assert sorted(branches.values()) == pytest.approx(sorted([1.0, np.cos(angle)]), abs=1e-12)
         assert branches["z axes in the same sense",] == pytest.approx(1.0)
         g = held.kernel.values(columns(held.all_inputs.symbols, values))[0]
         assert g[rows] == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("law", [joints.ClassicalRevolute, joints.ClassicalPrismatic])
-def test_twist_is_the_motion_the_rows_admit(law: Any) -> None:
-    """l carried by c times the twist (travel along k.z, turn about it) and the coordinate c satisfy all rows."""
-    stated = law("J", None, None)
-    d, (travel, turn), c = derive(law, stated.structure(), (SPATIAL, SPATIAL, COORDINATE)), law.twist, 0.6
-    values = States(d, {}, np.random.default_rng(20), 1).special(turn * c, True)
-    _, K, _ = geometry(d, values, 0)
-    for symbol, along in zip(d.frames[1].q[:3], K[:, 2], strict=True):
-        values[str(symbol)] = values[str(symbol)] + travel * c * along
-    values[str(d.frames[2].q[0])][:] = c
-    p = plan(d, position)
-    assert p.kernel.values(columns(p.all_inputs.symbols, values)) == pytest.approx(0.0, abs=1e-12)
-    assert (travel, turn) != (0, 0)
-
-
 def test_displacement_is_along_the_axis_of_k() -> None:
     d = derived(joints.Prismatic)
     values = States(d, OWN, np.random.default_rng(21), 6).values
     p = plan(d, read)
-    found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, p.targets.index(("coordinate",))]
+    found = p.kernel.values(columns(p.all_inputs.symbols, values))[:, p.targets.index(("coordinate displacement",))]
     for i, displacement in enumerate(found):
         u, K, _ = geometry(d, values, i)
         assert displacement == pytest.approx(K[:, 2] @ u, rel=1e-12)

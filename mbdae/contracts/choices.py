@@ -1,0 +1,81 @@
+"""Values of a law's options that the contracts try: every value once, beside the plain law."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+from mbdae.errors import LawError, OptionError
+from mbdae.laws.contact import Hertz
+from mbdae.laws.forces.on_coordinate import OnCoordinate
+from mbdae.laws.friction import Coulomb, LuGre
+from mbdae.laws.joints import Cylindrical, Prismatic, Revolute
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Law
+from mbdae.symbolic.part import Part, PartStructure
+from mbdae.values import shown
+
+Choice = dict[str, Any]  #: value of every option of a law
+_DRY = PartStructure(Coulomb, frozenset(), ())
+_BRISTLES = PartStructure(LuGre, frozenset(), (("gamma", 2.0), ("damping_decay", True)))
+#: options of the package's laws; the options of other laws are given to `selftest`
+_VALUES: dict[str, tuple[Any, ...]] = {
+    "following": (False, True), "tilting": (False, True), "count": (3,), "normal": (Hertz(1, damping=1).structure(),),
+    "friction": (_DRY, _BRISTLES),
+}  # fmt: skip
+#: laws on a coordinate: an angle and a displacement as the frames show them, one of several coordinates, one that is an unknown
+_COORDINATES: tuple[Choice, ...] = (
+    {"joint": Prismatic, "coordinate": None, "kept": False}, {"joint": Revolute, "coordinate": None, "kept": False},
+    {"joint": Cylindrical, "coordinate": "angle", "kept": False}, {"joint": Revolute, "coordinate": None, "kept": True},
+)  # fmt: skip
+
+
+def choices(law: type[Law], given: Choice) -> tuple[list[Choice], list[Choice]]:
+    """Values of the options: those tried with all parameters in every combination that matters, and others tried once.
+
+    given: options stated by the caller. Raises LawError for options without known values, OptionError for those a joint cannot
+    have."""
+    given = {o: v.structure() if isinstance(v, Part) else v for o, v in given.items() if o in law.options}
+    main, further = _of_joint(law) if issubclass(law, Joint) else _on_coordinate(law)
+    rest = [o for o in law.options if o not in main[0]]
+    missing = [o for o in rest if o not in given and o not in _VALUES]
+    if missing:
+        raise LawError(f"{law.__name__} has the option '{missing[0]}': say mb.selftest({law.__name__}, {missing[0]}=...)")
+    others = [dict(zip(rest, values, strict=True)) for values in product(*((given[o],) if o in given else _VALUES[o] for o in rest))]
+    whole = [first | other | given for first, other in product(main, others)]
+    once = [first | others[0] | given for first in further]
+    if issubclass(law, Joint):
+        for choice in (*whole, *once):
+            _check_joint(law, choice)
+    whole = _different(whole)
+    return whole, [choice for choice in _different(once) if choice not in whole]
+
+
+def _different(found: list[Choice]) -> list[Choice]:
+    return [choice for i, choice in enumerate(found) if choice not in found[:i]]
+
+
+def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
+    """A joint without friction, its coordinates as unknowns or not; with friction against each of its coordinates."""
+    names = list(law.scalars())
+    kept = [True] if law.must_keep() else [False, True] if law.coordinates else [False]
+    plain = [{"kept": k, "friction": None, "rubs": None} for k in kept]
+    rubbing = [{"kept": kept[i % len(kept)], "friction": (_DRY, _BRISTLES)[i % 2], "rubs": names[i % len(names)]}
+               for i in range(max(2, len(names)) if names else 0)]  # fmt: skip
+    return plain, rubbing
+
+
+def _check_joint(law: type[Joint], choice: Choice) -> None:
+    choice["kept"] = bool(choice["kept"]) or law.must_keep()
+    for option, names, what in (("kept", law.coordinates, "coordinates"), *((o, law.scalars(), "angles and displacements")
+                                                                            for o in ("friction", "rubs"))):  # fmt: skip
+        if choice[option] and not names:
+            raise OptionError(f"{option} = {shown(choice[option])}: {law.__name__} has no {what}; leave it out")
+    if choice["rubs"] is not None and choice["rubs"] not in law.scalars():
+        raise OptionError(f"rubs = {shown(choice['rubs'])}: {law.__name__} has the coordinates {', '.join(law.scalars())}")
+
+
+def _on_coordinate(law: type[Law]) -> tuple[list[Choice], list[Choice]]:
+    if not issubclass(law, OnCoordinate):
+        return [{}], []
+    return [dict(_COORDINATES[0])], [dict(choice) for choice in _COORDINATES[1:]]

@@ -1,0 +1,321 @@
+"""The contract "motion": rows, coordinates, ties and branches of a joint against the motion it states.
+
+l is placed by the motion at random values of the coordinates, k moves at random; the motion is followed in numbers here, step by
+step, not by the expressions from which the rows with coordinates are derived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from mbdae.contracts.case import STEP, Case, Measured, branches
+from mbdae.contracts.states import Values, columns, rotation, turn
+from mbdae.kernels import Plan
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.frames import Axes, Frame, NodeKind
+from mbdae.symbolic.joint import Joint, motion_of
+from mbdae.symbolic.motion import Motion, Rotation
+from mbdae.symbolic.outputs import Target, coordinate, position, velocity
+from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.system.base import Array
+from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
+
+SOLVED = 1e-11  #: rows below it vanish
+APART = 1e-6  #: m or rad, poses further from each other are two
+CLEAR = 1e-3  #: a branch above it is positive, not only by rounding
+STARTS = 12  #: random places of l from which solutions of the rows are searched
+TRIES = 6  #: starts of the search for coordinates that the frames do not show
+
+
+@dataclass
+class Pose:
+    """Place of l's joint point and axes (columns) relative to those of k, in k's axes, with velocity and angular velocity."""
+
+    d: Array
+    A: Array
+    v: Array
+    w: Array
+
+    def distance(self, other: Pose) -> float:
+        """m or rad, the larger."""
+        return float(max(np.linalg.norm(self.d - other.d), np.linalg.norm(self.A - other.A)))
+
+
+def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) -> Pose:
+    """The pose to which a motion leads, step by step. values: of coordinates, parameters and spins; rates: of the coordinates.
+    A way back has no velocities here."""
+    d, v, w, A = np.zeros(3), np.zeros(3), np.zeros(3), np.eye(3)
+    for step in motion.steps:
+        if step.rotation is not None:
+            P, spin = (np.array([values[str(c)] for c in part]) for part in (step.rotation.P, step.rotation.spin))
+            R = rotation_matrices(P)
+            w, A = w + A @ R @ spin, A @ (R.T if step.rotation.inverse else R)
+            continue
+        amount = float(step.amount.subs(values))
+        speed = sum(float(step.amount.diff(c).subs(values)) * rate for c, rate in rates.items())
+        axis = np.array([float(c) for c in step.axis])
+        if step.turns:
+            w, A = w + speed * (A @ axis), A @ turn(amount * axis)
+        else:
+            way = amount * (A @ axis)
+            d, v = d + way, v + speed * (A @ axis) + np.cross(w, way)
+    return Pose(d, A, v, w)
+
+
+def symbols(law: Joint) -> dict[str, Any]:
+    """A symbol for every coordinate, of a free rotation those of its quaternion and its angular velocity."""
+    free = {c: Rotation.of([se.Symbol(f"{c}_P{i}") for i in range(4)], Vec(*(se.Symbol(f"{c}_w{i}") for i in range(3))))
+            for c in law.coordinates.keys() - law.scalars().keys()}  # fmt: skip
+    return {c: free.get(c, se.Symbol(c)) for c in law.coordinates}
+
+
+def stated_motion(case: Case) -> Iterator[Measured]:
+    """Everything a joint states against its motion, between two bodies in space."""
+    d = case.d
+    free = (NodeKind.SPATIAL, Axes.GENERAL)
+    if isinstance(d.law, Joint) and d.law.states_motion() and all((f.kind, f.axes) == free for f in d.sides):
+        moving = _Moving(case)
+        yield from moving.rows()
+        yield from moving.read_back()
+        yield from moving.inverse()
+        if not d.law.friction and not case.structure.timed:
+            yield from moving.count()
+            yield from moving.ties()
+            yield from moving.branches()
+            if len(moving.prescribed) in (0, len(d.law.drives())):
+                yield from moving.second_solutions()
+
+
+def _stated(d: Derived) -> list[tuple[Target, Expr]]:
+    return [*position(d), *velocity(d), *coordinate(d), *branches(d)]
+
+
+class _Moving:
+    """A joint between two bodies whose l is placed by the motion; `values` are the states, `c` and `cd` coordinates and rates."""
+
+    def __init__(self, case: Case) -> None:
+        self.case, self.d, self.law = case, case.d, case.d.law
+        motion = motion_of(self.law, symbols(self.law))
+        assert motion is not None
+        self.motion, self.rng = motion, np.random.default_rng(40)
+        self.plan = Plan(self.d, _stated)
+        self.points = len(next(iter(case.values.values())))
+        reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.scalars().items()}
+        self.c = {name: self.rng.uniform(-r, r, self.points) for name, r in reach.items()}
+        self.cd = {name: self.rng.normal(size=self.points) for name in self.c}
+        free = [name for name in self.law.coordinates if name not in self.c]
+        self.free = {f"{name}_{part}{i}": self.rng.normal(size=self.points) for name in free for part, n in (("P", 4), ("w", 3)) for i in range(n)}
+        self.values = self.placed(case.values)
+
+    # -- placing and evaluating
+
+    def numbers(self, values: Values, c: dict[str, Any], i: int) -> dict[str, float]:
+        """Parameters and coordinates at a point."""
+        return {p: float(values[p][i].real) for p in self.law.params if p in values} | {n: float(a[i]) for n, a in c.items()}
+
+    def axes(self, f: Frame, values: Values) -> tuple[Array, Array]:
+        """Joint points (points, 3) and axes (points, 3, 3) of a side, inertial."""
+        R = rotation(f, values)
+        Q = np.stack([np.stack([values[f"{f.side}_Q{a}{j}"] for j in (1, 2, 3)], axis=-1) for a in "xyz"], axis=-1)
+        arm = np.stack([values[f"{f.side}_p{j}"] for j in (1, 2, 3)], axis=-1)
+        return columns(f.q, values)[:, :3] + np.einsum("pij,pj->pi", R, arm), R @ Q
+
+    def pose(self, values: Values, i: int) -> Pose:
+        """Where l is at a point."""
+        (rk, K), (rl, L) = (self.axes(f, values) for f in self.d.sides)
+        return Pose(K[i].T @ (rl[i] - rk[i]), K[i].T @ L[i], np.zeros(3), np.zeros(3))
+
+    def placed(self, values: Values) -> Values:
+        """The states with l where and as fast as the motion takes it, and the unknown and prescribed coordinates there."""
+        there = self.c | self.free
+        led = [followed(self.motion, self.numbers(values, there, i), {n: r[i] for n, r in self.cd.items()}) for i in range(self.points)]
+        out = self.put(values, led)
+        for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
+            if name in self.c:
+                out |= {str(f.q[0]): self.c[name], str(f.u[0]): self.cd[name]}
+            else:
+                out |= {str(s): self.free[f"{name}_P{i}"] for i, s in enumerate(f.q)}
+                out |= {str(s): self.free[f"{name}_w{i}"] for i, s in enumerate(f.u)}
+        out |= {f"{name}_dot": np.zeros(self.points) for name in self.law.params}
+        for drive, name in self.law.drives().items():
+            out |= {drive: self.c[name], f"{drive}_dot": self.cd[name]}
+        return out
+
+    def put(self, values: Values, poses: list[Pose]) -> Values:
+        """The states with l at a pose relative to k at every point, with its velocity."""
+        k, l = self.d.sides
+        out, (rk, K), Rk = dict(values), self.axes(k, values), rotation(k, values)
+        _, L = self.axes(l, values)
+        uk, centre = columns(k.u, values), columns(k.q, values)[:, :3]
+        q, u = [], []
+        for i, at in enumerate(poses):
+            Ql = rotation(l, values)[i].T @ L[i]
+            R = K[i] @ at.A @ Ql.T
+            arm = R @ np.array([values[f"{l.side}_p{j}"][i] for j in (1, 2, 3)])
+            wk, way = Rk[i] @ uk[i, 3:], K[i] @ at.d
+            w = wk + K[i] @ at.w
+            v = uk[i, :3] + np.cross(wk, rk[i] + way - centre[i]) + K[i] @ at.v
+            q.append([*(rk[i] + way - arm), *quaternion(R)])
+            u.append([*(v - np.cross(w, arm)), *(R.T @ w)])
+        out |= {str(s): a for s, a in zip(l.q, np.transpose(q), strict=True)}
+        return out | {str(s): a for s, a in zip(l.u, np.transpose(u), strict=True)}
+
+    def evaluate(self, values: Values) -> dict[Target, NDArray[Any]]:
+        if not self.plan.targets:
+            return {}
+        found = self.plan.kernel.oracle(columns(self.plan.all_inputs.symbols, values))
+        return dict(zip(self.plan.targets, found.T, strict=True))
+
+    @cached_property
+    def found(self) -> dict[Target, NDArray[Any]]:
+        """Everything stated where the motion leads."""
+        return self.evaluate(self.values)
+
+    def slope(self, symbol: str) -> dict[Target, Array]:
+        """Derivatives by a coordinate or its prescribed value."""
+        stepped = self.values | {symbol: self.values[symbol] + 1j * STEP}
+        return {target: e.imag / STEP for target, e in self.evaluate(stepped).items()}
+
+    # -- what must hold
+
+    def rows(self) -> Iterator[Measured]:
+        """Rows vanish where the motion leads, and stay so at its rates."""
+        timed = {str(dp) for dp in self.d.variation.clock.values()}
+        drift = {n: np.zeros(self.points) for n in range(len(self.d.rows))}
+        for drive, name in self.law.drives().items():
+            if getattr(self.law, drive) is not None and f"{drive}_dot" not in timed:
+                by = self.slope(drive)
+                drift = {n: drift[n] + by["g", n] * self.cd[name] for n in drift}
+        for n, row in enumerate(self.d.rows):
+            yield f"row '{row}', where the motion puts l,", _largest(self.found["g", n])
+            yield f"rate of row '{row}' at the rates of the motion", _largest(self.found["gd", n] + drift[n])
+
+    def read_back(self) -> Iterator[Measured]:
+        """Coordinates and their rates are those used; angles of frames modulo turns."""
+        for name in self.c if self.d.coordinates else ():
+            if ("c", name) not in self.found:
+                yield f"coordinate '{name}', which `coordinate` does not return,", 1.0
+                continue
+            off = self.found["c", name] - self.c[name]
+            if self.law.coordinates[name].unit == "rad" and not self.law.kept:
+                off = np.exp(1j * off) - 1
+            yield f"coordinate '{name}' as read, against the value of the motion,", _largest(off)
+            yield f"rate of coordinate '{name}' as read", _largest(self.found["cd", name] - self.cd[name])
+
+    def inverse(self) -> Iterator[Measured]:
+        """The way back leads from l to k."""
+        for i in range(self.points):
+            there = self.pose(self.values, i)
+            back = followed(self.motion.inverse(), self.numbers(self.values, self.c | self.free, i), {})
+            yield "place of k by the inverse motion", max(_largest(there.A @ back.A - np.eye(3)), _largest(there.d + there.A @ back.d))
+
+    @property
+    def prescribed(self) -> dict[str, str]:
+        """Prescribed coordinates with their parameters."""
+        return dict(self.law.prescribed)
+
+    def count(self) -> Iterator[Measured]:
+        """Independent rows: six, less the freedoms of the motion unless these are unknowns, and one for every prescribed value."""
+        wanted = 6 + len(self.prescribed) - (0 if self.law.kept else self.law.freedoms())
+        for G in self.case.rows(self.values)[1]:
+            sizes = np.linalg.svd(G, compute_uv=False)
+            rank = int(np.sum(sizes > 1e-9 * np.max(sizes, initial=1.0)))
+            which = "a row too many" if rank > wanted else "a row too few"
+            if rank != wanted:
+                yield f"number of independent rows, {rank} where {wanted} leave the motion free ({which}),", abs(rank - wanted)
+            if len(G) > rank:
+                yield f"number of rows, {len(G)} of which {rank} are independent (rows that follow from others),", len(G) - rank
+
+    def ties(self) -> Iterator[Measured]:
+        """A row that ties a coordinate grows with its value."""
+        ties = set(self.law.ties(*self.d.sides)) if self.law.kept and self.law.states_rows() else set()
+        tied = ties if ties == self.law.coordinates.keys() else set()
+        by = {name: str(f.q[0]) for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True) if name in tied}
+        by |= {drive: drive for drive in self.prescribed.values()}
+        for row, symbol in by.items():
+            slope = self.slope(symbol)["g", self.d.rows.index(row)]
+            if _largest(slope) < CLEAR:
+                yield f"row '{row}', which does not depend on the value it ties,", 1.0
+            else:
+                yield f"slope of row '{row}' by the value it ties, which must be positive,", float(max(0.0, -np.min(slope)))
+
+    def branches(self) -> Iterator[Measured]:
+        """What must be positive is so where the motion leads."""
+        for target, e in self.found.items():
+            if target[0] == "positive":
+                least = float(np.min(e.real))
+                yield f"branch '{target[1]}', which must be positive where the motion puts l,", 0.0 if least > 0 else 1 - least
+
+    # -- solutions of the rows that are not meant
+
+    def second_solutions(self) -> Iterator[Measured]:
+        """No place of l satisfies rows and branches unless the motion leads there."""
+        starts, names = self._starts()
+        solved = self.case.solved(starts, fixed=self.d.sides[0].side)
+        with np.errstate(all="ignore"):  # half a turn off, where angles are not defined
+            found = self.evaluate(solved)
+        meant = np.full(len(names), True)
+        for target, e in found.items():
+            meant &= (e.real > CLEAR) if target[0] == "positive" else np.abs(e) < SOLVED if target[0] == "g" else True
+        for i in np.flatnonzero(meant):
+            off = self._off(solved, found, int(i))
+            yield f"second solution of the rows, which no branch refuses ({names[i]}),", off if off > APART else 0.0
+
+    def _starts(self) -> tuple[Values, list[str]]:
+        """l half a turn off about each of its axes, and anywhere; coordinates that are unknowns anywhere."""
+        offs = [("half a turn about its x axis", turn([np.pi, 0, 0])), ("half a turn about its y axis", turn([0, np.pi, 0])),
+                ("half a turn about its z axis", turn([0, 0, np.pi]))]  # fmt: skip
+        names = [name for name, _ in offs] + ["found from a random place"] * STARTS
+        picked = np.arange(len(names)) % self.points
+        values = {name: e[picked] for name, e in self.values.items()}
+        poses = [self.pose(values, i) for i in range(len(names))]
+        for i, (_, R) in enumerate(offs):
+            poses[i].A = poses[i].A @ R
+        for at in poses[len(offs) :]:
+            at.d, at.A = self.rng.normal(size=3), turn(self.rng.uniform(-3, 3, 3))
+        for symbol in (str(c) for f in self.d.frames[2:] for c in f.q):
+            values[symbol] = values[symbol] + np.r_[[0.0] * len(offs), self.rng.uniform(-3, 3, STARTS)]
+        return self.put(values, poses), names
+
+    def _off(self, values: Values, found: dict[Target, NDArray[Any]], i: int) -> float:
+        """Distance of l at a point from where the motion takes it by the coordinates that it shows there."""
+        at = self.pose(values, i)
+        known = {name: found["c", name].real for name in self.c if ("c", name) in found}
+        known |= {name: values[drive].real for name, drive in self.prescribed.items() if not self.law.kept}
+        for f, name in zip(self.d.frames[2:], self.law.own_coordinates, strict=True):
+            known |= {} if name in self.c else {f"{name}_P{n}": values[str(s)].real for n, s in enumerate(f.q)}
+        numbers = dict.fromkeys(self.free, 0.0) | self.numbers(values, known, i)
+        unknown = [name for name in self.law.coordinates if name not in known and f"{name}_P0" not in known]
+        if not unknown:
+            return at.distance(followed(self.motion, numbers, {}))
+
+        def off(c: Array) -> Array:
+            there, left = dict(numbers), list(c)
+            for name in unknown:
+                if name in self.c:
+                    there[name] = left.pop(0)
+                else:
+                    P = turned(np.eye(4)[0], np.array([left.pop(0) for _ in range(3)]))
+                    there |= {f"{name}_P{n}": float(e) for n, e in enumerate(P)}
+            led = followed(self.motion, there, {})
+            return np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
+
+        size = sum(1 if name in self.c else 3 for name in unknown)
+        best = np.inf
+        for _ in range(TRIES):
+            if best > APART:
+                fit = least_squares(off, self.rng.uniform(-2, 2, size), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+                best = min(best, float(np.linalg.norm(fit.fun)))
+        return best
+
+
+def _largest(e: NDArray[Any]) -> float:
+    return float(np.max(np.abs(e), initial=0.0))
