@@ -22,7 +22,7 @@ def law(env: Env, name: str) -> LawState:
         plain = name.removesuffix(WITH_COORDINATES)
         raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
     if cls.frames != ("k", "l"):
-        raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; audits compare laws between two bodies k and l")
+        raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
     key = ("law", name)
     if key not in env.motion.memory:
         given = {"rest": 0.0} | ({"drive": float(np.real(env.motion.phi))} if env.motion.joined else {})

@@ -7,15 +7,41 @@ from typing import Any
 import numpy as np
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.reports.common import LawFormulas, joined
+from mbdae.reports.common import LawFormulas, joined, title_of
 from mbdae.reports.joint_checks import JointChecks
 from mbdae.reports.letters import specs_of_coordinates, unit_text
-from mbdae.reports.states import POINTS
 from mbdae.reports.statement import Statement
+from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Vector
 from mbdae.symbolic.joint import Joint, motion_of, no_rotation
 from mbdae.symbolic.motion import AXES, Motion, Step
 from mbdae.symbolic.vectors import Vec
+
+
+def title_of_joint(s: Statement) -> str:
+    """The name of the joint, and which statement of it this is."""
+    cls = s.cls
+    title = title_of(cls) if "oint" in cls.__name__ or not issubclass(cls, Joint) else f"{title_of(cls)} joint"
+    if issubclass(cls, Joint) and s.places and not cls.must_keep():
+        title += f", {'its coordinate an unknown' if len(s.places) == 1 else 'its coordinates unknowns'}"
+    return title
+
+
+def other_statements(s: Statement) -> list[Block]:
+    """How to get the reports of the other statements of the same joint."""
+    cls = s.cls
+    if not issubclass(cls, Joint) or not cls.coordinates:
+        return []
+    call, said = f"mb.report({cls.__name__}", []
+    if not cls.must_keep():
+        word = "without" if s.places else "with"
+        said.append(f"`{call}, kept={not s.places})` reports the joint {word} its coordinates as unknowns")
+        call += ", kept=True" * bool(s.places)
+    if s.law.friction is None and cls.scalars():
+        said.append(f"`{call}, friction=mb.Coulomb(...))` with friction by its own reaction")
+    if any(name in s.rows for name in cls.drives()):
+        said.append(f"`{call}, {next(iter(cls.drives()))}=None)` without that prescribed motion")
+    return [Paragraph(f"Other statements: {'; '.join(said)}.")] if said else []
 
 
 def motion_in(s: Statement) -> Motion | None:
@@ -28,7 +54,7 @@ def motion_in(s: Statement) -> Motion | None:
 
 
 def coordinates_section(r: JointChecks) -> Section | None:
-    """Table of the coordinates, chain of motions, pose of l, coordinates as the frames show them; None for a joint without them."""
+    """Table of the coordinates, chain of motions, pose of l, coordinates as frames show them; None for a joint without."""
     specs, motion = specs_of_coordinates(r.s.law), motion_in(r.s)
     if not specs and motion is None:
         return None
@@ -41,7 +67,7 @@ def coordinates_section(r: JointChecks) -> Section | None:
         elif r.s.places:
             said = "The coordinates are unknowns of the equations."
         else:
-            said = "The coordinates are no unknowns of the equations: where they are used, they are read from the frames."
+            said = "The coordinates are no unknowns of the equations: they are read from the frames."
         blocks += [Paragraph(said), Table(["name", "symbol", "unit", "meaning"], rows)]
         r.formulas.writer.used |= {str(r.s.coordinates.get(name, name)) for name in specs}
     if motion is not None:
@@ -64,10 +90,11 @@ def chain(motion: Motion, formulas: LawFormulas, names: list[str]) -> list[Block
         if step.rotation is not None:
             rows.append([str(i + 1), "free rotation", "", f"${formulas.known[free.pop(0)].latex}$"])
         else:
-            rows.append([str(i + 1), "rotation about" if step.turns else "displacement along", _axis(step), f"${w.scalar(step.amount)}$"])
+            kind = "rotation about" if step.turns else "displacement along"
+            rows.append([str(i + 1), kind, _axis(step), f"${w.scalar(step.amount)}$"])
     text = (
-        "Motion, from the frame of k to that of l: elementary motions one after the other, each along or about an axis of the frame"
-        " reached by those before it."
+        "Motion, from the frame of k to that of l: elementary motions one after the other, each along or about an axis of the"
+        " frame reached by those before it."
     )
     return [Paragraph(text), Table(["", "motion", "axis", "amount"], rows)]
 

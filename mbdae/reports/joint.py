@@ -10,9 +10,9 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.reports.branches import solution_set
 from mbdae.reports.calculus import Motion
-from mbdae.reports.common import checks_table, described, joined, provenance, row_name, title_of
+from mbdae.reports.common import checks_table, described, joined, provenance, row_name
+from mbdae.reports.coordinates import coordinates_section, other_statements, title_of_joint
 from mbdae.reports.joint_checks import JointChecks, planar_of
-from mbdae.reports.coordinates import coordinates_section
 from mbdae.reports.letters import multiplier
 from mbdae.reports.recursive import recursive_sections
 from mbdae.reports.resistance import resistance_section
@@ -20,7 +20,6 @@ from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base, Vector
 from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.vectors import Expr
 
@@ -28,8 +27,9 @@ CONVENTION = (
     "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
     " Coordinates are those of l relative to k, 0 as drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
-    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
-    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
+    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read"
+    " $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} ="
+    " \\mathbf{0}$: forces listed beside a virtual"
     " displacement stand on the left-hand side, the force that acts on a body is the opposite."
 )
 
@@ -57,33 +57,9 @@ class JointReport(JointChecks):
         self.run_checks(rate, rates)
         symbols = Section("Symbols", [self.formulas.symbols(), Paragraph(CONVENTION)])
         checked = Section("Numeric check", checks_table(self.formulas.checks, POINTS))
-        head = [*described(self.s.cls), *self.variants(), symbols]
+        head = [*described(self.s.cls), *other_statements(self.s), symbols]
         plane = [self.plane(planar)] if self.s.rows and self.s.sides else []
-        return Document(self.title(), [*head, *sections, *plane, checked, provenance(self.d, planar)])
-
-    def title(self) -> str:
-        """The name of the joint, and which statement of it this is."""
-        cls = self.s.cls
-        title = title_of(cls) if "oint" in cls.__name__ or not issubclass(cls, Joint) else f"{title_of(cls)} joint"
-        if issubclass(cls, Joint) and self.s.places and not cls.must_keep():
-            title += f", {'its coordinate an unknown' if len(self.s.places) == 1 else 'its coordinates unknowns'}"
-        return title
-
-    def variants(self) -> list[Block]:
-        """How to get the reports of the other statements of the same joint."""
-        cls = self.s.cls
-        if not issubclass(cls, Joint) or not cls.coordinates:
-            return []
-        call, said = f"mb.report({cls.__name__}", []
-        if not cls.must_keep():
-            other = ("False", "without its coordinates as unknowns") if self.s.places else ("True", "with its coordinates as unknowns")
-            said.append(f"`{call}, kept={other[0]})` reports the joint {other[1]}")
-            call += ", kept=True" * bool(self.s.places)
-        if self.s.law.friction is None and cls.scalars():
-            said.append(f"`{call}, friction=mb.Coulomb(...))` with friction by its own reaction")
-        if any(name in self.s.rows for name in cls.drives()):
-            said.append(f"`{call}, {next(iter(cls.drives()))}=None)` without that prescribed motion")
-        return [Paragraph(f"Other statements: {'; '.join(said)}.")] if said else []
+        return Document(title_of_joint(self.s), [*head, *sections, *plane, checked, provenance(self.d, planar)])
 
     def solutions(self) -> list[Section]:
         """The solution set of the rows."""
@@ -185,9 +161,9 @@ class JointReport(JointChecks):
                 + ", $h$ the sum over its column."
             ))  # fmt: skip
         elif self.s.coordinates:
-            blocks.append(Paragraph("$-h$ is the force or torque on the coordinate: it acts on both bodies of its joint by virtual work."))
+            blocks.append(Paragraph("$-h$ is the force or torque on the coordinate; it acts on both bodies of its joint."))
         if self.s.turning:
-            blocks.append(Paragraph("The three equations of a massless free rotation: its moment, the sum over its column, vanishes."))
+            blocks.append(Paragraph("The equation of a massless free rotation: its moment, the sum over its column, vanishes."))
         return Section("Forces on both bodies" if len(self.s.sides) == 2 else "Forces", blocks)
 
     def body_frame(self) -> Section:

@@ -62,7 +62,7 @@ def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), opti
     shapes = {law: structure_of(law, dict(options or {}) | {"kept": True}) for law in laws}
     for law, shape in shapes.items():
         if not law.states_motion() or law.frames != ("k", "l"):
-            raise LawError(f"{law.__name__} states no motion of l relative to k; without `motion(self, from_k)` it cannot be recursive")
+            raise LawError(f"{law.__name__} states no motion of l relative to k: without motion(self, from_k) no recursion")
         blocks.append(Section(f"{title_of(law)} joint", sections(law, shape, checks)))
     title = "Recursive joint" if len(laws) > 1 else f"{title_of(laws[0])} joint, recursive"
     return Document(title, [*blocks, Section("Numeric check", checks_table(checks, POINTS)), _origin(shapes)])
@@ -80,16 +80,19 @@ def sections(law: type[Joint], structure: Structure, checks: list[Check]) -> lis
     checks += reduction_checks(r)
     blocks = [
         *chain(r.motion, r.formulas, list(law.coordinates)),
-        Paragraph("Reduction map, virtual displacements and velocities of the centre of l from those of k and of the coordinates:"),
+        Paragraph("Reduction map, displacement and velocity of the centre of l from those of k and of the coordinates:"),
         Equation(_map(len(r.columns))),
         *_columns(r),
         Paragraph("Accelerations follow with the rate of the map:"),
         *_bias(r),
         Paragraph(
-            "The residual assembled at l, and its mass, are transformed to k and the equations of the coordinates by the transpose;"
-            " a spring, damper or load of a coordinate adds to its equation:"
+            "The residual assembled at l, and its mass, are transformed to k and to the equations of the coordinates by the"
+            " transpose; a spring, damper or load of a coordinate adds to its equation:"
         ),
-        Equation(r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ \bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"),
+        Equation(
+            r"\bar{\mathbf{r}} = \mathbf{B}^{\mathsf{T}}\mathbf{r} \\ "
+            r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\mathbf{M}\,\mathbf{B}"
+        ),
         Paragraph("Damping and stiffness, $\\delta\\mathbf{w} = \\mathbf{0}$ in the stiffness:"),
         Equation(TRANSFORMED),
         Paragraph("The last term is the geometric stiffness; it needs the total residual, not a part of it. Its rows:"),
@@ -116,7 +119,8 @@ def _columns(r: Reduction) -> list[Block]:
     lines = [rf"\mathbf{{d}} = {w.vector(record.defined(r.d))}"]
     for i, c in enumerate(r.columns):
         below = f"_{{{i + 1}}}" if len(r.columns) > 1 else ""
-        lines += [rf"\mathbf{{{letter}}}{below} = {w.vector(record.defined(a))}" for letter, a in zip("bt", (c.turn, c.move), strict=True)]
+        for letter, a in (("b", c.turn), ("t", c.move)):
+            lines.append(rf"\mathbf{{{letter}}}{below} = {w.vector(record.defined(a))}")
     total = sum((c.turn * c.rate for c in r.columns), record.atom("w", "k"))
     lines.append(rf"\boldsymbol{{\omega}}_l = {w.vector(total)}")
     own = {number for a in (r.d, *(a for c in r.columns for a in c.vectors)) for number in record.numbers(a)}

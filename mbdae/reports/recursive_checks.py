@@ -1,4 +1,4 @@
-"""Checks of the formulas of a recursive joint: with the rows of the joint, with the compiled program of a tree, by complex steps."""
+"""Checks of the formulas of a recursive joint: with its rows, with the compiled program of a tree, by complex steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mbdae.reports.states import POINTS, STEP, State, random_state, residual
 from mbdae.reports.vectors import Base
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.outputs import acceleration, jacobian_G, position, velocity
-from mbdae.symbolic.tree import Link, TreeStructure
+from mbdae.symbolic.tree_structure import Link, TreeStructure
 from mbdae.system.model.rotations import quaternion, rotation_matrices
 
 
@@ -100,13 +100,13 @@ def _rows(case: _OnMotion) -> list[Check]:
 def _tree(case: _OnMotion) -> list[Check]:
     """Position, velocity and acceleration of l, and the transformed residual, with the compiled program of a tree k, l."""
     r, st, rng = case.r, case.state, case.rng
-    law = r.s.cls
-    numbers = [f"{side}_{name}" for side in "kl" for name in (*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)),
-                                                              *(f"P{i}" for i in range(4)))]  # fmt: skip
+    law: Any = r.s.cls
+    of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
+    numbers = [f"{side}_{name}" for side in "kl" for name in of_side]
     numbers += [name for name in law.params if name not in r.s.law.derived() and name not in r.s.structure.absent]
-    names = tuple(law.coordinates)  # type: ignore[attr-defined]
-    link = Link(law, r.s.structure, 0, "k", NodeKind.SPATIAL, (Axes.GENERAL, Axes.GENERAL), tuple((n, None) for n in numbers), True,
-                names, (False,) * len(names), 1)  # type: ignore[arg-type]  # fmt: skip
+    names, axes = tuple(law.coordinates), (Axes.GENERAL, Axes.GENERAL)
+    link = Link(law, r.s.structure, 0, "k", NodeKind.SPATIAL, axes, tuple((n, None) for n in numbers), True, names,
+                (False,) * len(names), 1)  # fmt: skip
     tree = tree_plan(TreeStructure(NodeKind.SPATIAL, (link,), (), (1,)))
     up, load = rng.normal(size=(POINTS, 6 + len(r.columns))), rng.normal(size=(POINTS, 6))
     sides = [f.side for f in st.d.frames[2:]]
@@ -203,7 +203,9 @@ class _Linear:
         scalars = {str(c): points[:, 6 + i] for i, column in enumerate(self.r.columns)
                    for c, dc in s.virtual.items() if dc == column.change}  # fmt: skip
         changed = case.state.changed(1j * STEP, move, scalars)
-        virtual: dict[Any, Any] = {Base(kind, side): parts[i] for side, parts in move.items() for i, kind in enumerate(("du", "dpsi"))}
+        virtual: dict[Any, Any] = {}
+        for side, parts in move.items():
+            virtual |= {Base("du", side): parts[0], Base("dpsi", side): parts[1]}
         return changed, virtual | {str(s.virtual[c]): scalars[str(c)] for c in s.virtual if str(c) in scalars}
 
     def _residual(self, values: ReductionValues, w: Any, wp: Any, x: Any) -> tuple[Any, Any]:
@@ -234,7 +236,8 @@ class _Linear:
         geometric = _times(dB.transpose(0, 2, 1), r)
         formulas = [
             _times(BT, _times(self.C, x) + _times(self.M, np.imag(faster.bias) / STEP)),
-            _times(BT, _times(self.K, x) + _times(self.C, _times(dB, w)) + _times(self.M, _times(dB, self.wp) + dbias)) + geometric,
+            _times(BT, _times(self.K, x) + _times(self.C, _times(dB, w)) + _times(self.M, _times(dB, self.wp) + dbias))
+            + geometric,
             _times(BT, _times(self.M, x)),
         ]
         return [residual(f, np.imag(c) / STEP) for f, c in zip(formulas, wanted, strict=True)]

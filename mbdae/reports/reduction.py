@@ -65,8 +65,9 @@ class Reduction:
     def _letter_rotations(self) -> None:
         for name, side in self.s.turning.items():
             for i in "123":
-                self.formulas.known[f"{side}_W{i}"] = Letter(f"\\Omega_{i}", "rad/s", f"angular velocity of {name} along its axis {i}")
-                self.formulas.known[f"d{side}_W{i}"] = Letter(f"\\delta\\psi_{i}", "rad", f"virtual rotation of {name} about its axis {i}")
+                rate = Letter(f"\\Omega_{i}", "rad/s", f"angular velocity of {name} along its axis {i}")
+                change = Letter(f"\\delta\\psi_{i}", "rad", f"virtual rotation of {name} about its axis {i}")
+                self.formulas.known |= {f"{side}_W{i}": rate, f"d{side}_W{i}": change}
 
     def _walk(self) -> tuple[Vector, list[tuple[str, Expr, Expr, Vector, Vector]]]:
         """The way from the point of k to that of l; per rate its name, symbols, rotation, and displacement of the point of l."""
@@ -146,7 +147,8 @@ class ReductionValues:
 
     def assembled(self, d: Any, columns: list[tuple[Any, Any]], unit: float = 1.0) -> Any:
         """(points, 6, 6 + columns): the displayed matrix; its change for unit = 0."""
-        B = np.zeros((self.state.points, 6, 6 + len(columns)), dtype=np.result_type(d, float, *(c for pair in columns for c in pair)))
+        kind = np.result_type(d, float, *(c for pair in columns for c in pair))
+        B = np.zeros((self.state.points, 6, 6 + len(columns)), dtype=kind)
         B[:, range(6), range(6)] = unit
         B[:, :3, 3:6] = np.array([-skew(v) for v in d])
         for i, (move, turn) in enumerate(columns):

@@ -45,7 +45,8 @@ _TYPICAL: dict[type[Part], Part] = {
 
 def exported() -> dict[str, type]:
     """Every law of the package by its name in small letters."""
-    homes = (mbdae.laws.joints, mbdae.laws.couplings, mbdae.laws.forces, mbdae.laws.elements, mbdae.laws.contact, mbdae.laws.friction)
+    laws = mbdae.laws
+    homes = (laws.joints, laws.couplings, laws.forces, laws.elements, laws.contact, laws.friction)
     found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
     found |= {"beam": Beam, "lineload": LineLoad}
     return {
@@ -63,9 +64,9 @@ def names() -> list[str]:
 def report(what: Any, **options: Any) -> Document:
     """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
 
-    options: those of the law (`friction=mb.Coulomb(...)`; of a joint `kept=True`, its coordinates as unknowns, which is the default
-    where nothing states it without them); a parameter of None is left out of the statement. `model=` (mb.Classical(), ...) in place
-    of `kept` gives a joint as that model has it.
+    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement. A joint is reported
+    without friction, and with its coordinates as unknowns where nothing states it without them; `kept=True` has them as
+    unknowns in any joint, `friction=` adds friction by its own reaction, `model=` (mb.Recursive(), ...) has it as that model.
     `.save("x.html")`, also .md and .tex."""
     if isinstance(what, SceneData):
         _refuse(what, options)
@@ -108,15 +109,13 @@ def _refuse(what: Any, options: dict[str, Any]) -> None:
 
 
 def _by_name(name: str, options: dict[str, Any]) -> Document:
-    known: dict[str, Any] = {"kinematic": Revolute, "classical": Classical, "recursive": Recursive, **exported()}
+    known: dict[str, Any] = {"kinematic": Revolute, "classical": Revolute, "recursive": Recursive, **exported()}
     if name == "clearance":
         _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
         raise OptionError(f"what = {shown(name)} is not known: give one of {', '.join(names())}, or a file")
-    if name == "classical":
-        return report(Revolute, kept=True, **options)
-    return report(known[name], **options)
+    return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 
 def _of_law(law: type[Law], structure: Structure) -> Document:

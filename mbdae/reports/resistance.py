@@ -42,7 +42,8 @@ def resistance_section(r: JointChecks) -> Section | None:
             Equation(f"\\mathbf{{F}} = {w.vector(force)} \\\\ \\mathbf{{T}} = {w.vector(torque)}"),
         ]
     if s.thrust is not None:
-        blocks += [Paragraph("Friction acts against a coordinate, pressed by the reaction force of the joint on l."), *thrust_blocks(r)]
+        text = "Friction acts against a coordinate, pressed by the reaction force of the joint on l."
+        blocks += [Paragraph(text), *thrust_blocks(r)]
     for name, rate in rates.items():
         blocks.append(
             Equation(f"\\dot {r.formulas.known[f'state_{name}'].latex} = {w.scalar(rate)}", note="rate of the internal state")

@@ -78,7 +78,8 @@ def _default(law: type[Law], name: str, options: Mapping[str, Any]) -> Any:
 
 def _joint_of(law: type[Law], options: Mapping[str, Any]) -> type[Joint]:
     """The joint itself, or the one on whose coordinate a force acts."""
-    return law if issubclass(law, Joint) else options.get("joint", OPTIONS["joint"])  # type: ignore[no-any-return]
+    joint: type[Joint] = law if issubclass(law, Joint) else options.get("joint", OPTIONS["joint"])
+    return joint
 
 
 def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
@@ -87,16 +88,15 @@ def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
         return
     joint = _joint_of(law, chosen)
     if not chosen["kept"] and joint.must_keep():
-        raise OptionError(f"kept = {shown(chosen['kept'])}: the coordinates of {joint.__name__} are unknowns in every model, nothing "
-                          f"states it without them; say kept=True")  # fmt: skip
+        raise OptionError(f"kept = {shown(chosen['kept'])}: the coordinates of {joint.__name__} are unknowns in every model, "
+                          f"nothing states it without them; say kept=True")  # fmt: skip
     for name in ("coordinate", "rubs"):
         if chosen.get(name) is not None and chosen[name] not in joint.scalars():
             raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has the coordinates {sorted(joint.scalars())}")
     what = "joint" if not issubclass(law, Joint) else "friction" if chosen["friction"] is not None else ""
     if what and not joint.scalars():
-        raise OptionError(f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement on which {law.__name__} could act"
-                          if what == "joint" else
-                          f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement against which it could act")
+        by = "against which it" if what == "friction" else f"on which {law.__name__}"
+        raise OptionError(f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement {by} could act")
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
@@ -112,7 +112,8 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
     instance = law.symbolic(structure)
     units = specs_of_coordinates(instance)
     kinds = [NodeKind.ROTATION if units[name].unit == "rotation" else NodeKind.COORDINATE for name in instance.own_coordinates]
-    return derive(law, structure, (*sides_of(law, planar), *((kind, Axes.GENERAL) for kind in kinds)))
+    sides: tuple[Side, ...] = (*sides_of(law, planar), *((kind, Axes.GENERAL) for kind in kinds))
+    return derive(law, structure, sides)  # type: ignore[arg-type]
 
 
 class Statement:

@@ -13,8 +13,8 @@ from mbdae.symbolic.vectors import Expr
 
 
 def row_unit(s: Statement, e: Expr) -> str:
-    """Unit of the multiplier of a row, whose product with the row is an energy: N m where the row is an angle or a cosine, N where
-    it is a length."""
+    """Unit of the multiplier of a row, whose product with the row is an energy: N m where the row is an angle or a cosine, N
+    where it is a length."""
     power = _power(s, e)
     return "N m" if power == 0 else "N" if power == 1 else f"N m^{1 - power:g}"
 

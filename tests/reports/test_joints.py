@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import symengine as se
-from test_laws import holds_and_defines
 
 import mbdae as mb
 from mbdae.laws import couplings, forces, joints
@@ -15,6 +16,10 @@ from mbdae.reports.recursive_checks import reduction_checks
 from mbdae.reports.reduction import Reduction
 from mbdae.reports.statement import Statement, structure_of
 from mbdae.reports.units import row_unit
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from reading import holds_and_defines
 
 JOINTS = [getattr(joints, name) for name in joints.__all__]
 FRICTION = mb.Coulomb(0.3, 1e-3)
