@@ -168,7 +168,7 @@ class _Derivation(Statement):
         )  # fmt: skip
 
     def _coordinates(self) -> dict[str, Expr]:
-        stated = self.law.read(*self.sides) if self.oriented() or self.law.own_coordinates else {}
+        stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
 

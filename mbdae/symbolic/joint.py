@@ -26,6 +26,7 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: of coordinates; a rotation is a quaternion, its rates an angular velocity
+SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: of joints beside their coordinates
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 
@@ -53,6 +54,8 @@ class Joint(TwoBodyLaw):
             cls.options = (*(o for o in cls.options if o not in OPTIONS), *OPTIONS)
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
+            if name in SENSORS or name.endswith("_rate"):
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose one")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
                                f"'rotation'")  # fmt: skip
@@ -191,8 +194,8 @@ class Joint(TwoBodyLaw):
     def _refuse_untied(self) -> None:
         """Raise LawError where coordinates would be unknowns that no row contains."""
         if self.coordinates and type(self).coordinate is not Joint.coordinate:
-            raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to the "
-                           f"bodies (`ties`): use mb.Kinematic()")  # fmt: skip
+            raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to "
+                           f"the bodies (`ties`): use mb.Kinematic()")  # fmt: skip
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}
@@ -264,7 +267,8 @@ class Joint(TwoBodyLaw):
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
         coefficient = let(self.friction.coefficient(self.sliding(*frames)))
-        return self.read(*frames)[self.rubbed], let(-coefficient * self.normal_force(frames[0], frames[1], force, coefficient)) * self.lever()
+        normal = self.normal_force(frames[0], frames[1], force, coefficient)
+        return self.read(*frames)[self.rubbed], let(-coefficient * normal) * self.lever()
 
     def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))
