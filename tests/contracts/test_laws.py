@@ -108,14 +108,14 @@ class Rope(mb.Force):
     frames = ("k", "l", "m")
     params = mb.params(stiffness=("N/m", "stiffness"), length=("m", "length at rest"), damping=("N s/m", "damping"))
 
-    def stretched(self, k: Any, l: Any, m: Any) -> Any:
-        return (l.r - k.r).norm() + (m.r - l.r).norm() - self.length
+    def reach(self, k: Any, l: Any, m: Any) -> Any:
+        return (l.r - k.r).norm() + (m.r - l.r).norm()
 
     def energy(self, k: Any, l: Any, m: Any) -> Any:
-        return self.stiffness * self.stretched(k, l, m) ** 2 / 2
+        return self.stiffness * (self.reach(k, l, m) - self.length) ** 2 / 2
 
     def dissipation(self, k: Any, l: Any, m: Any) -> Any:
-        return self.damping * rate(self.stretched(k, l, m)) ** 2 / 2
+        return self.damping * rate(self.reach(k, l, m)) ** 2 / 2
 
     def undefined_at(self) -> tuple[str, ...]:
         return ("points together",)
