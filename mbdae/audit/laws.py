@@ -14,8 +14,6 @@ from mbdae.audit.evaluate import Value
 from mbdae.audit.motion import Motion
 from mbdae.laws import forces, joints
 from mbdae.laws.contact import Hertz, JournalContact
-from mbdae.laws.forces import joint_spring
-from mbdae.laws.joints.clearance import ClearanceRevolute
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Law
@@ -25,13 +23,17 @@ _COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)
 Own = tuple[tuple[str, type[Law]], ...]  #: laws of the user by name
 
 
+WITH_COORDINATES = " with coordinates"  #: behind the name of a joint: the one whose coordinates are unknowns
+
+
 def law_class(name: str, own: Own = ()) -> type[Law] | None:
-    """The class of a law by its name."""
+    """The class of a law by its name; None where there is none, or none with coordinates where these are asked for."""
+    plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
-    known |= {"ClearanceRevolute": ClearanceRevolute, "JointSpring": joint_spring.JointSpring,
-              "JointDamper": joint_spring.JointDamper, "JournalContact": JournalContact} | dict(own)  # fmt: skip
-    found = known.get(name)
-    return found if isinstance(found, type) and issubclass(found, Law) else None
+    found = (known | {"JournalContact": JournalContact} | dict(own)).get(plain)
+    if not (isinstance(found, type) and issubclass(found, Law)) or (plain != name and not getattr(found, "coordinates", None)):
+        return None
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -42,9 +44,10 @@ def derived(name: str, own: Own = ()) -> Derived:
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
         options, values = {"normal": Hertz(1.0)}, {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
+    if name.endswith(WITH_COORDINATES):
+        options["kept"] = True
     law = cls("audited", None, None, **values, **options)
-    sides = (_SIDE, _SIDE) + (_COORDINATE,) * bool(law.own_coordinates)
-    return derive(cls, law.structure(), sides)
+    return derive(cls, law.structure(), (_SIDE, _SIDE) + (_COORDINATE,) * len(law.own_coordinates))
 
 
 class LawState:
@@ -56,8 +59,8 @@ class LawState:
         self.values: dict[Any, Any] = {}
         for f, side in zip(self.d.sides, sides, strict=True):
             self._frame(f, side)
-        if len(self.d.frames) > 2:
-            self._put(self.d.frames[2].q + self.d.frames[2].u, [motion.phi, motion.phidot])
+        for c in self.d.frames[2:]:
+            self._put(c.q + c.u, [motion.phi, motion.phidot])
         for p in self.d.law.params:
             self._put([se.Symbol(p)], [given[p] if p in given else motion.positive(f"parameter {p}")])
         for row in self.d.rows:

@@ -16,7 +16,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import STEP, Value, evaluate
-from mbdae.audit.laws import Own
+from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import AuditError, Node, Statement
 from mbdae.audit.units import Unit, unit
@@ -43,7 +43,7 @@ def phrase(wording: str, vanishes: bool = False, signed: bool = False,
            needs: tuple[tuple[str, str, str], ...] = ()) -> Callable[[Rule], Rule]:  # fmt: skip
     """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} a number, {name} a word, {...} any words."""
     pattern = re.escape(wording).replace(r"\ ", " ")
-    kinds = {"side": "(k|l)", "i": r"(\d+)", "name": r"(\w+)"}
+    kinds = {"side": "(k|l)", "i": r"(\d+)", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
     pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
 
     def register(rule: Rule) -> Rule:

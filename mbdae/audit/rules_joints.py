@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.laws import LawState, law_class
+from mbdae.audit.laws import WITH_COORDINATES, LawState, law_class
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase
 from mbdae.errors import MbdaeError
@@ -17,8 +17,12 @@ PARTS = ("move k", "turn k", "move l", "turn l")
 
 def law(env: Env, name: str) -> LawState:
     """A law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
-    if law_class(name, env.scope.own) is None:
-        raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{name}': {name}}})")
+    cls = law_class(name, env.scope.own)
+    if cls is None:
+        plain = name.removesuffix(WITH_COORDINATES)
+        raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
+    if cls.frames != ("k", "l"):
+        raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
     key = ("law", name)
     if key not in env.motion.memory:
         given = {"rest": 0.0} | ({"drive": float(np.real(env.motion.phi))} if env.motion.joined else {})
@@ -74,6 +78,11 @@ def _parameter(env: Env, parameter: str, of: str) -> Value:
 
 @phrase("coordinate of {name}", vanishes=True)
 def _coordinate(env: Env, of: str) -> Value:
+    cls = law_class(of, env.scope.own)
+    stated = getattr(cls, "coordinates", {})
+    if [spec.unit for spec in stated.values()] != ["rad"]:
+        has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items()) or "none"
+        raise AuditError(f"the coordinates of {of}: {has}; the states of an audit know one angle alone")
     return env.motion.phi
 
 

@@ -308,7 +308,8 @@ class _Moving:
     @staticmethod
     def _stated_by(sizes: dict[str, int], c: Array) -> dict[str, float]:
         """Values of coordinates from one row of numbers; a free rotation is given by a rotation vector there."""
-        stated, left = {}, c
+        stated: dict[str, float] = {}
+        left = c
         for name, size in sizes.items():
             own, left = left[:size], left[size:]
             P = turned(np.eye(4)[0], own) if size == 3 else own

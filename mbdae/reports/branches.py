@@ -18,7 +18,7 @@ def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
     """Derivatives (points, rows, 6) of the rows by displacement and rotation of l."""
     n, out = r.formulas.numbers(state), []
     for pairs, _ in r.duals.values():
-        parts = [np.broadcast_to(n.vector(part), (state.points, 3)) for part in pairs["l"]]
+        parts = [np.broadcast_to(n.vector(part), (state.points, 3)) for part in pairs[r.s.sides[1]]]
         out.append(np.concatenate(parts, axis=-1))
     return np.stack(out, axis=1)
 
@@ -36,7 +36,7 @@ def solved(r: JointChecks, state: State) -> State:
         step = -np.einsum("pij,pj->pi", np.linalg.pinv(J, rcond=1e-9), c)
         turn = step[:, 3:]
         turn = turn * np.minimum(1.0, 0.7 / np.maximum(np.linalg.norm(turn, axis=1, keepdims=True), 1e-300))
-        state = state.changed(1.0, {"l": (step[:, :3], turn)})
+        state = state.changed(1.0, {r.s.sides[1]: (step[:, :3], turn)})
     return state
 
 

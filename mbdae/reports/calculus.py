@@ -120,7 +120,7 @@ class Dual:
     def of(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
         """(side -> force and moment, symbol -> derivative)."""
         zero = self.record.zero
-        self.pairs: dict[str, list[Vector]] = {side: [zero(), zero()] for side in "kl"}
+        self.pairs: dict[str, list[Vector]] = {side: [zero(), zero()] for side in self.record.sides}
         self.partial: dict[Expr, Expr] = dict.fromkeys(self.symbols, _ZERO)
         self._scalar(se.sympify(e), se.Integer(1))
         return {side: (pair[0], pair[1]) for side, pair in self.pairs.items()}, self.partial
@@ -172,7 +172,7 @@ class Dual:
             self._atom(atom.right, _distributed(dual, atom.left))
 
     def _base(self, atom: Base, dual: Vector) -> None:
-        if atom.side not in self.pairs:
+        if atom.kind == "E":
             return
         pair = self.pairs[atom.side]
         if self.velocities:
@@ -207,7 +207,7 @@ def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vect
     """Rates of frame vectors without accelerations of the nodes: r by v, v by omega x (omega x s)."""
 
     def base(atom: Base) -> Vector | None:
-        if atom.side not in ("k", "l") or atom.side in still:
+        if atom.kind == "E" or atom.side in still:
             return None
         w = record.atom("w", atom.side)
         if atom.kind == "r":

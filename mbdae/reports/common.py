@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
@@ -18,7 +18,7 @@ from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.units import row_unit
 from mbdae.reports.vectors import Base
-from mbdae.reports.writer import Writer
+from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.symbolic.law import Force
@@ -26,7 +26,7 @@ from mbdae.symbolic.law import Force
 _BASES = {
     "r": ("position of the point of the {what} on body ${side}$", "m"),
     "c": ("centre of body ${side}$", "m"),
-    "s": ("arm from the centre of body ${side}$ to that point", "m"),
+    "s": ("arm from the centre of body ${side}$ to the point of the {what}", "m"),
     "x": ("first axis of the {what} on body ${side}$, a unit vector", "1"),
     "y": ("second axis on body ${side}$", "1"),
     "z": ("third axis on body ${side}$: the axis of the {what}", "1"),
@@ -38,6 +38,14 @@ _BASES = {
     "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
 }
+_TURNED = {
+    "bx": ("first axis of the free rotation: its components along $\\mathbf{i}_x, \\mathbf{i}_y, \\mathbf{i}_z$ are those of the"
+           " turned first axis along the axes reached before", "1"),
+    "by": ("the same of the second axis", "1"),
+    "bz": ("the same of the third axis", "1"),
+    "w": ("angular velocity of the free rotation, components likewise", "rad/s"),
+    "dpsi": ("virtual rotation of the free rotation, components likewise", "rad"),
+}  # fmt: skip
 BOUND = 1e-10  #: largest relative difference that passes as round-off
 
 
@@ -60,20 +68,20 @@ class LawFormulas:
 
     statement: Statement
     what: str = "joint"
+    rows: bool = True  #: whether its rows are written
     checks: list[Check] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         s = self.statement
         self.known: dict[str, Letter] = letters(s.cls, s.structure, s.law)
-        for row in s.rows:
+        for row in s.rows if self.rows else ():
             self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
+        self.known |= {name: replace(self.known[name], unit="") for name in s.turning}
         for name, symbol in s.coordinates.items():
-            spec = next(
-                law.coordinates[name] for law in (s.law, getattr(s.law, "joint", None)) if law and name in law.coordinates
-            )
-            latex = r"\varphi" if name == "phi" else name
-            self.known[str(symbol)] = Letter(latex, spec.unit, spec.meaning)
-            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{latex}}}", f"{spec.unit}/s", "its rate")
+            letter = self.known[name]
+            self.known[str(symbol)] = letter
+            self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit}/s", "its rate")
+            self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit, "its virtual change")
         self.writer = Writer(s.record, {})
         self.refresh()
 
@@ -122,7 +130,7 @@ class LawFormulas:
         kinds = [*_BASES, "E"]
         rows: list[list[str]] = []
         for base in sorted(self.writer.bases, key=lambda b: (kinds.index(b.kind), b.side)):
-            row = _base_row(base, self.what)
+            row = _base_row(base, self.what if base.side not in self.statement.turning.values() else "")
             if row not in rows:
                 rows.append(row)
         rows += [self.known[name].row for name in sorted(self.writer.used) if name in self.known]
@@ -132,8 +140,9 @@ class LawFormulas:
 def _base_row(base: Base, what: str) -> list[str]:
     if base.kind == "E":
         return [r"$\mathbf{i}_x,\ \mathbf{i}_y,\ \mathbf{i}_z$", "1", "inertial axes"]
-    meaning, unit = _BASES[base.kind]
-    return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", base.side).replace("{what}", what)]
+    meaning, unit = (_BASES if what else _TURNED)[base.kind]
+    side = subscript(base.side)
+    return [f"${Writer.plain(base)}$", unit_text(unit), meaning.replace("{side}", side).replace("{what}", what)]
 
 
 def described(law: Any) -> list[Block]:

@@ -9,13 +9,15 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section
 from mbdae.documents.document import Document
 from mbdae.reports.calculus import Dual, Pair
 from mbdae.reports.common import Check, LawFormulas, checks_table, described, external, provenance, title_of
-from mbdae.reports.joint import CONVENTION
+from mbdae.reports.joint import CONVENTION, effort
 from mbdae.reports.joint_checks import LawChecks, planar_of
 from mbdae.reports.letters import Letter
 from mbdae.reports.parts import part_sections
+from mbdae.reports.resistance import thrust_blocks
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import POINTS, random_state, residual
 from mbdae.reports.vectors import Base
+from mbdae.reports.writer import subscript
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Force, Structure
 from mbdae.symbolic.outputs import dynamics
@@ -28,14 +30,13 @@ class ForceReport(LawChecks):
     def __init__(self, law: type[Force], structure: Structure) -> None:
         self.s = Statement(law, structure)
         self.energy, self.dissipation, self.wrench = self.s.energy, self.s.dissipation, self.s.wrench
-        self.losses = {name: self.s.scalar(e) for name, e in self.s.law.losses(self.s.k, self.s.l).items()}
-        self.gaps = [(self.s.scalar(g), self.s.scalar(rate)) for g, rate in self.s.law.gaps(self.s.k, self.s.l)]
+        self.losses = {name: self.s.scalar(e) for name, e in self.s.law.losses(*self.s.frames).items()}
+        self.gaps = [(self.s.scalar(g), self.s.scalar(rate)) for g, rate in self.s.law.gaps(*self.s.frames)]
         self.rates, self.starts = self.s.states("rates"), self.s.states("initial")
         self.formulas, self.d = LawFormulas(self.s, "law"), self.s.derived
         self.state = random_state(self.d)
-        symbols = tuple(self.s.coordinates.values())
-        self.elastic = Dual(self.s.record, symbols=symbols).of(self.energy)
-        speeds = tuple(self.s.clock[s] for s in symbols)
+        self.elastic = self.s.gradient(self.energy)
+        speeds = tuple(self.s.clock[s] for s in self.s.coordinates.values())
         self.drag = Dual(self.s.record, velocities=True, symbols=speeds).of(self.dissipation)
 
     def document(self) -> Document:
@@ -66,13 +67,14 @@ class ForceReport(LawChecks):
                 Paragraph(f"Force $\\mathbf{{F}}$ (N) on l at its point and torque $\\mathbf{{T}}$ (N m) on l{on_k}:"),
                 Equation(f"\\mathbf{{F}} = {w.vector(self.wrench[0])} \\\\ \\mathbf{{T}} = {w.vector(self.wrench[1])}"),
             ]
+        blocks += thrust_blocks(self)
         return Section("Law", [*blocks, *self.formulas.explained(mark)])
 
     def total(self) -> dict[str, Pair]:
-        """Forces and moments on both bodies at their points, as they stand on the left-hand side."""
+        """Forces and moments on the bodies at their points, as they stand on the left-hand side."""
         added = self.stated_pairs
         out = {}
-        for side in "kl":
+        for side in self.s.sides:
             force, moment = (self.elastic[0][side][i] + self.drag[0][side][i] for i in range(2))
             out[side] = (force + added[side][0], moment + added[side][1]) if added else (force, moment)
         return out
@@ -83,11 +85,11 @@ class ForceReport(LawChecks):
         total = self.total()
         self.formulas.refresh()
         lines = []
-        for side in [side for side in "lk" if side not in self.s.still]:
-            lines.append(f"\\mathbf{{f}}_{side} = {w.vector(-total[side][0])}")
-            lines.append(f"\\mathbf{{m}}_{side} = {w.vector(-total[side][1])}")
+        for side in [side for side in reversed(self.s.sides) if side not in self.s.still]:
+            lines.append(f"\\mathbf{{f}}_{subscript(side)} = {w.vector(-total[side][0])}")
+            lines.append(f"\\mathbf{{m}}_{subscript(side)} = {w.vector(-total[side][1])}")
         for name, e in self.coordinate_rows().items():
-            lines.append(f"h_{{{name}}} = {w.scalar(e)}")
+            lines.append(f"{effort(name)} = {w.scalar(e)}")
         text = (
             "Forces and moments on the bodies at their points, from $-\\delta V$,"
             " $-\\partial D/\\partial\\dot{\\mathbf{r}}$ and the stated force; about the centre of a body the moment is"
@@ -98,28 +100,27 @@ class ForceReport(LawChecks):
         blocks = [Paragraph(text), *_equations(lines), *self.formulas.explained(mark)]
         if not external(self.s):
             blocks.append(Paragraph(self.balance(total)))
-        return Section("Forces on both bodies", blocks)
+        return Section("Forces on both bodies" if len(self.s.sides) == 2 else "Forces on the bodies", blocks)
 
     def coordinate_rows(self) -> dict[str, Expr]:
         """Contributions of the law to the equations of joint coordinates."""
-        return {name: self.elastic[1][symbol] + self.drag[1][self.s.clock[symbol]] for name, symbol in self.s.coordinates.items()}
+        parts = (self.elastic[1], {s: self.drag[1][self.s.clock[s]] for s in self.s.coordinates.values()}, self.stated_partials)
+        return {name: sum((part[symbol] for part in parts), se.Integer(0)) for name, symbol in self.s.coordinates.items()}
 
     def balance(self, total: dict[str, Pair]) -> str:
         """Sums of forces and moments."""
         n, st = self.formulas.numbers(self.state), self.state
-        arm = st.atom(Base("r", "l")) - st.atom(Base("r", "k"))
-        force = n.vector(total["k"][0]) + n.vector(total["l"][0])
-        moment = n.vector(total["k"][1]) + n.vector(total["l"][1]) + np.cross(arm, n.vector(total["l"][0]))
-        size = n.vector(total["l"][0])
-        errors = [
-            residual(force + size, size + 0 * force),
-            residual(moment + n.vector(total["l"][1]), n.vector(total["l"][1]) + 0 * moment),
-        ]
+        forces, moments = ([np.broadcast_to(n.vector(pair[i]), (POINTS, 3)) for pair in total.values()] for i in range(2))
+        places = [st.atom(Base("r", side)) for side in total]
+        moment = sum(m + np.cross(r - places[0], f) for m, r, f in zip(moments, places, forces, strict=True))
+        errors = [residual(sum(forces) + forces[-1], forces[-1]), residual(moment + moments[-1], moments[-1])]
         self.formulas.checks += [Check("sum of forces vanishes", errors[0]), Check("sum of moments vanishes", errors[1])]
+        below = [subscript(side) for side in self.s.sides]
+        sums = [" + ".join(rf"\mathbf{{{letter}}}_{i}" for i in below) for letter in "fm"]
+        arms = [rf"(\mathbf{{r}}_{i} - \mathbf{{r}}_{below[0]})\times\mathbf{{f}}_{i}" for i in below[1:]]
         return (
-            "Balance: $\\mathbf{f}_k + \\mathbf{f}_l = \\mathbf{0}$ and $\\mathbf{m}_k + \\mathbf{m}_l +"
-            " (\\mathbf{r}_l - \\mathbf{r}_k)\\times\\mathbf{f}_l = \\mathbf{0}$ at every state; they hold within"
-            f" {max(errors):.1e} at the random states."
+            rf"Balance: ${sums[0]} = \mathbf{{0}}$ and ${' + '.join([sums[1], *arms])} = \mathbf{{0}}$ at every state; they hold"
+            f" within {max(errors):.1e} at the random states."
         )
 
     def states(self) -> list[Section]:
@@ -188,11 +189,7 @@ class ForceReport(LawChecks):
             if side not in self.s.still:
                 self.check_pair(side, pair, kernel, side)
         for name, e in self.coordinate_rows().items():
-            self.check(
-                f"row of {name}, with the compiled kernel",
-                np.broadcast_to(n.scalar(e), (POINTS,)),
-                kernel.get(("u", "c", 0), np.zeros(POINTS)),
-            )
+            self.check_coordinate(name, e, kernel)
         stated_gaps = [e for pair in self.d.law.gaps(*self.d.sides) for e in pair]
         for e, wanted_ in zip((e for pair in self.gaps for e in pair), stated_gaps, strict=True):
             self.check("gap or its rate", n.scalar(e), st.scalar(self.d.variation.name(wanted_)))

@@ -10,25 +10,26 @@ from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.reports.branches import solution_set
 from mbdae.reports.calculus import Motion
-from mbdae.reports.common import checks_table, described, joined, provenance, row_name, title_of
+from mbdae.reports.common import checks_table, described, joined, provenance, row_name
+from mbdae.reports.coordinates import coordinates_section, other_statements, title_of_joint
 from mbdae.reports.joint_checks import JointChecks, planar_of
 from mbdae.reports.letters import multiplier
 from mbdae.reports.recursive import recursive_sections
 from mbdae.reports.resistance import resistance_section
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Base, Vector
+from mbdae.reports.writer import Writer, subscript
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Structure
+from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.vectors import Expr
 
 CONVENTION = (
     "The frame $\\mathbf{x}_k, \\mathbf{y}_k, \\mathbf{z}_k$ is fixed to body k, $\\mathbf{x}_l, \\mathbf{y}_l,"
     " \\mathbf{z}_l$ to body l; they are right-handed and coincide as drawn, all components are inertial."
-    " Coordinates are those of l relative to k, positive about or along $\\mathbf{z}_k$. A vector"
-    " $\\mathbf{a}$ fixed to a body changes by $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$."
-    " Equations of motion read $\\mathbf{M}\\dot{\\mathbf{u}} +"
-    " \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} = \\mathbf{0}$: forces listed beside a virtual"
+    " Coordinates are those of l relative to k, 0 as drawn. A vector $\\mathbf{a}$ fixed to a body changes by"
+    " $\\delta\\mathbf{a} = \\delta\\boldsymbol{\\psi}\\times\\mathbf{a}$. Equations of motion read"
+    " $\\mathbf{M}\\dot{\\mathbf{u}} + \\mathbf{G}^{\\mathsf{T}}\\boldsymbol{\\lambda} + \\ldots - \\mathbf{f} ="
+    " \\mathbf{0}$: forces listed beside a virtual"
     " displacement stand on the left-hand side, the force that acts on a body is the opposite."
 )
 
@@ -42,17 +43,12 @@ class JointReport(JointChecks):
         """The whole report."""
         rate = self.s.motion()
         rates = {row: rate.scalar(e) for row, e in self.s.rows.items()}
-        sections = [
-            self.constraint(),
-            Section("Solution set and branches", solution_set(self)),
-            self.variation(),
-            self.work(),
-            self.forces(),
-            self.body_frame(),
-            self.balance(),
-            self.rates(rate, rates),
-            self.stiffness(),
-        ]
+        stated = coordinates_section(self)
+        sections = [*([stated] if stated else []), self.constraint()]
+        if self.s.rows:
+            sections += [*self.solutions(), self.variation(), self.work(), self.forces()]
+            sections += [self.body_frame(), self.balance()] if self.s.sides else []
+            sections += [self.rates(rate, rates), self.stiffness()]
         resisted = resistance_section(self)
         sections += [resisted] if resisted else []
         planar = planar_of(self.s)
@@ -61,10 +57,13 @@ class JointReport(JointChecks):
         self.run_checks(rate, rates)
         symbols = Section("Symbols", [self.formulas.symbols(), Paragraph(CONVENTION)])
         checked = Section("Numeric check", checks_table(self.formulas.checks, POINTS))
-        title = f"{title_of(self.s.cls)} joint" if "oint" not in self.s.cls.__name__ else title_of(self.s.cls)
-        return Document(
-            title, [*described(self.s.cls), symbols, *sections, self.plane(planar), checked, provenance(self.d, planar)]
-        )
+        head = [*described(self.s.cls), *other_statements(self.s), symbols]
+        plane = [self.plane(planar)] if self.s.rows and self.s.sides else []
+        return Document(title_of_joint(self.s), [*head, *sections, *plane, checked, provenance(self.d, planar)])
+
+    def solutions(self) -> list[Section]:
+        """The solution set of the rows."""
+        return [Section("Solution set and branches", solution_set(self))] if self.s.sides else []
 
     def constraint(self) -> Section:
         """The rows."""
@@ -81,6 +80,8 @@ class JointReport(JointChecks):
             w.used.add(f"lambda_{name}")
         where = self.formulas.explained(mark)
         count = f"{len(self.s.rows)} {'row' if len(self.s.rows) == 1 else 'rows'} must vanish."
+        if not rows:
+            return Section("Constraint", [Paragraph("No row must vanish: the joint holds nothing.")])
         return Section("Constraint", [Paragraph(count), *rows, *where, multipliers, *self._augmented()])
 
     def _augmented(self) -> list[Block]:
@@ -109,9 +110,11 @@ class JointReport(JointChecks):
 
     def work(self) -> Section:
         """Virtual work, sorted by virtual displacements."""
-        coordinates = "".join(
-            f" + h_{{{name}}}\\,\\delta {self.formulas.known[str(symbol)].latex}" for name, symbol in self.s.coordinates.items()
-        )
+        terms = []
+        for i in map(subscript, self.s.sides):
+            terms += [rf"\mathbf{{f}}_{i}\cdot\delta\mathbf{{r}}_{i}", rf"\mathbf{{m}}_{i}\cdot\delta\boldsymbol{{\psi}}_{i}"]
+        terms += [rf"\mathbf{{m}}_{subscript(i)}\cdot\delta\boldsymbol{{\psi}}_{subscript(i)}" for i in self.s.turning.values()]
+        terms += [f"{effort(name)}\\,{self.formulas.known[str(dc)].latex}" for name, dc in self.virtual_changes().items()]
         text = (
             "Virtual work of the rows, with forces that act at the points of the joint. About the centre of a body the"
             " force is the same and the moment is $\\mathbf{m} + \\mathbf{s}\\times\\mathbf{f}$."
@@ -119,56 +122,61 @@ class JointReport(JointChecks):
         return Section(
             "Virtual work",
             [
-                Equation(
-                    r"\sum_i \lambda_i\,\delta c_i = \mathbf{f}_k\cdot\delta\mathbf{r}_k +"
-                    r" \mathbf{m}_k\cdot\delta\boldsymbol{\psi}_k "
-                    rf"+ \mathbf{{f}}_l\cdot\delta\mathbf{{r}}_l + \mathbf{{m}}_l\cdot\delta\boldsymbol{{\psi}}_l{coordinates}"
-                ),
+                Equation(rf"\sum_i \lambda_i\,\delta c_i = {' + '.join(terms)}"),
                 Paragraph(text),
             ],
         )
 
+    def virtual_changes(self) -> dict[str, Expr]:
+        """Symbols of the virtual changes of the coordinates that are unknowns, by name."""
+        return {name: self.s.virtual[symbol] for name, symbol in self.s.coordinates.items()}
+
+    def head(self, mark: str = "{}") -> list[str]:
+        """Names of the forces and moments on the bodies."""
+        letters = [(letter, subscript(side)) for side in self.s.sides for letter in "fm"]
+        return [f"${mark.format(f'{chr(92)}mathbf{{{letter}}}')}_{side}$" for letter, side in letters]
+
     def forces(self) -> Section:
-        """The forces of every row on both bodies, zero ones included."""
+        """The forces of every row on the bodies and coordinates, zero ones included."""
         w = self.formulas.writer
-        head = ["row", r"$\mathbf{f}_k$", r"$\mathbf{m}_k$", r"$\mathbf{f}_l$", r"$\mathbf{m}_l$"]
-        head += [f"$h_{{{name}}}$" for name in self.s.coordinates]
+        head = ["row", *self.head(), *(rf"$\mathbf{{m}}_{subscript(side)}$" for side in self.s.turning.values())]
+        head += [f"${effort(name)}$" for name in self.s.coordinates]
         rows = []
         for row, (pairs, partial) in self.duals.items():
             lam = self.weights[row]
-            cells = [w.vector(part * lam) for side in "kl" for part in pairs[side]] + [
-                w.scalar(lam * p) for p in partial.values()
-            ]
+            cells = [w.vector(part * lam) for side in self.s.sides for part in pairs[side]]
+            cells += [w.vector(pairs[side][1] * lam) for side in self.s.turning.values()]
+            cells += [w.scalar(lam * p) for p in partial.values()]
             rows.append([row_name(row), *(f"${c}$" for c in cells)])
         text = (
             "Coordinate-free, on the left-hand side: the force on body k at its point is $-\\mathbf{f}_k$, its moment about that"
             " point $-\\mathbf{m}_k$; likewise on body l."
         )
-        blocks: list[Block] = [Paragraph(text), Table(head, rows)]
-        if self.s.coordinates:
-            blocks.append(
-                Paragraph(
-                    "The equation of the massless coordinate is "
-                    + " and ".join(
-                        f"$h_{{{name}}} + \\text{{(spring, damper, torque)}} = 0$, the sum over its column"
-                        for name in self.s.coordinates
-                    )
-                    + "."
-                )
-            )
-        return Section("Forces on both bodies", blocks)
+        blocks: list[Block] = [Paragraph(text)] if self.s.sides else []
+        blocks.append(Table(head, rows))
+        if self.s.coordinates and self.s.sides:
+            blocks.append(Paragraph(
+                "The equation of a massless coordinate is "
+                + " and ".join(f"${effort(name)} + \\text{{(spring, damper, load)}} = 0$" for name in self.s.coordinates)
+                + ", $h$ the sum over its column."
+            ))  # fmt: skip
+        elif self.s.coordinates:
+            blocks.append(Paragraph("$-h$ is the force or torque on the coordinate; it acts on both bodies of its joint."))
+        if self.s.turning:
+            blocks.append(Paragraph("The equation of a massless free rotation: its moment, the sum over its column, vanishes."))
+        return Section("Forces on both bodies" if len(self.s.sides) == 2 else "Forces", blocks)
 
     def body_frame(self) -> Section:
         """The moments in the axes of each body."""
         w, rows = self.formulas.writer, []
         for row, (pairs, _) in self.duals.items():
             cells = []
-            for side in "kl":
+            for side in self.s.sides:
                 w.frame = lambda base, side=side: in_frame(base, side)
                 cells += [w.vector(part * self.weights[row]) for part in pairs[side]]
                 w.frame = None
             rows.append([row_name(row), *(f"${c}$" for c in cells)])
-        head = ["row", r"$\bar{\mathbf{f}}_k$", r"$\bar{\mathbf{m}}_k$", r"$\bar{\mathbf{f}}_l$", r"$\bar{\mathbf{m}}_l$"]
+        head = ["row", *self.head(r"\bar{{{}}}")]
         text = (
             "The same in the joint axes of the body they act on: $\\mathbf{J} = [\\mathbf{x}\\ \\mathbf{y}\\ \\mathbf{z}]$,"
             " $\\mathbf{A} = \\mathbf{J}_k^{\\mathsf{T}}\\mathbf{J}_l$, $\\mathbf{e}_x, \\mathbf{e}_y,"
@@ -182,13 +190,15 @@ class JointReport(JointChecks):
     def balance(self) -> Section:
         """Sum of forces and moments, row by row."""
         w, rows = self.formulas.writer, []
-        d = self.s.record.single(self.s.record.atom("r", "l") - self.s.record.atom("r", "k"))
+        first, *others = self.s.sides
+        atom, record = self.s.record.atom, self.s.record
+        d = {side: record.single(atom("r", side) - atom("r", first)) for side in others}
         self.formulas.refresh()
         mark, n, all_balance = self.formulas.mark(), self.formulas.numbers(self.state), True
         for row, (pairs, _) in self.duals.items():
-            force = pairs["k"][0] + pairs["l"][0]
-            moment = pairs["k"][1] + pairs["l"][1] + d.cross(pairs["l"][0])
-            moment = _settled(moment, n)
+            force = sum((pairs[side][0] for side in self.s.sides), record.zero())
+            moments = (pairs[side][1] + d[side].cross(pairs[side][0]) for side in others)
+            moment = _settled(sum(moments, pairs[first][1]), n)
             all_balance &= not moment.terms
             rows.append([row_name(row), f"${w.vector(force)}$", f"${w.vector(moment)}$"])
         told = (
@@ -200,11 +210,11 @@ class JointReport(JointChecks):
             )
         )
         named = self.formulas.definitions(mark)
-        head = [
-            "row",
-            r"$\mathbf{f}_k + \mathbf{f}_l$",
-            r"moment about $\mathbf{r}_k$: $\mathbf{m}_k + \mathbf{m}_l + (\mathbf{r}_l - \mathbf{r}_k)\times\mathbf{f}_l$",
-        ]
+        below = [subscript(side) for side in self.s.sides]
+        forces = " + ".join(rf"\mathbf{{f}}_{i}" for i in below)
+        moments_ = " + ".join(rf"\mathbf{{m}}_{i}" for i in below)
+        arms = " + ".join(rf"(\mathbf{{r}}_{i} - \mathbf{{r}}_{below[0]})\times\mathbf{{f}}_{i}" for i in below[1:])
+        head = ["row", f"${forces}$", rf"moment about $\mathbf{{r}}_{below[0]}$: ${moments_} + {arms}$"]
         return Section(
             "Balance of forces and moments",
             [Paragraph("Per unit of each multiplier."), Table(head, rows), *named, Paragraph(told)],
@@ -241,7 +251,7 @@ class JointReport(JointChecks):
         """Change of the forces in a virtual displacement at constant multipliers."""
         rule, w, mark = self.s.variation(), self.formulas.writer, self.formulas.mark()
         changes = {
-            row: {side: [rule.vector(part * self.weights[row]) for part in pairs[side]] for side in "kl"}
+            row: {side: [rule.vector(part * self.weights[row]) for part in pairs[side]] for side in self.s.record.sides}
             for row, (pairs, _) in self.duals.items()
         }
         self.formulas.refresh()
@@ -256,7 +266,7 @@ class JointReport(JointChecks):
             for side, parts in sides.items():
                 for letter, part in zip("fm", parts, strict=True):
                     if part.terms:
-                        lines.append(f"\\delta\\mathbf{{{letter}}}_{side} = {w.vector(part)}")
+                        lines.append(f"\\delta\\mathbf{{{letter}}}_{subscript(side)} = {w.vector(part)}")
             text = f"Row {row_name(row)}" + (":" if lines else ": zero.")
             blocks += [Paragraph(text), *([Equation(joined(lines))] if lines else [])]
         return Section("Geometric stiffness", [*blocks, *self.formulas.explained(mark)])
@@ -278,11 +288,12 @@ class JointReport(JointChecks):
             lines.append(
                 [
                     row_name(row),
-                    *(f"${w.vector(pairs[side][0])}$" for side in "kl"),
-                    *(f"${_normal_part(w.vector(pairs[side][1]))}$" for side in "kl"),
+                    *(f"${w.vector(pairs[side][0])}$" for side in self.s.sides),
+                    *(f"${_normal_part(w.vector(pairs[side][1]))}$" for side in self.s.sides),
                 ]
             )
-        head = ["row", r"$\mathbf{f}_k/\lambda$", r"$\mathbf{f}_l/\lambda$", r"$m_k/\lambda$", r"$m_l/\lambda$"]
+        below = [subscript(side) for side in self.s.sides]
+        head = ["row", *(rf"$\mathbf{{f}}_{i}/\lambda$" for i in below), *(rf"$m_{i}/\lambda$" for i in below)]
         return Section("Planar form", [Paragraph(text), *([Table(head, lines)] if lines else [])])
 
 
@@ -297,16 +308,19 @@ def _settled(a: Vector, n: Any) -> Vector:
 
 def in_frame(base: Base, side: str) -> str:
     """A frame vector resolved in the joint axes of one side."""
-    if base.kind in ("x", "y", "z"):
+    if base.kind in ("x", "y", "z") and {base.side, side} <= set("kl"):
         unit = f"\\mathbf{{e}}_{base.kind}"
         if base.side == side:
             return unit
         return f"\\mathbf{{A}}{unit}" if side == "k" else f"\\mathbf{{A}}^{{\\mathsf{{T}}}}{unit}"
-    name = "ijk"["xyz".index(base.side)] if base.kind == "E" else base.kind
-    plain = f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"\\mathbf{{{name}}}_{base.side}"
-    return f"\\mathbf{{J}}_{side}^{{\\mathsf{{T}}}}{plain}"
+    return f"\\mathbf{{J}}_{subscript(side)}^{{\\mathsf{{T}}}}{Writer.plain(base)}"
 
 
-def joint_report(law: type[Joint], structure: Structure) -> Document:
-    """The report of a joint law."""
+def effort(name: str) -> str:
+    """The letter of the generalised force of the rows on a coordinate."""
+    return f"h_{{\\text{{{row_name(name)}}}}}"
+
+
+def joint_report(law: type[Law], structure: Structure) -> Document:
+    """The report of a joint, or of a coupling of the coordinates of joints."""
     return JointReport(law, structure).document()

@@ -11,15 +11,14 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
-from mbdae.reports.calculus import Dual, Motion, Pair
+from mbdae.reports.calculus import Motion, Pair
 from mbdae.reports.common import Check, LawFormulas, row_name
 from mbdae.reports.evaluate import Numbers
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, State, random_state, residual
-from mbdae.reports.vectors import Base, Vector
+from mbdae.reports.vectors import Base
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Structure
+from mbdae.symbolic.law import Law, Structure
 from mbdae.symbolic.outputs import acceleration, dynamics, position, velocity, weighted
 from mbdae.symbolic.vectors import Expr, Vec
 
@@ -46,46 +45,69 @@ class LawChecks:
 
     @cached_property
     def stated_pairs(self) -> dict[str, Pair] | None:
-        """The force and torque that the law states, on both bodies, left-hand side, at their points."""
-        if self.s.wrench is None:
+        """The force and torque that the law states, and those of its thrust, on all bodies, left-hand side, at their points."""
+        if self.s.wrench is None and self.s.thrust is None:
             return None
-        force, torque = self.s.wrench
-        d = self.s.record.single(self.s.record.atom("r", "l") - self.s.record.atom("r", "k"))
-        return {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
+        zero, record = self.s.record.zero(), self.s.record
+        out = dict.fromkeys(record.sides, (zero, zero))
+        if self.s.wrench is not None:
+            force, torque = self.s.wrench
+            d = record.single(record.atom("r", "l") - record.atom("r", "k"))
+            out |= {"k": (force, torque + d.cross(force)), "l": (-force, -torque)}
+        if self.s.thrust is not None:
+            along, push = self.s.thrust
+            for side, (move, turn) in self.s.gradient(along)[0].items():
+                out[side] = (out[side][0] + move * -push, out[side][1] + turn * -push)
+        return out
+
+    @cached_property
+    def stated_partials(self) -> dict[Expr, Expr]:
+        """What the thrust of the law adds to the equations of the coordinates that are unknowns, left-hand side."""
+        zero = dict.fromkeys(self.s.coordinates.values(), se.Integer(0))
+        if self.s.thrust is None:
+            return zero
+        along, push = self.s.thrust
+        return zero | {symbol: -push * p for symbol, p in self.s.gradient(along)[1].items()}
+
+    def check_coordinate(self, name: str, e: Expr, kernel: dict[Any, Any]) -> None:
+        """The term of the law in the equation of a coordinate, with the compiled kernel."""
+        wanted = kernel.get(("u", self.s.places[name], 0), np.zeros(POINTS))
+        got = np.broadcast_to(self.formulas.numbers(self.state).scalar(e), (POINTS,))
+        self.check(f"row of {row_name(name)}, with the compiled kernel", got, wanted)
 
     def check_pair(self, side: str, pair: Pair, kernel: dict[Any, Any], where: str) -> None:
         """Force and moment on a side at its point, with the compiled kernel."""
         st, n, f = self.state, self.formulas.numbers(self.state), self.state.frame(side)
+        count = f.kind.translations
         F = np.broadcast_to(n.vector(pair[0]), (POINTS, 3))
         M = n.vector(pair[1]) + np.cross(st.vector(f.arm), F)
         got = [*np.moveaxis(F, -1, 0), *(np.sum(st.vector(column) * M, axis=-1) for column in f.body)]
-        wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(6)]
-        self.check(f"force on {where}, with the compiled kernel", got[:3], wanted[:3])
-        self.check(f"moment on {where}, in body axes about its centre, with the compiled kernel", got[3:], wanted[3:])
+        wanted = [kernel.get(("u", side, i), np.zeros(POINTS)) for i in range(count + 3)]
+        if count:
+            self.check(f"force on {where}, with the compiled kernel", got[:3], wanted[:3])
+        self.check(f"moment on {where}, in body axes about its centre, with the compiled kernel", got[3:], wanted[count:])
 
 
 class JointChecks(LawChecks):
     """The rows of one joint law with the forces that follow from them, and their checks."""
 
-    def __init__(self, law: type[Joint], structure: Structure) -> None:
+    def __init__(self, law: type[Law], structure: Structure) -> None:
         self.s = Statement(law, structure)
         _ = self.s.rows, self.s.branches
         self.formulas = LawFormulas(self.s)
         self.d = self.s.derived
         self.state = random_state(self.d)
-        self.duals: dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]] = {}
-        for name, e in self.s.rows.items():
-            self.duals[name] = Dual(self.s.record, symbols=tuple(self.s.coordinates.values())).of(e)
+        self.duals = self.s.gradients
         self.weights = {row: se.Symbol(f"lambda_{row}") for row in self.s.rows}
 
     def total(self) -> dict[str, Pair]:
-        """G^T lambda: force and moment on both bodies, at their points."""
+        """G^T lambda: force and moment on the bodies, at their points."""
         zero = self.s.record.zero()
-        out = dict.fromkeys("kl", (zero, zero))
+        out = dict.fromkeys(self.s.record.sides, (zero, zero))
         for row, (pairs, _) in self.duals.items():
             out = {
                 side: (out[side][0] + pairs[side][0] * self.weights[row], out[side][1] + pairs[side][1] * self.weights[row])
-                for side in "kl"
+                for side in self.s.record.sides
             }
         return out
 
@@ -99,7 +121,7 @@ class JointChecks(LawChecks):
                 e = self.s.rows[row] if target[0] == "g" else rates[row] if target[0] == "gd" else rate.scalar(rates[row])
                 kind = {"g": "constraint", "gd": "rate", "gdd": "second rate"}[target[0]]
                 self.check(f"{kind} {row_name(row)}, with the compiled kernel", n.scalar(e), values)
-        stated = self.d.law.branches(*self.d.sides)
+        stated = self.d.law.positives(*self.d.sides)
         for name, e in self.s.branches.items():
             self.check(f"branch: {name}", n.scalar(e), self.state.scalar(self.d.variation.name(stated[name])))
         missing = [row for row in order if row not in self.d.rows]
@@ -116,20 +138,20 @@ class JointChecks(LawChecks):
             self.check_pair(side, (force, moment), kernel, f"the side of {side}")
         for name, symbol in self.s.coordinates.items():
             total = sum(self.weights[row] * partial[symbol] for row, (_, partial) in self.duals.items())
-            self.check(f"row of {name}, with the compiled kernel", n.scalar(total), kernel[("u", "c", 0)])
+            self.check_coordinate(name, total + self.stated_partials[symbol], kernel)
 
     def _check_motion(self, rates: dict[str, Expr]) -> None:
         """Rates, variations and geometric stiffness against complex steps through the quaternions of the bodies."""
         st = self.state
-        moved = st.changed(
-            1j * STEP, {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in "kl"}, self._clock()
-        )
+        motion = {side: (st.atom(Base("v", side)), st.atom(Base("w", side))) for side in self.s.record.sides}
+        moved = st.changed(1j * STEP, motion, self._clock())
         n, got = self.formulas.numbers(st), self.formulas.numbers(moved)
         for row, e in self.s.rows.items():
             change = np.imag(np.broadcast_to(got.scalar(e), (POINTS,))) / STEP
             self.check(f"d/dt of row {row_name(row)} by moving the bodies, with G u", n.scalar(rates[row]), change)
-        virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in "kl"}
-        varied, rule = st.changed(1j * STEP, virtual), self.s.variation()
+        virtual = {side: (st.atom(Base("du", side)), st.atom(Base("dpsi", side))) for side in self.s.record.sides}
+        changes = {str(c): st.given[str(dc)] for c, dc in self.s.virtual.items()}
+        varied, rule = st.changed(1j * STEP, virtual, changes), self.s.variation()
         derived_rows = State(varied.d, varied.given)
         for row, e in self.s.rows.items():
             index = self.d.rows.index(row)
@@ -152,7 +174,7 @@ class JointChecks(LawChecks):
     def _check_body_frame(self) -> None:
         """Forces in joint axes, as the table has them, against J^T times the inertial ones."""
         st = self.state
-        for side in "kl":
+        for side in self.s.sides:
             J = np.stack([st.atom(Base(a, side)) for a in "xyz"], axis=-1)
             plain = self.formulas.numbers(st)
             axes = {Base("E", a): J[:, i] for i, a in enumerate("xyz")}
@@ -166,37 +188,16 @@ class JointChecks(LawChecks):
         n, worst = self.formulas.numbers(self.state), 0.0
         for row, (pairs, partial) in self.duals.items():
             Gu: Any = np.zeros(POINTS)
-            for side in "kl":
+            for side in self.s.record.sides:
                 Gu = Gu + np.sum(
                     n.vector(pairs[side][0]) * n.atom(Base("v", side)) + n.vector(pairs[side][1]) * n.atom(Base("w", side)), -1
                 )
             Gu = Gu + sum(n.scalar(p) * n.scalar(self.s.clock[s]) for s, p in partial.items())
-            of_time = sum((se.diff(self.s.rows[row], p) * dp for p, dp in self.d.variation.clock.items()), se.Integer(0))
-            for a in [
-                a
-                for a in self.s.record.vectors.values()
-                if any(c.free_symbols & set(self.d.variation.clock) for c in a.terms.values())
-            ]:
-                of_time += self._clocked(row, a)
+            of_time = self.s.of_time().scalar(self.s.rows[row])
             error = residual(Gu + n.scalar(of_time), n.scalar(rates[row]))
             worst = max(worst, error)
             self.formulas.checks.append(Check(f"G u of row {row_name(row)} from the forces, with its rate", error))
         return worst
-
-    def _clocked(self, row: str, a: Vector) -> Expr:
-        """Rate of a row through the time that a named vector contains."""
-        record = self.s.record
-        numbers = [n for n, value in record.vectors.items() if value is a and n not in record.changes]
-        total: Expr = se.Integer(0)
-        for symbol in self.s.rows[row].free_symbols & set(record.dots):
-            for one, other in (record.dots[symbol], record.dots[symbol][::-1]):
-                if getattr(one, "number", None) in numbers:
-                    changed = {
-                        atom: sum((se.diff(c, p) * dp for p, dp in self.d.variation.clock.items()), se.Integer(0))
-                        for atom, c in a.terms.items()
-                    }
-                    total += se.diff(self.s.rows[row], symbol) * sum(c * record.dot(atom, other) for atom, c in changed.items())
-        return total
 
 
 def _resolved(state: State, J: Any, base: Base) -> Any:
@@ -210,8 +211,8 @@ def report_outputs(d: Derived) -> list[tuple[Any, Expr]]:
 
 
 def covectors(d: Derived) -> dict[str, tuple[Vec, Vec]]:
-    """G^T lambda of both sides as derived: force, moment about the centre, inertial."""
-    return {f.side: weighted(d, d.multipliers, f.side) for f in d.sides}
+    """G^T lambda of all frames that turn as derived: force, moment about the centre, inertial."""
+    return {f.side: weighted(d, d.multipliers, f.side) for f in d.frames if f.kind.turns}
 
 
 def planar_of(s: Statement) -> Derived | None:

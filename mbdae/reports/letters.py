@@ -8,6 +8,7 @@ from typing import Any
 
 from mbdae.reports.vectors import Base, Record
 from mbdae.symbolic.law import Law, Structure
+from mbdae.symbolic.part import Parameter
 
 GREEK = {"alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
          "rho",
@@ -18,6 +19,7 @@ WORDS = {
     "force": "f", "normal_force": "f_n", "radius": r"\rho", "outer": r"\rho_k", "inner": r"\rho_l",
     "scaling": "s", "penalty": "p",
     "normal_stiffness": "k_h", "normal_damping": r"\lambda_h", "followed": r"\hat\varphi", "mass_per_length": r"\rho_A",
+    "angle": r"\varphi", "displacement": "s", "load": "f",
     "mu": r"\mu_0", "phi": r"\varphi", "x": "x", "weight": "w", "ds": r"\mathrm{d}s",
 }  # fmt: skip
 #: letters of vectors that a law gives no name
@@ -42,6 +44,9 @@ def of_name(name: str, unit: str = "") -> str:
     """LaTeX of a parameter or state by its name."""
     if name == "drive":
         return r"\varphi_d" if unit == "rad" else "s_d"
+    if name.startswith("drive_"):
+        letter, _, below = of_name(name.removeprefix("drive_"), unit).partition("_")
+        return f"{letter}_{{d{',' if below else ''}{below.strip('{}')}}}"
     if name in WORDS:
         return WORDS[name]
     for option in ("friction_", "normal_"):
@@ -53,7 +58,7 @@ def of_name(name: str, unit: str = "") -> str:
         base, lower = match[1], [match[2], *lower]
     elif re.fullmatch(r"[A-Za-z][xyz]{1,2}", base):
         base, lower = base[0], [base[1:], *lower]
-    if base in WORDS and base not in GREEK and lower:
+    if base in WORDS and base not in GREEK and lower and "_" not in WORDS[base]:
         base = WORDS[base]
     whole = len(base) == 1 or base.startswith("\\")
     first = f"\\{base}" if base.lower() in GREEK else base if whole else f"\\text{{{base}}}"
@@ -81,6 +86,7 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
     found: dict[str, Letter] = {}
     specs = [(name, name, spec) for name, spec in instance.params.items()]
     specs += [(f"state_{name}", name, spec) for name, spec in instance.states.items()]
+    specs = [(name, name, spec) for name, spec in specs_of_coordinates(instance).items()] + specs
     for symbol, name, spec in specs:
         state, latex = symbol != name, of_name(name, spec.unit)
         timed = name in shape.timed
@@ -97,6 +103,12 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
     return found
 
 
+def specs_of_coordinates(law: Any) -> dict[str, Parameter]:
+    """Unit and meaning of the coordinates that a law speaks of: its own, or those of the joint it acts on."""
+    stated = dict(getattr(law, "coordinates", None) or getattr(getattr(law, "joint", None), "coordinates", {}))
+    return stated | {name: Parameter("rad or m", "coordinate of a joint") for name in law.own_coordinates if name not in stated}
+
+
 def _per(unit: str, per: str) -> str:
     return f"1{per}" if unit in ("1", "") else f"{unit}{per}"
 
@@ -104,9 +116,10 @@ def _per(unit: str, per: str) -> str:
 def name_vectors(record: Record) -> dict[int, str]:
     """Letters of the named vectors: the law's own, d from point to point, then a, b, c."""
     found: dict[int, str] = {}
-    taken = {f"\\mathbf{{{label}}}" for key, label in record.labels.items() if isinstance(key, int)}
+    own = {key: label if label.startswith("\\") else f"\\mathbf{{{label}}}" for key, label in record.labels.items()}
+    taken = {letter for key, letter in own.items() if isinstance(key, int)}
     letters = [letter for letter in VECTORS if letter not in taken]
-    difference = {Base("r", "l"): 1, Base("r", "k"): -1}
+    difference = {Base("r", record.sides[1]): 1, Base("r", record.sides[0]): -1} if len(record.sides) > 1 else None
     scalars = name_scalars(record)
     for number, value in record.vectors.items():
         if number in record.changes:
@@ -118,7 +131,7 @@ def name_vectors(record: Record) -> dict[int, str]:
             kind, symbol, side = record.gradients[number]
             found[number] = f"\\nabla_{{{kind},{side}}}\\,{scalars[str(symbol)]}"
         elif number in record.labels:
-            found[number] = _own(f"\\mathbf{{{record.labels[number]}}}", list(found.values()))
+            found[number] = _own(own[number], list(found.values()))
         elif value.terms == difference:
             found[number] = r"\mathbf{d}"
         else:

@@ -10,14 +10,17 @@ import symengine as se
 from mbdae.documents.blocks import Block, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.svg import curve
+from mbdae.laws.contact import JournalContact
+from mbdae.laws.forces import JointFriction
 from mbdae.laws.friction import Friction
 from mbdae.reports.common import LawFormulas, described
 from mbdae.reports.evaluate import value
 from mbdae.reports.letters import Letter, of_name, unit_text
-from mbdae.reports.origin import part_origin
-from mbdae.reports.statement import Statement
+from mbdae.reports.statement import Statement, derived, structure_of
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
+from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.law import Force
 from mbdae.symbolic.part import Part, PartStructure
 
 POINTS = 200
@@ -216,4 +219,23 @@ def part_report(cls: type[Part], structure: PartStructure) -> Document:
     return Document(
         f"{cls.__name__} {what}", [*described(cls), Section("Symbols", [r.symbols()]), *sections, *part_origin(cls, structure)]
     )
+
+
+def part_origin(cls: type[Part], structure: PartStructure) -> list[Block]:
+    """The section on the origin: the hash of a law that contains it, as it is integrated."""
+    user: type[Force] = JointFriction if issubclass(cls, Friction) else JournalContact
+    options = {"friction": structure} if issubclass(cls, Friction) else {"normal": structure, "friction": None}
+    d = derived(user, structure_of(user, options))
+    return [
+        Section(
+            "Origin",
+            [
+                Paragraph(
+                    f"This report was made from the object that is integrated, `{cls.__module__}.{cls.__qualname__}`. The sha256"
+                    f" of the derived equations of `{user.__name__}` with it, between two bodies in space, is:"
+                ),
+                Paragraph(f"`{fingerprint(d)}`"),
+            ],
+        )
+    ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import mbdae.laws.contact
+import mbdae.laws.couplings
 import mbdae.laws.elements
 import mbdae.laws.forces
 import mbdae.laws.friction
@@ -16,7 +17,7 @@ from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Coulomb, LuGre
-from mbdae.laws.joints import ClassicalRevolute, ClearanceRevolute, Revolute
+from mbdae.laws.joints import ClearanceRevolute, Revolute
 from mbdae.reports.element import element_report
 from mbdae.reports.force import force_report
 from mbdae.reports.joint import joint_report
@@ -27,6 +28,7 @@ from mbdae.reports.scene_sheet import scene_sheet
 from mbdae.reports.statement import structure_of
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw
@@ -43,7 +45,8 @@ _TYPICAL: dict[type[Part], Part] = {
 
 def exported() -> dict[str, type]:
     """Every law of the package by its name in small letters."""
-    homes = (mbdae.laws.joints, mbdae.laws.forces, mbdae.laws.elements, mbdae.laws.contact, mbdae.laws.friction)
+    laws = mbdae.laws
+    homes = (laws.joints, laws.couplings, laws.forces, laws.elements, laws.contact, laws.friction)
     found = {name.lower(): getattr(home, name) for home in homes for name in home.__all__}
     found |= {"beam": Beam, "lineload": LineLoad}
     return {
@@ -61,7 +64,9 @@ def names() -> list[str]:
 def report(what: Any, **options: Any) -> Document:
     """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
 
-    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement.
+    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement. A joint is reported
+    without friction, and with its coordinates as unknowns where nothing states it without them; `kept=True` has them as
+    unknowns in any joint, `friction=` adds friction by its own reaction, `model=` (mb.Recursive(), ...) has it as that model.
     `.save("x.html")`, also .md and .tex."""
     if isinstance(what, SceneData):
         _refuse(what, options)
@@ -70,11 +75,13 @@ def report(what: Any, **options: Any) -> Document:
         return _by_name(what, options)
     if isinstance(what, Connection):
         return report(what.joint, **options)
-    model = what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
+    if isinstance(what, type) and issubclass(what, Joint) and "model" in options:
+        return _of_model(_model(options.pop("model")), what, options)
+    model = _model(what)
     if isinstance(model, JointModel | Part | Law):
         _refuse(what, options)
     if isinstance(model, JointModel):
-        return _of_model(model)
+        return _of_model(model, Revolute, {})
     if isinstance(what, Part):
         return part_report(type(what), what.structure())
     if isinstance(what, Law):
@@ -89,6 +96,11 @@ def report(what: Any, **options: Any) -> Document:
     raise OptionError(f"what = {shown(what)}: give a law, a joint model, a joint, a scene, or one of {', '.join(names())}")
 
 
+def _model(what: Any) -> Any:
+    """A model of joints for its class; anything else as it is."""
+    return what() if any(what is m for m in (Kinematic, Classical, Recursive)) else what
+
+
 def _refuse(what: Any, options: dict[str, Any]) -> None:
     """OptionError where options are given with something else than a class of laws."""
     if options:
@@ -97,17 +109,17 @@ def _refuse(what: Any, options: dict[str, Any]) -> None:
 
 
 def _by_name(name: str, options: dict[str, Any]) -> Document:
-    known: dict[str, Any] = {"kinematic": Revolute, "classical": ClassicalRevolute, "recursive": Recursive, **exported()}
+    known: dict[str, Any] = {"kinematic": Revolute, "classical": Revolute, "recursive": Recursive, **exported()}
     if name == "clearance":
         _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
         raise OptionError(f"what = {shown(name)} is not known: give one of {', '.join(names())}, or a file")
-    return report(known[name], **options)
+    return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 
 def _of_law(law: type[Law], structure: Structure) -> Document:
-    if issubclass(law, Joint):
+    if issubclass(law, Joint | Coupling):
         return joint_report(law, structure)
     if issubclass(law, Force):
         return force_report(law, structure)
@@ -118,12 +130,17 @@ def _of_law(law: type[Law], structure: Structure) -> Document:
     raise LawError(f"{law.__name__} is neither joint, force, body nor line: there is no report of it")
 
 
-def _of_model(model: JointModel) -> Document:
+def _of_model(model: Any, law: type[Joint], options: dict[str, Any]) -> Document:
+    """The report of a joint as a model has it. model: of any kind, refused where it is no joint model."""
+    if isinstance(model, Clearance) and law is not Revolute:
+        raise OptionError(f"model = {shown(model)}: the report of a joint with clearance is that of mb.Revolute")
     if isinstance(model, Clearance):
         return _clearance(model.normal, model.friction, model.length)
     if isinstance(model, Recursive):
-        return recursive_report()
-    return report(ClassicalRevolute if isinstance(model, Classical) else Revolute)
+        return recursive_report((law,), options) if law is not Revolute or options else recursive_report()
+    if not isinstance(model, JointModel):
+        raise OptionError(f"model = {shown(model)}: give mb.Kinematic(), mb.Classical() or mb.Recursive()")
+    return report(law, kept=isinstance(model, Classical) or law.must_keep(), **options)
 
 
 def _clearance(normal: Any, friction: Any, length: float | None) -> Document:

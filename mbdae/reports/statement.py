@@ -12,12 +12,14 @@ from mbdae.errors import LawError, OptionError
 from mbdae.laws.contact import Hertz
 from mbdae.laws.friction import LuGre
 from mbdae.laws.joints import Revolute
-from mbdae.reports.calculus import Motion, actual, virtual
+from mbdae.reports.calculus import Dual, Motion, Pair, actual, virtual
+from mbdae.reports.letters import specs_of_coordinates
 from mbdae.reports.vectors import Record, Vector
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import AUGMENTED, Force, Law, Structure
+from mbdae.symbolic.motion import Rotation
 from mbdae.symbolic.part import Part, PartStructure
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, option, shown
@@ -25,6 +27,10 @@ from mbdae.values import flag, option, shown
 #: options of laws in a report of the class, where none are given
 OPTIONS: dict[str, Any] = {
     "joint": Revolute,
+    "coordinate": None,
+    "kept": False,
+    "rubs": None,
+    "count": 2,
     "following": False,
     "tilting": False,
     "normal": Hertz(1, damping=1).structure(),
@@ -56,27 +62,57 @@ def structure_of(law: type[Law], options: Mapping[str, Any]) -> Structure:
         raise LawError(f"{law.__name__} has no option '{unknown[0]}'; it has {sorted(law.options)}")
     for name, value in options.items():
         check_kind(name, value, OPTIONS.get(name))
-    chosen = {name: options.get(name, OPTIONS.get(name)) for name in law.options}
+    chosen = {name: options.get(name, _default(law, name, options)) for name in law.options}
+    _check_coordinates(law, chosen)
     fixed = tuple((name, v.structure() if isinstance(v, Part) else v) for name, v in chosen.items())
     absent = frozenset(AUGMENTED) & frozenset(law.params) if issubclass(law, Joint) else frozenset()
-    timed = frozenset({"drive"} & set(law.params)) if issubclass(law, Joint) else frozenset()
-    return Structure(absent | frozenset(given), timed - frozenset(given), fixed)
+    return Structure(absent | frozenset(given), frozenset(law.drives()) - frozenset(given), fixed)
+
+
+def _default(law: type[Law], name: str, options: Mapping[str, Any]) -> Any:
+    """An option in a report of the class: a joint is without friction, its coordinates are unknowns where it needs them."""
+    if name == "kept":
+        return _joint_of(law, options).must_keep()
+    return None if name == "friction" and issubclass(law, Joint) else OPTIONS.get(name)
+
+
+def _joint_of(law: type[Law], options: Mapping[str, Any]) -> type[Joint]:
+    """The joint itself, or the one on whose coordinate a force acts."""
+    joint: type[Joint] = law if issubclass(law, Joint) else options.get("joint", OPTIONS["joint"])
+    return joint
+
+
+def _check_coordinates(law: type[Law], chosen: Mapping[str, Any]) -> None:
+    """Refuse options that speak of coordinates the joint has not, and a joint without coordinates that needs them."""
+    if "kept" not in chosen:
+        return
+    joint = _joint_of(law, chosen)
+    if not chosen["kept"] and joint.must_keep():
+        raise OptionError(f"kept = {shown(chosen['kept'])}: the coordinates of {joint.__name__} are unknowns in every model, "
+                          f"nothing states it without them; say kept=True")  # fmt: skip
+    for name in ("coordinate", "rubs"):
+        if chosen.get(name) is not None and chosen[name] not in joint.scalars():
+            raise OptionError(f"{name} = {shown(chosen[name])}: {joint.__name__} has the coordinates {sorted(joint.scalars())}")
+    what = "joint" if not issubclass(law, Joint) else "friction" if chosen["friction"] is not None else ""
+    if what and not joint.scalars():
+        by = "against which it" if what == "friction" else f"on which {law.__name__}"
+        raise OptionError(f"{what} = {shown(chosen[what])}: {joint.__name__} has no angle or displacement {by} could act")
 
 
 def sides_of(law: type[Law], planar: bool = False) -> tuple[Side, ...]:
-    """The frames of a law: those of two bodies, or of the ground and a body for an external load."""
+    """The frames of a law: those of its bodies, the first one on the ground for an external load."""
     kind, axes = (NodeKind.PLANAR, Axes.NORMAL) if planar else (NodeKind.SPATIAL, Axes.GENERAL)
     outside = issubclass(law, Force) and law.external
     ground = NodeKind.PLANAR_GROUND if planar else NodeKind.GROUND
-    return ((ground if outside else kind, axes), (kind, axes))
+    return tuple((ground if outside and not i else kind, axes) for i in range(len(law.frames)))
 
 
 def derived(law: type[Law], structure: Structure, planar: bool = False) -> Derived:
     """The law as it is integrated."""
-    sides = sides_of(law, planar)
     instance = law.symbolic(structure)
-    if instance.own_coordinates:
-        sides = (*sides, (NodeKind.COORDINATE, Axes.GENERAL))
+    units = specs_of_coordinates(instance)
+    kinds = [NodeKind.ROTATION if units[name].unit == "rotation" else NodeKind.COORDINATE for name in instance.own_coordinates]
+    sides: tuple[Side, ...] = (*sides_of(law, planar), *((kind, Axes.GENERAL) for kind in kinds))
     return derive(law, structure, sides)  # type: ignore[arg-type]
 
 
@@ -85,21 +121,23 @@ class Statement:
 
     def __init__(self, law: type[Law], structure: Structure) -> None:
         self.cls, self.structure = law, structure
-        self.record = Record()
-        self.record.resolve = self.names
         self.derived = derived(law, structure)
-        sides = sides_of(law)
-        self.k, self.l = (self._frame(side, *kind) for side, kind in zip("kl", sides, strict=True))
-        self.still = tuple(f.side for f in (self.k, self.l) if not f.kind.moves)
         self.law = law.symbolic(structure)
-        self.coordinates: dict[str, Expr] = {}
-        for name in self.law.own_coordinates:
-            self.coordinates[name] = self.derived.frames[2].q[0]
-            setattr(self.law, name, self.coordinates[name])
-        self.clock = dict(self.derived.variation.clock)
-        if self.coordinates:
-            c = self.derived.frames[2]
-            self.clock |= {c.q[0]: c.u[0]}
+        own = dict(zip(self.law.own_coordinates, self.derived.frames[len(law.frames) :], strict=True))
+        self.places = {name: c.side for name, c in own.items()}  #: frames of the coordinates that are unknowns
+        scalars = {name: c for name, c in own.items() if c.kind is NodeKind.COORDINATE}
+        self.turning = {name: c.side for name, c in own.items() if name not in scalars}  #: frames of free rotations among them
+        self.record = Record((*law.frames, *self.turning.values()))
+        self.record.resolve = self.names
+        self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law), strict=True))
+        self.sides = law.frames  #: names of the bodies' frames
+        self.still = tuple(f.side for f in self.frames if not f.kind.moves)
+        self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}  #: angles and displacements among them
+        rotations = {name: self._rotation(own[name]) for name in self.turning}
+        self.values = self.coordinates | rotations  #: of all coordinates that are unknowns
+        vars(self.law).update(self.values)
+        self.clock = self.derived.variation.clock | {c.q[0]: c.u[0] for c in scalars.values()}
+        self.virtual = {c.q[0]: se.Symbol(f"d{c.q[0]}") for c in scalars.values()}  #: virtual changes of the coordinates
 
     def _frame(self, side: str, kind: NodeKind, axes: Axes) -> Frame:
         a = self.record.atom
@@ -131,6 +169,16 @@ class Statement:
             {},
             {},
         )
+
+    def _rotation(self, c: Frame) -> Rotation:
+        """A free rotation, its turned axes vectors."""
+        x, y, z = (self.record.atom(axis, c.side) for axis in ("bx", "by", "bz"))
+        return Rotation(tuple(c.q), (x, y, z), c.spin)
+
+    @staticmethod
+    def symbol(name: str) -> Expr:
+        """The symbol of a coordinate that is no unknown."""
+        return se.Symbol(name)
 
     # -- what the law states, with names for intermediate quantities
 
@@ -177,48 +225,68 @@ class Statement:
     @cached_property
     def rows(self) -> dict[str, Expr]:
         """Constraint rows by name."""
-        stated = self.law.constraints(self.k, self.l) if isinstance(self.law, Joint) else {}
-        return {name: self.scalar(e) for name, e in stated.items()}
+        return {name: self.scalar(e) for name, e in self.law.rows(*self.frames).items()}
 
     @cached_property
     def branches(self) -> dict[str, Expr]:
         """Expressions that are positive on the wanted branch, by name."""
-        stated = self.law.branches(self.k, self.l) if isinstance(self.law, Joint) else {}
-        return {name: self.scalar(e) for name, e in stated.items()}
+        return {name: self.scalar(e) for name, e in self.law.positives(*self.frames).items()}
 
     @cached_property
-    def coordinate(self) -> Expr | None:
-        """The free relative motion, if one is stated."""
-        stated = self.law.coordinate(self.k, self.l) if isinstance(self.law, Joint) else None
-        return None if stated is None else self.scalar(stated)
+    def read(self) -> dict[str, Expr]:
+        """Coordinates of a joint that are no unknowns as the frames show them."""
+        return {} if self.places else {name: self.scalar(e) for name, e in self.law.read(*self.frames).items()}
+
+    @cached_property
+    def gradients(self) -> dict[str, tuple[dict[str, Pair], dict[Expr, Expr]]]:
+        """Force and moment of every row on every body, and on the coordinates, per unit of its multiplier."""
+        return {name: self.gradient(e) for name, e in self.rows.items()}
+
+    def gradient(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
+        """Derivatives of a scalar by displacement and rotation of every body, and by the coordinates that are unknowns."""
+        return Dual(self.record, symbols=tuple(self.coordinates.values())).of(e)
 
     @cached_property
     def energy(self) -> Expr:
         """Potential energy, J."""
-        return self.scalar(self.law.energy(self.k, self.l)) if isinstance(self.law, Force) else se.Integer(0)
+        return self.scalar(self.law.energy(*self.frames)) if isinstance(self.law, Force) else se.Integer(0)
 
     @cached_property
     def dissipation(self) -> Expr:
         """Rayleigh function, W."""
-        return self.scalar(self.law.dissipation(self.k, self.l)) if isinstance(self.law, Force) else se.Integer(0)
+        return self.scalar(self.law.dissipation(*self.frames)) if isinstance(self.law, Force) else se.Integer(0)
 
     @cached_property
     def wrench(self) -> tuple[Vector, Vector] | None:
         """Force on l at its point, and torque."""
         if isinstance(self.law, Joint):
-            stated = self.law.resistance(self.k, self.l, self.derived.reactions)
+            stated = self.law.resistance(*self.frames, self.derived.reactions)
         else:
-            stated = self.law.wrench(self.k, self.l)
+            stated = self.law.wrench(*self.frames) if isinstance(self.law, Force) else None
         if stated is None:
             return None
         force, torque = (self.vector(part) for part in stated)
         return (force, torque) if force.terms or torque.terms else None
 
+    @cached_property
+    def thrust(self) -> tuple[Expr, Expr] | None:
+        """A length or angle of the motion, and the generalised force that does work as it grows: friction of a joint, a load."""
+        if isinstance(self.law, Joint):
+            stated = self.law.rubbing(self._reaction(), *self.frames) if self.law.friction is not None else None
+        else:
+            stated = self.law.thrust(*self.frames) if isinstance(self.law, Force) else None
+        return None if stated is None else (self.scalar(stated[0]), self.scalar(stated[1]))
+
+    def _reaction(self) -> Vector:
+        """Reaction force of a joint on l."""
+        forces = [pairs["l"][0] * -self.derived.scaled(se.Symbol(f"lambda_{row}")) for row, (pairs, _) in self.gradients.items()]
+        return sum(forces, self.record.zero()).named("R")
+
     def states(self, what: str) -> dict[str, Expr]:
         """`rates` or `initial` of the states the derived law uses."""
         if not self.derived.states:
             return {}
-        stated = getattr(self.law, what)(self.k, self.l)
+        stated = getattr(self.law, what)(*self.frames)
         return {name: self.scalar(stated[name]) for name in self.derived.states}
 
     # -- motions
@@ -229,4 +297,8 @@ class Statement:
 
     def variation(self) -> Motion:
         """Derivative along a virtual displacement."""
-        return Motion(self.record, virtual(self.record), {}, r"\delta")
+        return Motion(self.record, virtual(self.record), self.virtual, r"\delta")
+
+    def of_time(self) -> Motion:
+        """Partial time derivative, at bodies and coordinates at rest."""
+        return Motion(self.record, lambda _: None, dict(self.derived.variation.clock), r"\partial_t")

@@ -76,9 +76,10 @@ class State:
             if not f.kind.moves:
                 continue
             center = move - np.cross(turn, self.vector(f.arm))
-            P = np.stack([self.given[str(s)] for s in f.q[3:]], axis=-1)
+            n = f.kind.translations
+            P = np.stack([self.given[str(s)] for s in f.q[n:]], axis=-1)
             dP = spun(turn, P)
-            changes = [*np.moveaxis(center, -1, 0), *np.moveaxis(dP, -1, 0)]
+            changes = [*np.moveaxis(center, -1, 0)[:n], *np.moveaxis(dP, -1, 0)]
             given |= {str(s): given[str(s)] + step * c for s, c in zip(f.q, changes, strict=True)}
         given |= {name: given[name] + step * c for name, c in (symbols or {}).items()}
         return State(self.d, given)
@@ -97,12 +98,12 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
     for f in d.frames:
         J = np.array([_matrix(rng.uniform(-spread, spread, 3)) for _ in range(points)])
         Q = np.array([_matrix(rng.uniform(-1, 1, 3)) for _ in range(points)])
-        if f.kind is NodeKind.SPATIAL:
+        if f.kind.by_quaternion:
             P = np.array([quaternion(j @ q.T) for j, q in zip(J, Q, strict=True)]) * rng.uniform(0.5, 2, (points, 1))
-            given |= {str(s): c for s, c in zip(f.q[3:], P.T, strict=True)}
+            given |= {str(s): c for s, c in zip(f.q[f.kind.translations :], P.T, strict=True)}
         else:
             Q = J
-        if f.kind is not NodeKind.COORDINATE:
+        if not f.kind.of_joint:
             given |= {f"{f.side}_Q{a}{i + 1}": Q[:, i, j] for j, a in enumerate("xyz") for i in range(3)}
             given |= {f"{f.side}_p{i + 1}": rng.normal(size=points) for i in range(3)}
         given |= {str(s): rng.normal(size=points) for s in (*f.q, *f.u) if str(s) not in given}
@@ -111,6 +112,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
         given |= {name + end: rng.normal(size=points) for end in ("_dot", "_ddot")}
     given |= {f"state_{name}": rng.normal(size=points) for name in d.law.states}
     given |= {str(s): rng.normal(size=points) for s in [*d.multipliers, *d.stabilisers]}
+    given |= {f"d{f.q[0]}": rng.normal(size=points) for f in d.frames if f.kind is NodeKind.COORDINATE}
     given |= {f"{kind}_{f.side}{i}": rng.normal(size=points) for f in d.frames for kind in ("du", "dpsi") for i in range(3)}
     return State(d, given)
 

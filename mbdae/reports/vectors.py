@@ -21,7 +21,7 @@ _ORDER = {"r": 0, "s": 1, "c": 2, "x": 3, "y": 4, "z": 5, "v": 6, "w": 7, "du": 
 
 @dataclass(frozen=True)
 class Base:
-    """A vector of a frame ("k", "l"), or an inertial axis ("E", "x" to "z")."""
+    """A vector of a frame (its name, such as "k" or "l"), or an inertial axis ("E", "x" to "z")."""
 
     kind: str
     side: str
@@ -71,7 +71,8 @@ AXES = tuple(Base("E", side) for side in "xyz")
 class Record:
     """Intermediate quantities of one law: inner products, named scalars, named vectors."""
 
-    def __init__(self) -> None:
+    def __init__(self, sides: tuple[str, ...] = ("k", "l")) -> None:
+        self.sides = sides  #: names of the bodies' frames
         self.dots: dict[Expr, tuple[Atom, Atom]] = {}  #: symbol of an inner product and its factors
         self.scalars: dict[Expr, Expr] = {}  #: named scalars
         self.vectors: dict[int, Vector] = {}  #: named vectors
@@ -126,6 +127,16 @@ class Record:
             if value.terms == (-a).terms:
                 return Vector(self, {NamedVector(number): -_ONE})
         return self.name_vector(a)
+
+    def defined(self, a: Vector) -> Vector:
+        """What a vector under a name is; any other vector as it is."""
+        ((atom, c),) = a.terms.items() if len(a.terms) == 1 else ((None, _ONE),)
+        return self.vectors[atom.number] * c if isinstance(atom, NamedVector) else a
+
+    @staticmethod
+    def numbers(a: Vector) -> set[int]:
+        """Numbers of the named vectors in a sum."""
+        return {atom.number for atom in a.terms if isinstance(atom, NamedVector)}
 
     def name_vector(self, a: Vector, change: tuple[str, int] | None = None) -> Vector:
         """A vector under a new name; `change`: the sign and number of the vector it is the change of."""

@@ -34,7 +34,7 @@ class Writer:
     @staticmethod
     def plain(base: Base) -> str:
         """A frame vector as it is written."""
-        return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{base.side}"
+        return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{subscript(base.side)}"
 
     # -- scalars
 
@@ -224,6 +224,11 @@ class Writer:
         if tight == _SUM and isinstance(c, se.Add):
             text = f"\\left({text}\\right)"
         return f"{text}\\,{vector}"
+
+
+def subscript(side: str) -> str:
+    """The name of a frame below a letter."""
+    return side if len(side) == 1 else f"{{\\text{{{side}}}}}"
 
 
 def _plain(c: Expr) -> bool:

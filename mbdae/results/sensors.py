@@ -170,9 +170,10 @@ class ConnectionSensor(ListsAttributes):
         if name in names or name in rates:
             found = self._result.coordinate(item, rates.get(name, name))
             if found is None:
-                what = rates.get(name, name)
-                raise OptionError(f"{item.kind} '{item.name}': its {what} cannot be read from the bodies it connects: use "
-                                  f"model=mb.Classical(), where it is an unknown of its own")  # fmt: skip
+                point = next((b.name for b in (item.k, item.l) if b.is_point), None)
+                why = "the bodies it connects do not show it: use model=mb.Classical(), where it is an unknown of its own"
+                why = why if point is None else f"the point mass '{point}' has no orientation; use s.rigid_body"
+                raise OptionError(f"{item.kind} '{item.name}': its {rates.get(name, name)} is not known: {why}")
             return found[name in rates]
         if name in (*item.coordinates, "angle", "displacement", "rate", "angle_rate", "displacement_rate"):
             has = f"its coordinates: {', '.join(names)}" if names else "it has no angle or displacement: read its bodies instead"

@@ -94,6 +94,12 @@ class Check(ListsAttributes):
         return tuple(name for tree in self.prepared.all_bodies.moved.trees for name in tree.rigid)
 
     @property
+    def remarks(self) -> dict[str, str]:
+        """What joints say of their own values, such as that a screw is self-locking."""
+        said = {c.name: c.joint.remarks() for c in self.prepared.model.scene.joints if isinstance(c.joint, Joint)}
+        return {name: "; ".join(texts) for name, texts in said.items() if texts}
+
+    @property
     def kept_kinematic(self) -> dict[str, str]:
         """Joints stated as recursive that stay kinematic all the same, and why."""
         return dict(self.prepared.model.stay_kinematic)
@@ -124,6 +130,7 @@ class Check(ListsAttributes):
         lines += self._of_recursive_joints()
         lines += [f"  contact: {contact}" for contact in self.contacts]
         lines += self._of_friction()
+        lines += [f"  joint '{name}': {text}" for name, text in self.remarks.items()]
         lines += self._of_inputs()
         lines += _by_joint("  redundant, left out", self.redundant)
         lines += _by_joint("  reactions not unique", self.not_unique)

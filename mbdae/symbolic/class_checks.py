@@ -224,7 +224,8 @@ def _hint(law: Any, error: Exception) -> str:
         by_itself = law.derived() if hasattr(law, "derived") else ()
         names = (*getattr(law, "coordinates", ()), *law.params, *law.options, *law.states)
         known = ", ".join(name for name in names if name not in by_itself) or "none"
-        return f"; its coordinates, parameters, options and states: {known}; declare others in params = mb.params(name=('unit', 'meaning'))"
+        return f"; its coordinates, parameters, options and states: {known}; declare others in params = mb.params(name=" \
+               f"('unit', 'meaning'))"  # fmt: skip
     absent = [key for key in law.params if getattr(law, key, None) is None]
     if "NoneType" in text and absent:
         return f"; {', '.join(absent)} {'is' if len(absent) == 1 else 'are'} left out (None) here: give a value, or say what " \

@@ -91,8 +91,7 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
-        k, l = self.sides
-        return self.law.pressing(k, l, _reaction_on_l(self.law, self.rows, self.G))
+        return self.law.pressing(self.sides[0], self.sides[1], _reaction_on_l(self.law, self.rows, self.G))
 
     @property
     def rubbing(self) -> tuple[Expr, Expr] | None:
@@ -169,7 +168,7 @@ class _Derivation(Statement):
         )  # fmt: skip
 
     def _coordinates(self) -> dict[str, Expr]:
-        stated = self.law.read(*self.sides) if self.oriented() or self.law.own_coordinates else {}
+        stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
 

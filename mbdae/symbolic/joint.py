@@ -26,6 +26,7 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 
 OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: of coordinates; a rotation is a quaternion, its rates an angular velocity
+SENSORS = ("force", "torque", "power", "rate", "reaction_is_unique", "contacts")  #: of joints beside their coordinates
 SLIGHT = 1e-9  #: N, a reaction below which the normal force is smoothed: sqrt(F.F + SLIGHT^2)
 
 
@@ -53,6 +54,8 @@ class Joint(TwoBodyLaw):
             cls.options = (*(o for o in cls.options if o not in OPTIONS), *OPTIONS)
         super().__init_subclass__(**kwargs)
         for name, entry in cls.coordinates.items():
+            if name in SENSORS or name.endswith("_rate"):
+                raise LawError(f"{cls.__name__}: the coordinate '{name}' has the name of another sensor of joints; choose one")
             if entry.unit not in UNITS:
                 raise LawError(f"{cls.__name__}: the coordinate '{name}' has the unit '{entry.unit}'; give 'rad', 'm' or "
                                f"'rotation'")  # fmt: skip
@@ -91,6 +94,16 @@ class Joint(TwoBodyLaw):
         """The part of the joint's reaction force on l (N) that presses the surfaces together: that normal to k.z."""
         along: Vec = k.z * (k.z @ force)
         return force - along
+
+    def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
+        """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
+        the friction itself, of a signed coefficient, has a part in that force."""
+        pressing = self.pressing(k, l, force)
+        return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
+
+    def remarks(self) -> list[str]:
+        """What `check()` says of the values of this joint, one sentence each."""
+        return []
 
     def resistance(self, *frames: Any, **_: Any) -> tuple[Vec, Vec] | None:
         """Force (N) on l at l.r and torque (N m) on l that the joint's reactions cause, inertial frame; it counts as dissipated.
@@ -173,7 +186,7 @@ class Joint(TwoBodyLaw):
         if not self.states_motion():
             self._refuse_untied()
             return dict(self.constraints(*frames))
-        k, l = frames
+        k, l = frames[:2]
         moved, axes = self._pose(k)
         d = l.r - k.r - moved
         return {"x": d[0], "y": d[1], "z": d[2], "tilt_y": axes[2] @ l.x, "tilt_x": axes[2] @ l.y, "twist": axes[0] @ l.y}
@@ -181,15 +194,14 @@ class Joint(TwoBodyLaw):
     def _refuse_untied(self) -> None:
         """Raise LawError where coordinates would be unknowns that no row contains."""
         if self.coordinates and type(self).coordinate is not Joint.coordinate:
-            raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to the "
-                           f"bodies (`ties`): use mb.Kinematic()")  # fmt: skip
+            raise LawError(f"{type(self).__name__} states neither its motion nor rows that tie {', '.join(self.coordinates)} to "
+                           f"the bodies (`ties`): use mb.Kinematic()")  # fmt: skip
 
     def positives(self, *frames: Frame) -> dict[str, Expr]:
         stated = dict(self.branches(*frames)) if self.states_rows() else {}
         ties = self._complete_ties(*frames) if self.kept else self._ties(*frames) if self.prescribed else {}
         if self.kept and not ties and self.states_motion():
-            k, l = frames
-            axes = self._pose(k)[1]
+            l, axes = frames[1], self._pose(frames[0])[1]
             return {"z axes in the same sense": axes[2] @ l.z, "x axes in the same sense": axes[0] @ l.x}
         held = {c: positive for c, (_, positive) in ties.items() if positive is not None and (self.kept or c in self.prescribed)}
         return stated | {f"{c}, not half a turn off": positive for c, positive in held.items()}
@@ -199,7 +211,7 @@ class Joint(TwoBodyLaw):
 
     def _complete_ties(self, *frames: Frame) -> dict[str, tuple[Expr, Expr | None]]:
         """Ties of all coordinates; none where one has none."""
-        complete = self.states_rows() and self.scalars().keys() == self.coordinates.keys()
+        complete = self.states_rows() and not self.must_keep() and self.scalars().keys() == self.coordinates.keys()
         ties = self._ties(*frames) if complete else {}
         return ties if ties.keys() == self.coordinates.keys() else {}
 
@@ -254,9 +266,9 @@ class Joint(TwoBodyLaw):
         k, *others = frames
         if not (k.kind.oriented and (all(f.kind.oriented for f in others) or self.coordinates[self.rubbed].unit == "m")):
             raise LawError("friction in a joint needs axes on both sides; a point mass has none")
-        pressing = self.pressing(frames[0], frames[1], force)
-        normal = let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
-        return self.read(*frames)[self.rubbed], let(-self.friction.coefficient(self.sliding(*frames)) * normal) * self.lever()
+        coefficient = let(self.friction.coefficient(self.sliding(*frames)))
+        normal = self.normal_force(frames[0], frames[1], force, coefficient)
+        return self.read(*frames)[self.rubbed], let(-coefficient * normal) * self.lever()
 
     def rates(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.rate(self.sliding(*frames)))

@@ -8,6 +8,7 @@ short (without them the stiffness of an angle is a thousand times longer), and r
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import symengine as se
@@ -196,5 +197,12 @@ class Variation:
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:
-    found = se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
-    return found if found == 0 or symbol in e.free_symbols else _ZERO  # of a Piecewise without it symengine leaves cases of 0
+    """de/dsymbol; 0 without it, where symengine would leave a Piecewise of zeros."""
+    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) and symbol in _letters(e) else _ZERO
+
+
+@lru_cache(maxsize=1024)
+def _letters(e: Expr) -> set[Expr]:
+    """The symbols of an expression, which is differentiated by many, most of which it does not contain."""
+    found: set[Expr] = se.sympify(e).free_symbols
+    return found

@@ -15,7 +15,7 @@ from mbdae.scene import prescribed
 from mbdae.scene.scene import SceneData
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model, build
-from mbdae.system.model.moved_bodies import MovedBodies, too_large
+from mbdae.system.model.moved_bodies import MovedBodies, acted_on_while_prescribed, too_large
 from mbdae.system.model.numbering import Row, constraint_rows
 from mbdae.system.model.trees import find_trees
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
@@ -162,7 +162,7 @@ def modelled(scene: SceneData, by_rows: Mapping[str, str] | None = None) -> tupl
     joints that stay with their rows, and why."""
     model = build(scene, by_rows)
     moved = MovedBodies(model, find_trees(model))
-    kept = too_large(moved)
+    kept = too_large(moved) | acted_on_while_prescribed(moved)
     if not kept and not AllBodies(model, moved).numbering.free:  # without unknowns there is nothing to solve
         kept = {c.name: "nothing else moves" for c in scene.joints if c.rigid}
     if kept:

@@ -156,5 +156,5 @@ def test_options_that_a_joint_cannot_have() -> None:
         mb.selftest(Sleeve, rubs="height")
     with pytest.raises(mb.OptionError, match="kept = True: Distance has no coordinates; leave it out"):
         mb.selftest(mb.Distance, kept=True)
-    with pytest.raises(mb.OptionError, match="friction = .*: Spherical has no angles and displacements; leave it out"):
+    with pytest.raises(mb.OptionError, match=r"friction = .*: Spherical has no angles and displacements; leave it out"):
         mb.selftest(mb.Spherical, friction=mb.Coulomb(0.3, 1e-3))

@@ -19,14 +19,13 @@ from mbdae.contracts.states import columns, rotation
 from mbdae.kernels import Kernel
 from mbdae.laws.forces import JointDamper, JointSpring
 from mbdae.laws.joints import Revolute
+from mbdae.reports.statement import structure_of
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.outputs import acceleration, position, velocity, weighted
 
 SPATIAL = ((NodeKind.SPATIAL, Axes.GENERAL), (NodeKind.SPATIAL, Axes.GENERAL))
-PLAIN = frozenset(["scaling", "penalty"])
-FREE, DRIVEN = Structure(absent=PLAIN | {"drive"}), Structure(absent=PLAIN, timed=frozenset(["drive"]))
-OF_REVOLUTE = Structure(options=(("joint", Revolute),))
+FREE, DRIVEN = structure_of(Revolute, {"drive": None}), structure_of(Revolute, {})
 TIGHT = 1e-12
 
 
@@ -120,7 +119,7 @@ def mean_axis(p: Point) -> Any:
 
 def rate_of_angle(case: Case) -> Any:
     d = case.d
-    rate = d.variation.resolve(d.variation.rate(d.coordinate)).subs(d.variation.insertion())
+    rate = d.variation.resolve(d.variation.rate(d.coordinates["angle"])).subs(d.variation.insertion())
     symbols = sorted(rate.free_symbols, key=str)
     return Kernel(symbols, [rate]).values(np.stack([case.values[str(s)] for s in symbols], axis=-1))[:, 0]
 
@@ -139,7 +138,7 @@ def test_eq_16_17_rate_of_the_angle() -> None:
 @pytest.mark.parametrize(("law", "equation"), [(JointSpring, 18), (JointDamper, 19)])
 def test_eq_18_19_spring_and_damper(law: Any, equation: int) -> None:
     """-+ k phi m on both bodies; b3k and b3l, as printed, do not balance off the manifold."""
-    _, states = points(law, OF_REVOLUTE)
+    _, states = points(law, structure_of(law, {"joint": Revolute}))
     for p in states:
         if equation == 18:
             A = p.bk.T @ p.bl

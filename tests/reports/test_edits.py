@@ -61,7 +61,7 @@ def places(r):
     tables = [*([r.stated_pairs] if isinstance(r, ForceReport) and r.stated_pairs else [])]
     tables += [pairs for pairs, _ in r.duals.values()] if isinstance(r, JointReport) else [r.elastic[0], r.drag[0]]
     for pairs in tables:
-        for side in [side for side in "kl" if side not in r.s.still]:
+        for side in [side for side in r.s.sides if side not in r.s.still]:
             for i in range(2):
                 def put(v, pairs=pairs, side=side, i=i):
                     pairs[side] = tuple(v if j == i else pairs[side][j] for j in range(2))

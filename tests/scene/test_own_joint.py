@@ -93,7 +93,8 @@ def test_options_of_one_coordinate(options: dict[str, Any]) -> None:
     {"spring": {"angle": 3.0, "reach": 40.0}, "damper": {"reach": 0.5}, "start": {"angle": 0.3, "reach": -0.05},
      "start_rate": {"angle": 1.0, "reach": 0.2}},
     {"prescribed": {"angle": mb.t**2}, "load": {"reach": 2.0}},
-    {"prescribed": {"reach": 0.1 * mb.t**2}, "friction": {"angle": mb.Coulomb(0.2, 1e-2)}, "radius": 0.1, "normal_force": {"angle": 3.0}},
+    {"prescribed": {"reach": 0.1 * mb.t**2}, "friction": {"angle": mb.Coulomb(0.2, 1e-2)}, "radius": 0.1,
+     "normal_force": {"angle": 3.0}},
 ])  # fmt: skip
 @pytest.mark.parametrize("sides", [("ground", "load"), ("load", "ground")])
 def test_options_of_two_coordinates(options: dict[str, Any], sides: tuple[str, str]) -> None:

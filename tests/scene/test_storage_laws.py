@@ -211,7 +211,8 @@ def everything() -> mb.Scene:
     s.torque("T", a, (0, 0, sp.Heaviside(mb.t - 0.3) * 1e300 * 1e-300))
     s.add(mb.Revolute("own", s.ground, b, at=(1, 0), axis=(0, 1, 0), drive=sp.tanh(mb.t)))
     s.cylindrical("c1", "a", b, at=(0, 0, 1), axis=(1, 0, 0), start={"angle": 0.3}, spring={"displacement": 2.0, "angle": 1e-3},
-                  load={"angle": mb.t}, friction={"angle": mb.Coulomb(0.1, 1e-3)}, radius=0.01, normal_force={"angle": 3})  # fmt: skip
+                  load={"angle": mb.t}, friction={"angle": mb.Coulomb(0.1, 1e-3)}, radius=0.01,
+                  normal_force={"angle": 3})  # fmt: skip
     s.screw("c2", "a", b, (0, 0, 1), axis=(0, 1, 0), lead=-0.004, model=mb.Recursive(), start_rate=2)
     s.universal("c3", "a", b, at=(0, 0, 1), axis=(0, 1, 0), axis_l=(1, 1, 0), pin=(0, 0, 2), prescribed={"angle_k": pulse})
     s.planar("c4", "a", b, (0, 0, 1), (0, 1, 0), axis_x=(1, 0, 0), damper={"x": 0.1}, model=mb.Classical())

@@ -39,6 +39,12 @@ class Friction(Part):
         """Velocity (m/s) over which the coefficient changes: the tolerance has to resolve it; None where there is none."""
         return None
 
+    def largest(self) -> float | None:
+        """The largest coefficient among speeds up to 1 km/s; None of a law with internal states that does not state it."""
+        v = se.Symbol("v")
+        values = [se.sympify(self.coefficient(v)).subs({v: se.RealDouble(10.0**power)}) for power in range(-6, 4)]
+        return None if any(value.free_symbols for value in values) else max(abs(float(value)) for value in values)
+
     def feeds_at(self) -> float | None:
         """A speed (m/s) at which the law, which has no internal states, drives bodies instead of braking them, or has no finite
         value; None where there is none among those tried. Raises LawError where it is not well stated."""

@@ -75,6 +75,9 @@ class LuGre(Friction):
     def smallest_velocity(self) -> float:
         return float(self.v_s)
 
+    def largest(self) -> float:
+        return float(self.mu_s)
+
     def doubts(self) -> list[str]:
         sigma1, sigma2 = self.sigma1 or 0.0, self.sigma2 or 0.0
         if not sigma1:

@@ -104,6 +104,12 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
     return found
 
 
+def acted_on_while_prescribed(moved: MovedBodies) -> dict[str, str]:
+    """Joints of trees with a prescribed coordinate that a law outside reads, such as a coupling, and why they stay kinematic."""
+    why = "a coupling reads its prescribed coordinate, which its tree does not give"
+    return {n.joint: why for n in moved.loaded if n.kind.of_joint}
+
+
 def _instance(tree: Tree, owner: str) -> Place:
     return tree.joints[int(owner[4:]) - 1] if owner.startswith("link") else tree.members[int(owner[6:])]
 

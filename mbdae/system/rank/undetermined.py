@@ -79,6 +79,9 @@ def _name_motion(mechanics: Mechanics, motion: Array) -> str:
     worst = int(np.argmax(np.abs(motion)))
     for node in mechanics.model.nodes:
         if node.u <= worst < node.u + node.kind.sizes[1]:
+            if node.kind.of_joint:
+                return (f"joint '{node.joint}': its {node.coordinate} is an unknown that nothing determines: a point mass has no "
+                        f"orientation; use model=mb.Kinematic(), or s.rigid_body")  # fmt: skip
             how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
             return (f"body '{node.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip

@@ -1,0 +1,203 @@
+"""Reports of joints in all their statements: coordinates, motion, friction, recursion; laws on three frames; couplings."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import symengine as se
+
+import mbdae as mb
+from mbdae.laws import couplings, forces, joints
+from mbdae.reports.recursive_checks import reduction_checks
+from mbdae.reports.reduction import Reduction
+from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.units import row_unit
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from reading import holds_and_defines
+
+JOINTS = [getattr(joints, name) for name in joints.__all__]
+FRICTION = mb.Coulomb(0.3, 1e-3)
+
+
+def variants():
+    """Every joint, without and with its coordinates as unknowns, without and with friction."""
+    for law in JOINTS:
+        for kept in dict.fromkeys([law.must_keep(), bool(law.coordinates)]):
+            for friction in [None, FRICTION] if law.scalars() else [None]:
+                if kept or friction is not None:  # the plain statement has its test by name
+                    yield pytest.param(law, kept, friction, id=f"{law.__name__}{', kept' * kept}{', friction' * bool(friction)}")
+
+
+@pytest.mark.parametrize(("law", "kept", "friction"), variants())
+def test_every_statement_of_a_joint_has_its_report(law, kept, friction):
+    document = mb.report(law, kept=kept, friction=friction)
+    holds_and_defines(document, law.__name__)
+    text = document.to_markdown()
+    assert ("## Friction" in text) == (friction is not None)
+    assert ("## As a recursive joint" in text) == law.states_motion()
+    for name, spec in law.coordinates.items():
+        assert re.search(rf"\| `{name}` \| \$.*\$ \| .* \| {re.escape(spec.meaning)} \|", text)
+
+
+@pytest.mark.parametrize("joint", [law for law in JOINTS if law.scalars()], ids=lambda law: law.__name__)
+def test_forces_on_the_last_coordinate_of_a_joint(joint):
+    kept = joint.must_keep()
+    for law, options in (("JointSpring", {}), ("JointLoad", {}), ("JointFriction", {"friction": FRICTION})):
+        chosen = {"joint": joint, "coordinate": list(joint.scalars())[-1], "kept": kept, **options}
+        holds_and_defines(mb.report(getattr(forces, law), **chosen), f"{law} of {joint.__name__}")
+
+
+class Bent(mb.Joint):
+    """Amounts are functions of several coordinates, an axis lies between k's."""
+
+    coordinates = mb.params(turn=("rad", "turn"), lift=("m", "lift"))
+    params = mb.params(pitch=("m/rad^2", "pitch"), radius=("m", "radius of a roller"))
+
+    def motion(self, from_k):
+        further = from_k.about((1, 2, 2), self.turn).along("x", self.pitch * self.turn**2)
+        return further.about("y", self.lift / self.radius + self.turn).along("z", self.lift)
+
+
+class Arm(mb.Joint):
+    """A ball joint, then a rod that slides and turns."""
+
+    coordinates = mb.params(rotation=("rotation", "ball"), out=("m", "length"), spin=("rad", "turn of the rod"))
+
+    def motion(self, from_k):
+        return from_k.turned(self.rotation).along("x", self.out).about("x", self.spin)
+
+
+@pytest.mark.parametrize("law", [Bent, Arm])
+def test_joints_of_ones_own(law):
+    holds_and_defines(mb.report(law), law.__name__)
+    holds_and_defines(mb.report(law, model=mb.Recursive()), law.__name__)
+
+
+def edits(r):
+    """Edits of a reduction map: of its offset, a column, the bias, a change."""
+    c = r.columns[0]
+    yield lambda: setattr(r, "d", r.d * 2)
+    yield lambda: setattr(c, "turn", c.turn * -1)
+    yield lambda: setattr(c, "move", c.move + r.s.record.atom("x", "k"))
+    yield lambda: vars(r).update(bias=(r.bias[0], r.bias[1] * 0))
+    yield lambda: vars(r).update(bias=(r.bias[0] + r.s.record.atom("z", "k") * c.rate, r.bias[1]))
+    yield lambda: vars(r).update(changes=(r.changes[0] * 0, r.changes[1]))
+    yield lambda: vars(r).update(changes=(r.changes[0], [(a * 2, b) for a, b in r.changes[1]]))
+
+
+@pytest.mark.parametrize("number", range(7))
+def test_edits_of_a_recursive_joint_are_caught(number):
+    r = Reduction(joints.Universal, structure_of(joints.Universal, {}))
+    assert all(check.holds for check in reduction_checks(r))
+    list(edits(r))[number]()
+    assert not all(check.holds for check in reduction_checks(r))
+
+
+def test_models_of_a_joint():
+    assert mb.report(joints.Cylindrical, model=mb.Classical()).title == "Cylindrical joint, its coordinates unknowns"
+    assert mb.report(joints.Cylindrical, model=mb.Kinematic).title == "Cylindrical joint"
+    assert mb.report(joints.Screw, model=mb.Kinematic()).title == mb.report(joints.Screw).title == "Screw joint"
+    assert mb.report(joints.Planar, model=mb.Recursive).title == "Planar joint, recursive"
+    assert mb.report("recursive").title == "Recursive joint"
+    for options, said in (
+        ({"model": 3}, "model = 3: give mb.Kinematic"),
+        ({"model": mb.Clearance(0.0501, 0.05, mb.Hertz(1e9))}, "that of mb.Revolute"),
+    ):
+        with pytest.raises(mb.OptionError, match=said):
+            mb.report(joints.Prismatic, **options)
+    with pytest.raises(mb.LawError, match="states no motion"):
+        mb.report(joints.Distance, model=mb.Recursive())
+
+
+def test_options_a_joint_cannot_have():
+    for law, options, said in (
+        (joints.Screw, {"kept": False}, "unknowns in every model"),
+        (joints.Spherical, {"friction": FRICTION}, "no angle or displacement against which"),
+        (joints.Universal, {"friction": FRICTION, "rubs": "angle"}, r"has the coordinates \['angle_k', 'angle_l'\]"),
+        (forces.JointSpring, {"joint": joints.Weld}, "no angle or displacement on which"),
+        (forces.JointSpring, {"joint": joints.Planar, "coordinate": "z"}, "has the coordinates"),
+    ):
+        with pytest.raises(mb.OptionError, match=said):
+            mb.report(law, **options)
+
+
+class Between(mb.Joint):
+    """The point of m stays in the middle between those of k and l."""
+
+    frames = ("k", "l", "m")
+
+    def constraints(self, k, l, m):
+        d = m.r - (k.r + l.r) / 2
+        return {"x": d[0], "y": d[1], "z": d[2]}
+
+
+class Bow(mb.Force):
+    """An elastic string from k over a carrier to l."""
+
+    frames = ("k", "l", "carrier")
+    params = mb.params(stiffness=("N/m", "stiffness"))
+
+    def energy(self, k, l, carrier):
+        return self.stiffness * ((carrier.r - k.r).norm() + (l.r - carrier.r).norm()) ** 2 / 2
+
+
+class Torn(Bow):
+    """A drag of the carrier against the mean of the others: its moments do not balance."""
+
+    def dissipation(self, k, l, carrier):
+        v = carrier.v - (k.v + l.v) / 2
+        return self.stiffness * (v @ v) / 2
+
+
+def test_laws_on_three_frames():
+    for law in (Between, Bow):
+        holds_and_defines(mb.report(law), law.__name__)
+    assert r"\mathbf{f}_{\text{carrier}}" in mb.report(Bow).to_markdown()
+    assert "NOT EQUAL: sum of moments vanishes" in mb.report(Torn).to_markdown()
+
+
+@pytest.mark.parametrize("name", couplings.__all__)
+def test_couplings(name):
+    text = mb.report(getattr(couplings, name)).to_markdown()
+    assert "comparisons hold" in text
+    assert "h_" in text
+
+
+class Rows(mb.Joint):
+    """Rows of several units."""
+
+    params = mb.params(length=("m", "length"), pitch=("m/rad", "travel per angle"), radius=("m", "radius"))
+
+    def constraints(self, k, l):
+        d = l.r - k.r
+        return {"cosine": k.x @ l.y, "length": d @ k.z, "norm": d.norm() - self.length, "area": d @ d - self.length**2,
+                "thread": self.pitch * self.relative_angle(k, l), "ratio": k.z @ d / self.radius,
+                "sine": se.sin(k.z @ d / self.radius)}  # fmt: skip
+
+
+def test_units_of_multipliers():
+    """Force times row is an energy: powers of a length are counted, not guessed from what appears."""
+    s = Statement(Rows, structure_of(Rows, {}))
+    assert {name: row_unit(s, e) for name, e in s.rows.items()} == {
+        "cosine": "N m", "length": "N", "norm": "N", "area": "N m^-1", "thread": "N", "ratio": "N m", "sine": "N m"}  # fmt: skip
+
+
+def test_friction_is_checked():
+    """A wrong friction is seen by the check of the forces, and by that of the dissipated power."""
+    from mbdae.reports.joint import JointReport
+
+    for kept in (False, True):
+        r = JointReport(mb.Revolute, structure_of(mb.Revolute, {"friction": FRICTION, "kept": kept}))
+        along, push = r.s.thrust
+        r.s.thrust = along, 2 * push
+        r.document()
+        wrong = {check.what for check in r.formulas.checks if not check.holds}
+        assert any(what.startswith("dissipated power") for what in wrong)
+        assert any(what.startswith("row of angle" if kept else "moment on") for what in wrong)
+        assert np.isfinite([check.residual for check in r.formulas.checks]).all()
