@@ -188,7 +188,8 @@ def make_frame(side: str, kind: NodeKind, axes: Axes = Axes.GENERAL) -> Frame:
         undefined = {heading: "heading"}
     if kind.flat and kind.moves:
         structure |= {r[2]: 0, v[2]: 0}
-    attached = [s, x, y, z, w, *body] if kind.turns else []
+    own = [] if kind is NodeKind.ROTATION else [s, x, y, z]  # a joint coordinate has no axes of a joint
+    attached = [*own, w, *body] if kind.turns else []
     return Frame(side, kind, axes, r + s, v + w.cross(s), x, y, z, w, r, v, s, body, heading, spin, q, u,
                  parameters, structure, meaning, attached, undefined)  # fmt: skip
 
