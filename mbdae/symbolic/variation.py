@@ -8,7 +8,6 @@ short (without them the stiffness of an angle is a thousand times longer), and r
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import Any
 
 import symengine as se
@@ -197,12 +196,4 @@ class Variation:
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:
-    """de/dsymbol; 0 without it, where symengine would leave a Piecewise of zeros."""
-    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) and symbol in _letters(e) else _ZERO
-
-
-@lru_cache(maxsize=1024)
-def _letters(e: Expr) -> set[Expr]:
-    """The symbols of an expression, which is differentiated by many, most of which it does not contain."""
-    found: set[Expr] = se.sympify(e).free_symbols
-    return found
+    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
