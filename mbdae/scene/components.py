@@ -241,7 +241,7 @@ class Connection:
         law, points = self.laws[0], self.k.is_point + self.l.is_point
         if len(self.laws) > 1 or isinstance(self.k, Beam) or isinstance(self.l, Beam) or not isinstance(law, Joint):
             return False
-        return (law.welds and points < 2) or (law.holds_point and points == 1 and not self.prescribed and not self.rubs)
+        return (points < 2 and law.welds) or (points == 1 and not self.prescribed and not self.rubs and law.holds_point)
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import symengine as se
@@ -58,6 +58,16 @@ class Derived:
     def sides(self) -> tuple[Frame, ...]:
         """The frames a law is stated on, without joint coordinates."""
         return self.frames[: len(self.law.frames)]
+
+    @cached_property
+    def read_frames(self) -> tuple[Frame, ...]:
+        """The frames on which anything of the law depends: a force on a coordinate that is an unknown needs that one alone."""
+        stated = [*self.g, self.energy, self.dissipated_power, self.work_power, *self.coordinates.values(), *self.state_rates,
+                  *self.state_starts, *self.variation.values.values()]  # fmt: skip
+        stated += [c for pair in self.force.values() for part in pair for c in part]
+        stated += [c for row in self.G for pair in row.values() for part in pair for c in part]
+        symbols = set().union(*(se.sympify(e).free_symbols for e in stated))
+        return tuple(f for f in self.frames if f.symbols & symbols or isinstance(self.law, Element))
 
     @property
     def row_forces(self) -> list[Expr]:

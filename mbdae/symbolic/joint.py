@@ -235,7 +235,7 @@ class Joint(TwoBodyLaw):
     @property
     def welds(self) -> bool:
         """Whether it leaves no relative motion: bodies joined at a node may then share its unknowns."""
-        motion = symbolic_motion(self)
+        motion = None if self.coordinates else symbolic_motion(self)
         return motion is not None and not motion.steps
 
     @property

@@ -208,7 +208,7 @@ def input_symbols(d: Derived) -> list[tuple[Target, Expr]]:
 def derivatives(d: Derived, e: Expr) -> dict[Target, Expr]:
     """Partial derivatives of an output by every unknown it depends on."""
     result: dict[Target, Expr] = {}
-    for f in d.frames:
+    for f in d.read_frames:
         if f.kind.moves:
             result |= _node_derivatives(d.variation, f, e)
     free = se.sympify(e).free_symbols

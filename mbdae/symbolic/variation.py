@@ -8,7 +8,6 @@ short (without them the stiffness of an angle is a thousand times longer), and r
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import Any
 
 import symengine as se
@@ -197,23 +196,4 @@ class Variation:
 
 
 def _diff(e: Expr, symbol: Expr) -> Expr:
-    """de/dsymbol; 0 without it, where symengine would leave a Piecewise of zeros.
-
-    A sum or product that contains a Piecewise is left to symengine all the same: without the zeros in it the search for common
-    subexpressions of a pin that touches at both ends (`laws/contact/journal.py`) takes two minutes in place of half a second."""
-    if not isinstance(symbol, se.Symbol):
-        return _ZERO
-    return se.diff(e, symbol) if symbol in _letters(e) or (not isinstance(e, se.Piecewise) and _switches(e)) else _ZERO
-
-
-@lru_cache(maxsize=1024)
-def _switches(e: Expr) -> bool:
-    """Whether it contains a Piecewise."""
-    return bool(se.sympify(e).atoms(se.Piecewise))
-
-
-@lru_cache(maxsize=1024)
-def _letters(e: Expr) -> set[Expr]:
-    """The symbols of an expression, which is differentiated by many, most of which it does not contain."""
-    found: set[Expr] = se.sympify(e).free_symbols
-    return found
+    return se.diff(e, symbol) if isinstance(symbol, se.Symbol) else _ZERO
