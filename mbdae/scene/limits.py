@@ -44,10 +44,10 @@ def _one(value: Any, without: float) -> float | None:
     if value is None:
         return None
     try:
-        if float(value) == without:
+        if value == without:
             return None
-    except (TypeError, ValueError, OverflowError):
-        pass  # `number` says what is wrong with it
+    except Exception:  # a comparison of the user's own may raise anything; `number` says what is wrong with the value
+        pass
     return number(value)
 
 

@@ -9,8 +9,9 @@ as an unknown.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
+from functools import partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -20,9 +21,10 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, angle
 from mbdae.symbolic.law import TwoBodyLaw
 from mbdae.symbolic.motion import Motion, Rotation
-from mbdae.symbolic.part import Parameter
+from mbdae.symbolic.part import Parameter, checked_value
 from mbdae.symbolic.variation import let, rate
 from mbdae.symbolic.vectors import ZERO, Expr, Vec
+from mbdae.values import flag, shown, word
 
 OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
 UNITS = ("rad", "m", "rotation")  #: of coordinates; a rotation is a quaternion, its rates an angular velocity
@@ -63,9 +65,19 @@ class Joint(TwoBodyLaw):
             raise LawError(f"{cls.__name__}: say coordinates = mb.params(angle=('rad', ...)) or (displacement=('m', ...)) in "
                            f"place of coordinate_unit")  # fmt: skip
 
-    def __init__(self, name: str, *args: Any, **values: Any) -> None:
-        super().__init__(name, *args, **values)
-        self.kept = bool(self.kept) or self.must_keep()
+    def compose(self) -> None:
+        for option in OPTIONS:
+            vars(self).setdefault(option, None)
+        self.kept = (self.kept is not None and self._checked("kept", flag, "give True or False")) or self.must_keep()
+        if self.rubs is not None:
+            self._checked("rubs", partial(word, words=self.scalars()), "give the name of a coordinate")
+        if self.friction is not None and not callable(getattr(self.friction, "coefficient", None)):
+            raise LawError(f"{type(self).__name__} {shown(self.name)}: friction = {shown(self.friction)} is no friction law; give one such "
+                           f"as mb.Coulomb(mu, v_c)")  # fmt: skip
+        super().compose()
+
+    def _checked(self, option: str, read: Callable[[Any], Any], remedy: str) -> Any:
+        return checked_value(f"{type(self).__name__} {shown(self.name)}", option, getattr(self, option), read, remedy)
 
     # -- what a joint states
 

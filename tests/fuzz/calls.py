@@ -22,7 +22,7 @@ from mbdae.extremes.data import Block
 from mbdae.extremes.extremes import Extremes
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result
-from mbdae.scene.components import JointModel
+from mbdae.scene.components import JointModel, Stop
 from mbdae.scene.scene import SceneData
 from mbdae.scene.section import Section
 from mbdae.sweep.sweep import Sweep
@@ -32,7 +32,7 @@ from mbdae.symbolic.part import Part
 EXPORTED = [getattr(mb, name) for name in mb.__all__]
 FUNCTIONS = [f for f in EXPORTED if inspect.isfunction(f)]
 #: laws, their parts and joint models are statements of a scene
-STATED = (SceneData, Law, Part, JointModel, Section, BaseException)
+STATED = (SceneData, Law, Part, JointModel, Section, Stop, BaseException)
 CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c is not mb.Audit]
 #: classes whose objects users get from others: their methods alone
 GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, Comparison, Extremes, Block, Sweep, mb.Audit,
@@ -47,7 +47,7 @@ ELSEWHERE = {
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "System.starting": "interface", "System.renewed": "interface",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
-    "RunStates.coordinate": "between modules", "RunStates.coordinate_at": "between modules",
+    "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules", "RunStates.coordinate_at": "between modules",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip

@@ -34,6 +34,8 @@ PAIR: dict[str, Any] = {"k": "ground", "l": "rod"}
 HINGE = PAIR | {"at": (0, 0, 0)}
 MOVED: dict[str, Any] = {"angle": 0.1, "angle0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
 SLID: dict[str, Any] = {"position": 0.1, "position0": 0.1, "rate0": 0.1, "spring": 1.0, "damper": 1.0}
+LIMITED: dict[str, Any] = {"limits": (0.0, 2.0), "stop": mb.Stop(1.0)}
+ALONG: dict[str, Any] = {"name": "x", **HINGE, "axis": (1, 0)}
 
 
 class Own(mb.Force):
@@ -55,32 +57,45 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
              {"elements": 2, "order": 2, "curve": None, "axis2": (0, 0, 1), "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
     "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),
     "revolute": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "model": mb.Recursive(), "torque": 1.0, "friction": None,
-                                          "radius": None, **MOVED}),
+                                          "radius": None, **MOVED, **LIMITED}),
     "prismatic": ({"name": "x", **HINGE, "axis": (1, 0)}, {"model": None, "force": 1.0, "friction": DRY, "normal_force": None,
-                                                           **SLID}),
-    "spherical": ({"name": "x", **HINGE}, {}), "weld": ({"name": "x", **PAIR}, {"at": (0, 0)}),
+                                                           **SLID, **LIMITED}),
+    "joint": ({"joint": mb.Revolute, "name": "x", **HINGE},
+              {"axis": (0, 0, 1), "axis_x": (1, 0), "model": None, "prescribed": 0.1, "start": 0.1, "start_rate": 0.1, "spring": 1.0,
+               "damper": 1.0, "load": 1.0, "friction": None, **LIMITED}),
+    "cylindrical": (ALONG, {}), "screw": ({**ALONG, "lead": 1.0}, {}), "universal": (ALONG, {"axis_l": (1, 0), "pin": (0, 1)}),
+    "planar": (ALONG, {"axis_x": (0, 1)}), "point_on_line": (ALONG, {}), "point_on_plane": (ALONG, {"axis_x": (0, 1)}),
+    "couple": ({"name": "x", "of": {"A.angle": 1.0, "B.angle": 1.0}}, {"value": 1.0}),
+    "gear": ({"name": "x", "driving": "A", "driven": "B", "ratio": 1.0}, {}),
+    "rack": ({"name": "x", "pinion": "A", "rack": "S", "radius": 1.0}, {}),
+    "differential": ({"name": "x", "first": "A", "second": "B", "carrier": "C"}, {}),
+    "spherical": ({"name": "x", **HINGE}, {"model": None}), "weld": ({"name": "x", **PAIR}, {"at": (0, 0)}),
     "distance": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0)}, {}), "fixed_orientation": ({"name": "x", **PAIR}, {}),
     "spring": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0), "stiffness": 1.0}, {"damping": 1.0, "length": 1.0}),
     "bushing": ({"name": "x", **HINGE, "stiffness": (1.0, 1.0, 1.0)}, {"damping": (1.0, 1.0, 1.0)}),
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
     "torque": ({"name": "x", "body": "rod", "value": (0, 0, 1.0)}, {"frame": "body"}),
-    "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {}),
+    "add": ({"law": Own("x", "ground", "rod", stiffness=1.0)}, {"model": None}),
 }  # fmt: skip
 NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
 LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
+JOINT: dict[str, Any] = {**LAW_PLACES, "axis_x": (1, 0), "kept": True, "friction": None, "rubs": None}
 #: the same of public classes
 CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "Revolute": (LAW, {**LAW_PLACES, "drive": 0.1, **AUGMENTED}),
-    "ClassicalRevolute": (LAW, {**LAW_PLACES, "drive": 0.1, **AUGMENTED}),
-    "Prismatic": (LAW, {**LAW_PLACES, "drive": 0.1}), "Spherical": (LAW, LAW_PLACES), "Weld": (LAW, LAW_PLACES),
-    "FixedOrientation": (LAW, LAW_PLACES), "Distance": ({**LAW, "length": 1.0}, LAW_PLACES), "Joint": (LAW, LAW_PLACES),
+    **{name: (LAW, JOINT | dict.fromkeys(getattr(mb, name).drives(), 0.1) | dict.fromkeys(
+        {"friction_radius"} & getattr(mb, name).params.keys(), 1.0))
+       for name in ("Cylindrical", "FixedOrientation", "Free", "Planar", "PointOnLine", "PointOnPlane", "Prismatic",
+                    "Spherical", "Universal", "Weld")},
+    "Revolute": (LAW, {**JOINT, "drive": 0.1, "friction_radius": 1.0, **AUGMENTED}),
+    "Joint": (LAW, {key: value for key, value in JOINT.items() if key not in ("kept", "friction", "rubs")}),
+    "Screw": ({**LAW, "lead": 1.0}, {**JOINT, "drive": 0.1, "friction_radius": 1.0}), "Distance": ({**LAW, "length": 1.0}, JOINT),
     "Force": (LAW, LAW_PLACES), "Own": ({**LAW, "stiffness": 1.0}, LAW_PLACES),
     "Coulomb": ({"mu": 1.0, "v_c": 1.0}, {}), "Friction": ({}, {}), "Normal": ({}, {}), "Recursive": ({}, {}),
     "LuGre": ({"mu_k": 1.0, "mu_s": 1.0, "v_s": 1.0, "sigma0": 1e5, "sigma1": 1.0},
               {"sigma2": 1.0, "gamma": 2, "damping_decay": True}),
-    "Hertz": ({"stiffness": 1.0}, {"damping": 1.0}), "Kinematic": ({}, AUGMENTED), "Classical": ({}, AUGMENTED),
+    "Hertz": ({"stiffness": 1.0}, {"damping": 1.0}), "Stop": ({"stiffness": 1.0}, {"damping": 1.0}), "Kinematic": ({}, AUGMENTED), "Classical": ({}, AUGMENTED),
     "Clearance": ({"outer": 1.0, "inner": 1.0, "normal": mb.Hertz(1.0)}, {"friction": None, "length": 1.0}),
     "Section": (dict.fromkeys(("EA", "GA2", "GA3", "GJ", "EI2", "EI3", "mass_per_length", "rotary_inertia"), 1.0),
                 {"damping": 1.0}),
@@ -114,9 +129,12 @@ LEGITIMATE: dict[tuple[str, str], str] = (
 )  # fmt: skip
 
 
-def scene(with_beam: bool = False) -> mb.Scene:
+def scene(with_beam: bool = False, with_joints: bool = False) -> mb.Scene:
     s = mb.Scene("fuzz")
-    s.link("rod", (0, 0), (1, 0), mass=1.0)
+    rod = s.link("rod", (0, 0), (1, 0), mass=1.0)
+    for name in "ABCS" if with_joints else "":
+        body = s.link(f"link {name}", (0, 0), (1, 0), mass=1.0)
+        s.joint(mb.Prismatic if name == "S" else mb.Revolute, name, rod, body, at=(0, 0))
     if with_beam:
         s.beam("beam", (0, 0), (1, 0), section=SECTION, elements=2)
     return s
@@ -149,7 +167,7 @@ def _refuses(s: mb.Scene) -> bool:
 
 def say(method: str) -> Said:
     def said(**given: Any) -> tuple[list[str], Any]:
-        s, rest = scene(method == "line_load"), dict(given)
+        s, rest = scene(method == "line_load", method in ("couple", "gear", "rack", "differential")), dict(given)
         first = (rest.pop("name"), *rest.pop("points")) if "points" in given else ()
         getattr(s, method)(*first, **rest)
         return stated(s)
@@ -169,6 +187,8 @@ def make(name: str) -> Said:
             s.revolute("x", s.ground, "rod", at=(0, 0), model=found)
         elif isinstance(found, mb.Section):
             s.beam("x", (0, 0), (1, 0), section=found)
+        elif isinstance(found, mb.Stop):
+            s.revolute("x", s.ground, "rod", at=(0, 0), limits=(-1, 1), stop=found)
         elif isinstance(found, mb.Normal):
             s.revolute("x", s.ground, "rod", at=(0, 0), model=mb.Clearance(1, 1, found))
         elif isinstance(found, Part):
@@ -215,7 +235,10 @@ def cases() -> Iterator[tuple[str, Said, dict[str, Any], str, str, Any, Any]]:
                 others["mass"] = 1.0
             if argument in ("radius", "normal_force") and item in ("revolute", "prismatic"):
                 others["friction"] = DRY
-            if argument == "friction" and item == "revolute":
+            if argument in ("limits", "stop") and item in ("revolute", "prismatic", "joint"):
+                others |= LIMITED
+                others.pop(argument)
+            if argument == "friction" and item in ("revolute", "joint"):
                 others["radius"] = 1.0
             for kind, value in (HOSTILE | {f"one as {k}": v for k, v in ONES.items()}).items():
                 if argument == "points":
@@ -252,7 +275,8 @@ def test_every_public_argument_is_fuzzed() -> None:
     for name, (always, once) in STATEMENTS.items():
         assert arguments(getattr(SceneData, name)) == {*always, *once}, name
     classes = [name for name in mb.__all__ if isinstance(getattr(mb, name), type)]
-    assert {n for n in classes if issubclass(getattr(mb, n), Law | Part | JointModel | mb.Section)} | {"Own"} == set(CLASSES)
+    assert {n for n in classes if issubclass(getattr(mb, n), Law | Part | JointModel | mb.Section | mb.Stop)
+            and n != "Coupling"} | {"Own"} == set(CLASSES)  # fmt: skip
     for name, (always, once) in CLASSES.items():
         cls: Any = Own if name == "Own" else getattr(mb, name)
         own = {*cls.params, *cls.options} if issubclass(cls, Law) else set()
