@@ -47,7 +47,8 @@ ELSEWHERE = {
     "System.jacobian_parts": "interface", "System.jacobian_values": "interface", "System.residual_stages": "interface",
     "System.starting": "interface", "System.renewed": "interface",
     "_Alpha.doubts": "interface", "OneStep.advance": "interface", "Stepped.with_step": "between modules",
-    "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules", "RunStates.coordinate_at": "between modules",
+    "RunStates.coordinate": "between modules", "RunStates.coordinates": "between modules",
+    "RunStates.coordinate_at": "between modules",
     "RunStates.sum_over_laws": "between modules", "Run.name": "between modules", "Run.own_accuracy": "between modules",
     "Solution.times": "as Solution.__call__",
 }  # fmt: skip

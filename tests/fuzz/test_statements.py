@@ -61,9 +61,10 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "prismatic": ({"name": "x", **HINGE, "axis": (1, 0)}, {"model": None, "force": 1.0, "friction": DRY, "normal_force": None,
                                                            **SLID, **LIMITED}),
     "joint": ({"joint": mb.Revolute, "name": "x", **HINGE},
-              {"axis": (0, 0, 1), "axis_x": (1, 0), "model": None, "prescribed": 0.1, "start": 0.1, "start_rate": 0.1, "spring": 1.0,
-               "damper": 1.0, "load": 1.0, "friction": None, **LIMITED}),
-    "cylindrical": (ALONG, {}), "screw": ({**ALONG, "lead": 1.0}, {}), "universal": (ALONG, {"axis_l": (1, 0), "pin": (0, 1)}),
+              {"axis": (0, 0, 1), "axis_x": (1, 0), "model": None, "prescribed": 0.1, "start": 0.1, "start_rate": 0.1,
+               "spring": 1.0, "damper": 1.0, "load": 1.0, "friction": None, **LIMITED}),
+    "cylindrical": (ALONG, {}), "screw": ({**ALONG, "lead": 1.0}, {}), "universal": (ALONG | {"axis": (0, 0, 1)},
+                                                                                {"axis_l": (0, 0, 1), "pin": (0, 1)}),
     "planar": (ALONG, {"axis_x": (0, 1)}), "point_on_line": (ALONG, {}), "point_on_plane": (ALONG, {"axis_x": (0, 1)}),
     "couple": ({"name": "x", "of": {"A.angle": 1.0, "B.angle": 1.0}}, {"value": 1.0}),
     "gear": ({"name": "x", "driving": "A", "driven": "B", "ratio": 1.0}, {}),
@@ -79,9 +80,9 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }  # fmt: skip
 NO_STATEMENTS = {"replace", "recursive", "joints"}  #: public, but they state nothing
 LAW = {"name": "x", "k": "ground", "l": "rod"}
-LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1)}
+LAW_PLACES: dict[str, Any] = {"at": (0, 1, 0), "axis": (0, 0, 1), "at_l": (0, 1), "axis_x": (1, 0)}
 AUGMENTED = {"scaling": 1.0, "penalty": 1.0}
-JOINT: dict[str, Any] = {**LAW_PLACES, "axis_x": (1, 0), "kept": True, "friction": None, "rubs": None}
+JOINT: dict[str, Any] = {**LAW_PLACES, "kept": True, "friction": None, "rubs": None}
 #: the same of public classes
 CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     **{name: (LAW, JOINT | dict.fromkeys(getattr(mb, name).drives(), 0.1) | dict.fromkeys(
@@ -95,7 +96,8 @@ CLASSES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "Coulomb": ({"mu": 1.0, "v_c": 1.0}, {}), "Friction": ({}, {}), "Normal": ({}, {}), "Recursive": ({}, {}),
     "LuGre": ({"mu_k": 1.0, "mu_s": 1.0, "v_s": 1.0, "sigma0": 1e5, "sigma1": 1.0},
               {"sigma2": 1.0, "gamma": 2, "damping_decay": True}),
-    "Hertz": ({"stiffness": 1.0}, {"damping": 1.0}), "Stop": ({"stiffness": 1.0}, {"damping": 1.0}), "Kinematic": ({}, AUGMENTED), "Classical": ({}, AUGMENTED),
+    "Hertz": ({"stiffness": 1.0}, {"damping": 1.0}), "Stop": ({"stiffness": 1.0}, {"damping": 1.0}),
+    "Kinematic": ({}, AUGMENTED), "Classical": ({}, AUGMENTED),
     "Clearance": ({"outer": 1.0, "inner": 1.0, "normal": mb.Hertz(1.0)}, {"friction": None, "length": 1.0}),
     "Section": (dict.fromkeys(("EA", "GA2", "GA3", "GJ", "EI2", "EI3", "mass_per_length", "rotary_inertia"), 1.0),
                 {"damping": 1.0}),
@@ -113,11 +115,15 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 PLAIN = (float, int, str, bool, type(None))
 TEXTS = ("text", "digits as text")
 PLANE = ("a list", "a range")  #: two or three numbers: a point, a direction, a load
-VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "velocity", "angular_velocity", "value", "per_length", "gravity")
+VECTORS = ("at", "at_k", "at_l", "axis", "axis2", "axis_x", "axis_l", "velocity", "angular_velocity", "value", "per_length",
+           "gravity")  # fmt: skip
 #: (argument, kind of value) that mean something after all, with the reason
 LEGITIMATE: dict[tuple[str, str], str] = (
     {("name", kind): "any text is a name" for kind in TEXTS}
     | {(argument, kind): "coordinates, the third is 0 where it is left out" for argument in VECTORS for kind in PLANE}
+    | {("limits", "a list"): "two limits", ("limits", "minus infinity inside"): "no lower limit",
+       **{("pin", kind): "a direction" for kind in PLANE}}
+    | {("kept", kind): "a switch" for kind in ("a truth value", "numpy's")} | {("of", "a dict"): "its key is named"}
     | {("points", kind): "coordinates of the first point" for kind in PLANE}
     | {(f"bushing.{argument}", "a range"): "three numbers" for argument in ("stiffness", "damping")}
     | {("damping_decay", kind): "a switch" for kind in ("a truth value", "numpy's")}
@@ -141,10 +147,10 @@ def scene(with_beam: bool = False, with_joints: bool = False) -> mb.Scene:
 
 
 def stated(s: mb.Scene) -> tuple[list[str], Any]:
-    """Problems, and what was stated, as JSON has it."""
+    """Problems, and what was stated, as JSON has it (1 is 1.0)."""
     assert not s.problems or _refuses(s)
     assert s.problems or all(type(v) in PLAIN for v in _values(s))
-    return s.problems, None if s.problems else json.dumps([s.name, s.space, s.gravity.tolist(), s.statements])
+    return s.problems, None if s.problems else json.loads(json.dumps([s.name, s.space, s.gravity.tolist(), s.statements]))
 
 
 def _values(s: mb.Scene) -> Iterator[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import symengine as se
 
@@ -14,6 +13,7 @@ from mbdae.symbolic.law import params
 from mbdae.symbolic.motion import Motion
 from mbdae.symbolic.variation import let
 from mbdae.symbolic.vectors import Expr, Vec
+from mbdae.values import BadValueError, number
 
 
 class Screw(Joint):
@@ -33,10 +33,11 @@ class Screw(Joint):
     coordinates = params(angle=("rad", "rotation of l about k.z"))
     params = params(lead=("m", "travel a turn"))
 
-    def __init__(self, name: str, *args: Any, **values: Any) -> None:
-        super().__init__(name, *args, **values)
-        if self._steepness() * (self._coefficient() or 0.0) >= 1:
-            raise LawError(f"screw '{name}': friction coefficient {self._coefficient():g} at a lead angle of "
+    def compose(self) -> None:
+        super().compose()
+        steepness = self._steepness()
+        if steepness and steepness * (self._coefficient() or 0.0) >= 1:
+            raise LawError(f"screw '{self.name}': friction coefficient {self._coefficient():g} at a lead angle of "
                            f"{math.degrees(math.atan(self._steepness())):.3g} degrees: no torque turns it against an axial "
                            f"force; give a smaller friction coefficient or lead, or a larger radius")  # fmt: skip
 
@@ -67,8 +68,11 @@ class Screw(Joint):
 
     def _steepness(self) -> float:
         """Tangent of the lead angle at the radius of friction, without sign; 0 where it is not known."""
-        known = isinstance(self.lead, int | float) and isinstance(self.friction_radius, int | float)
-        return abs(self.lead) / (2 * math.pi * self.friction_radius) if known else 0.0
+        try:
+            lead, radius = number(self.lead), number(self.friction_radius)
+        except BadValueError:
+            return 0.0
+        return abs(lead) / (2 * math.pi * radius) if radius > 0 else 0.0
 
     def _coefficient(self) -> float | None:
         """The largest coefficient of friction; None where it is not known."""
