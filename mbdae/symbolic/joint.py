@@ -72,8 +72,8 @@ class Joint(TwoBodyLaw):
         if self.rubs is not None:
             self._checked("rubs", partial(word, words=self.scalars()), "give the name of a coordinate")
         if self.friction is not None and not callable(getattr(self.friction, "coefficient", None)):
-            raise LawError(f"{type(self).__name__} {shown(self.name)}: friction = {shown(self.friction)} is no friction law; give "
-                           f"one such as mb.Coulomb(mu, v_c)")  # fmt: skip
+            raise LawError(f"{type(self).__name__} {shown(self.name)}: friction = {shown(self.friction)} is no friction law; "
+                           f"give one such as mb.Coulomb(mu, v_c)")  # fmt: skip
         super().compose()
 
     def _checked(self, option: str, read: Callable[[Any], Any], remedy: str) -> Any:
