@@ -21,8 +21,8 @@ from mbdae.contracts.states import Values, columns, rotation, turn
 from mbdae.kernels import Plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
-from mbdae.symbolic.joint import Joint, motion_of
-from mbdae.symbolic.motion import Motion, Rotation
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.motion import Motion, Rotation, motion_of
 from mbdae.symbolic.outputs import Target, coordinate, position, velocity
 from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.system.base import Array

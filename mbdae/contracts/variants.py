@@ -11,8 +11,9 @@ from mbdae.errors import LawError
 from mbdae.laws.elements import JointCoordinate
 from mbdae.symbolic.derive import Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.joint import Joint, symbolic_motion
+from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.motion import symbolic_motion
 
 Variant = tuple[str, Structure, tuple[Side, ...]]
 _SPATIAL = (NodeKind.SPATIAL, NodeKind.GROUND, NodeKind.POINT)

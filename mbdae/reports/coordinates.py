@@ -13,8 +13,8 @@ from mbdae.reports.letters import specs_of_coordinates, unit_text
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Vector
-from mbdae.symbolic.joint import Joint, motion_of, no_rotation
-from mbdae.symbolic.motion import AXES, Motion, Step
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.motion import AXES, Motion, Step, motion_of, no_rotation
 from mbdae.symbolic.vectors import Vec
 
 

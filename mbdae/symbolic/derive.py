@@ -101,12 +101,14 @@ class Derived:
         resistance by itself."""
         if not isinstance(self.law, Joint) or self.law.friction is None:
             return None
-        return self.law.pressing(self.sides[0], self.sides[1], _reaction_on_l(self.law, self.rows, self.G))
+        return self.law.pressing(self.sides[0], self.sides[1], _reaction_on_l(self.law, self.frames, self.rows, self.G))
 
     @property
     def rubbing(self) -> tuple[Expr, Expr] | None:
         """The coordinate against which a joint's own friction acts, and the friction; None where there is none."""
-        return self.law.rubbing(_reaction_on_l(self.law, self.rows, self.G), *self.sides) if isinstance(self.law, Joint) else None
+        if not isinstance(self.law, Joint):
+            return None
+        return self.law.rubbing(_reaction_on_l(self.law, self.frames, self.rows, self.G), *self.sides)
 
     @property
     def stabilisers(self) -> list[Expr]:
@@ -167,7 +169,8 @@ class _Derivation(Statement):
         self.refuse_clashes()
         self.refuse_undefined()
         rows, vanished, undefined, g, G = self._constraints()
-        force, powers = self._forces(_reactions(self.law, rows, vanished), _reaction_on_l(self.law, rows, G))
+        force_on_l = _reaction_on_l(self.law, self.frames, rows, G)
+        force, powers = self._forces(_reactions(self.law, rows, vanished), force_on_l)
         resolve = self.variation.resolve
         energy, dissipated, work = map(resolve, powers)
         states, rates, starts = self._states([*g, energy, dissipated, work, *self.variation.values.values()])
@@ -313,10 +316,14 @@ def _reactions(law: Any, rows: Iterable[str], vanished: Iterable[str]) -> dict[s
     return {row: _scaled(law, se.Symbol(f"lambda_{row}")) for row in rows} | dict.fromkeys(vanished, _ZERO)
 
 
-def _reaction_on_l(law: Any, rows: Sequence[str], G: Sequence[dict[str, Pair]]) -> Vec:
-    """Reaction force of a joint on l, N, inertial components."""
-    forces = [_scaled(law, se.Symbol(f"lambda_{row}")) for row in rows if "l" in law.frames]
-    return sum((pairs["l"][0] * -force for force, pairs in zip(forces, G, strict=False)), ZERO)
+def _reaction_on_l(law: Any, frames: Sequence[Frame], rows: Sequence[str], G: Sequence[dict[str, Pair]]) -> Vec:
+    """Reaction force of a joint on l, N, inertial components: where l does not move, the opposite of that on k."""
+    l = next((f for f in frames if f.side == "l"), None)
+    if l is None:
+        return ZERO
+    side, sign = ("l", -1) if l.kind.moves else ("k", 1)
+    forces = (_scaled(law, se.Symbol(f"lambda_{row}")) * sign for row in rows)
+    return sum((pairs[side][0] * force for force, pairs in zip(forces, G, strict=False)), ZERO)
 
 
 def _power(pair: Pair, f: Frame) -> Expr:

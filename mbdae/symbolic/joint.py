@@ -19,11 +19,12 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Frame, angle
+from mbdae.symbolic.free_axes import across, free_axes
 from mbdae.symbolic.law import TwoBodyLaw
-from mbdae.symbolic.motion import Motion, Rotation
+from mbdae.symbolic.motion import Motion, symbolic_motion
 from mbdae.symbolic.part import Parameter, checked_value
 from mbdae.symbolic.variation import let, rate
-from mbdae.symbolic.vectors import ZERO, Expr, Vec
+from mbdae.symbolic.vectors import Expr, Vec
 from mbdae.values import flag, shown, word
 
 OPTIONS = ("kept", "friction", "rubs")  #: of every joint, see `Joint`
@@ -103,14 +104,17 @@ class Joint(TwoBodyLaw):
         return {}
 
     def pressing(self, k: Frame, l: Frame, force: Vec) -> Vec:
-        """The part of the joint's reaction force on l (N) that presses the surfaces together: that normal to k.z."""
-        along: Vec = k.z * (k.z @ force)
-        return force - along
+        """The part of the joint's reaction force on l (N) that presses the surfaces together: that normal to the axis of the
+        rubbed coordinate and to all directions in which l may slide."""
+        return across(force, free_axes(self, k, l, self.rubbed) if self.states_motion() else [k.z])
 
     def normal_force(self, k: Frame, l: Frame, force: Vec, coefficient: Expr) -> Expr:
         """The normal force where they rub (N, not negative), of the joint's force on l (N): the magnitude of what presses, unless
         the friction itself, of a signed coefficient, has a part in that force."""
         pressing = self.pressing(k, l, force)
+        if all(c == 0 for c in pressing):
+            raise LawError(f"no reaction of a {type(self).__name__} presses what rubs along its {self.rubbed}: give a "
+                           f"normal_force")  # fmt: skip
         return let(se.sqrt(let(pressing @ pressing) + SLIGHT**2))
 
     def remarks(self) -> list[str]:
@@ -287,23 +291,3 @@ class Joint(TwoBodyLaw):
 
     def initial(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         return {} if self.friction is None else dict(self.friction.initial(self.sliding(*frames)))
-
-
-def motion_of(law: Joint, values: Mapping[str, Any]) -> Motion | None:
-    """The motion of a joint at values of its coordinates; None where it states none."""
-    if not law.states_motion():
-        return None
-    at = copy(law)
-    vars(at).update(values)
-    return at.motion(Motion())
-
-
-def symbolic_motion(law: Joint) -> Motion | None:
-    """The motion of a joint with a symbol of its name for every coordinate."""
-    symbols = {c: se.Symbol(c) for c in law.scalars()}
-    return motion_of(law, symbols | {c: no_rotation() for c in law.coordinates.keys() - symbols.keys()})
-
-
-def no_rotation() -> Rotation:
-    """The rotation by nothing."""
-    return Rotation.of([se.Integer(i == 0) for i in range(4)], ZERO)

@@ -11,7 +11,8 @@ of l relative to k, its velocity, the forces on the coordinates and the inverse 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -158,3 +159,24 @@ def _amount(amount: Any) -> Expr:
         return se.sympify(amount)
     except Exception as error:
         raise LawError(f"motion: amount = {shown(amount)} is no expression of the joint's coordinates and parameters") from error
+
+
+def motion_of(law: Any, values: Mapping[str, Any]) -> Motion | None:
+    """The motion of a joint at values of its coordinates; None where it states none."""
+    if not law.states_motion():
+        return None
+    at = copy(law)
+    vars(at).update(values)
+    found: Motion = at.motion(Motion())
+    return found
+
+
+def symbolic_motion(law: Any) -> Motion | None:
+    """The motion of a joint with a symbol of its name for every coordinate."""
+    symbols = {c: se.Symbol(c) for c in law.scalars()}
+    return motion_of(law, symbols | {c: no_rotation() for c in law.coordinates.keys() - symbols.keys()})
+
+
+def no_rotation() -> Rotation:
+    """The rotation by nothing."""
+    return Rotation.of([se.Integer(i == 0) for i in range(4)], ZERO)

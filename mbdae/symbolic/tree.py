@@ -18,8 +18,7 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
-from mbdae.symbolic.joint import motion_of
-from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn
+from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import (

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import mbdae as mb
 from mbdae.laws.joints.coincidence import same_point
-from mbdae.system.model.model import joint_axes
+from mbdae.system.model.sides import joint_axes
 
 LETTERS = {"R": "revolute", "P": "prismatic", "S": "spherical", "U": "universal", "D": "distance", "W": "weld",
            "O": "fixed_orientation"}  # fmt: skip

@@ -9,8 +9,8 @@ import symengine as se
 
 from mbdae.inputs import timed
 from mbdae.scene.components import Connection
-from mbdae.symbolic.joint import Joint, symbolic_motion
-from mbdae.symbolic.motion import Step
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.motion import Step, symbolic_motion
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.model.sides import joint_axes

@@ -1,0 +1,71 @@
+"""Axes along and about which a joint lets l move, from its motion: what its reactions do not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import symengine as se
+
+from mbdae.errors import LawError
+from mbdae.symbolic.frames import Frame
+from mbdae.symbolic.motion import Motion, Step, Triad, symbolic_motion
+from mbdae.symbolic.vectors import ZERO, Vec
+
+
+def free_axes(law: Any, k: Frame, l: Frame, coordinate: str) -> list[Vec]:
+    """Unit vectors, inertial: the axis of one coordinate, and the directions in which any coordinate slides l, each once."""
+    motion = symbolic_motion(law)
+    assert motion is not None
+    own = [i for i, step in enumerate(motion.steps) if se.Symbol(coordinate) in step.amount.free_symbols]
+    if len(own) != 1:
+        raise LawError(f"{type(law).__name__}: its {coordinate} moves l in {len(own)} ways at once, so that its motion does not "
+                       f"say which part of the reaction presses: state `pressing(self, k, l, force)`, or give a "
+                       f"normal_force")  # fmt: skip
+    slides = [i for i, step in enumerate(motion.steps) if not step.turns and step.amount.free_symbols & _names(law)]
+    found: list[Vec] = []
+    for i in (own[0], *slides):
+        axis = _axis(law, k, l, motion.steps, i)
+        if not any(all(a == b for a, b in zip(axis, other, strict=True)) for other in found):
+            found.append(axis)
+    return found
+
+
+def _names(law: Any) -> set[Any]:
+    return {se.Symbol(c) for c in law.scalars()}
+
+
+def _axis(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
+    """Axis of elementary motion i: fixed in k where nothing before it turns, in l where nothing after it does, else by the
+    coordinates where these are unknowns."""
+
+    def turn(some: Sequence[Step]) -> bool:
+        return any(s.rotation is not None or (s.turns and s.amount.free_symbols & _names(law)) for s in some)
+
+    if not turn(steps[:i]):
+        return steps[i].direction(_axes(steps[:i], k))
+    if not turn(steps[i + 1 :]):
+        return steps[i].direction(_axes(Motion(steps[i + 1 :]).inverse().steps, l))
+    if not law.kept:
+        raise LawError(f"{type(law).__name__}: the direction of one of its motions follows from its coordinates alone: use "
+                       f"model=mb.Classical(), or give a normal_force")  # fmt: skip
+    own = law.motion(Motion()).steps
+    return own[i].direction(_axes(own[:i], k))
+
+
+def _axes(steps: Sequence[Step], f: Frame) -> Triad:
+    """The axes of a frame after some elementary motions."""
+    axes: Triad = Motion(steps).pose((f.x, f.y, f.z))[1]
+    return axes
+
+
+def across(force: Vec, axes: Sequence[Vec]) -> Vec:
+    """The part of a vector that is normal to one or two axes; nothing is normal to three."""
+    if len(axes) == 1:
+        along: Vec = axes[0] * (axes[0] @ force)
+        return force - along
+    if len(axes) > 2:
+        return ZERO
+    normal = axes[0].cross(axes[1])
+    part: Vec = normal * ((normal @ force) / (normal @ normal))
+    return part
