@@ -26,10 +26,10 @@ from mbdae.symbolic.outputs import loads
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.right_hand_side import state_rates
 from mbdae.system.base import Array
+from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.start import Starter
 from mbdae.ties import largest
 

@@ -12,6 +12,7 @@ from mbdae.inputs import timed
 from mbdae.inputs.breaks import TooManyError, jump
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.scene.components import BeamLoad, Connection
+from mbdae.symbolic.coupling import Coupling
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.vectors import Expr
 
@@ -38,7 +39,7 @@ def inputs(connections: list[Connection], loads: list[BeamLoad]) -> Iterator[Inp
             if value is not None and getattr(se.sympify(value), "free_symbols", None):
                 drives = law.drives() if isinstance(law, Joint) else {}
                 what = f"{kind} '{name}': {drives.get(key, key)} = {value}"
-                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint))
+                yield Input(what, se.sympify(value), parameter.unit, isinstance(law, Joint | Coupling))
 
 
 def problems(connections: list[Connection], loads: list[BeamLoad], t0: float, t_end: float, continued: bool = False) -> list[str]:

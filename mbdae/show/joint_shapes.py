@@ -18,7 +18,7 @@ from mbdae.scene.components import Array, Connection
 from mbdae.show import symbols
 from mbdae.show.collected import Collected, ends
 from mbdae.symbolic.joint import Joint
-from mbdae.system.start.joint_motion import JointMotion
+from mbdae.system.model.joint_motion import JointMotion
 
 SLIGHT = 1e-9  #: rates (m or rad over the unit of a coordinate) and sines of angles below are zero
 

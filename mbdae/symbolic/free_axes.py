@@ -66,6 +66,6 @@ def across(force: Vec, axes: Sequence[Vec]) -> Vec:
         return force - along
     if len(axes) > 2:
         return ZERO
-    normal = axes[0].cross(axes[1])
+    normal: Vec = axes[0].cross(axes[1])
     part: Vec = normal * ((normal @ force) / (normal @ normal))
     return part

@@ -9,6 +9,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
+import symengine as se
 
 from mbdae.errors import LawError, SceneError
 from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
@@ -21,6 +22,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
+from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
 from mbdae.system.model.sides import sides_of
@@ -136,7 +138,7 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
     """The model of a scene; space="auto" tries the plane first and keeps the reason where that fails.
 
     kept: recursive joints that stay kinematic, and why."""
-    kept = dict(kept or {})
+    kept = _changing(scene) | dict(kept or {})
     if scene.space != "spatial":
         reason = out_of_plane(scene)
         if reason is None:
@@ -149,6 +151,16 @@ def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
             raise SceneError([f"scene '{scene.name}': space='planar' is not possible: {reason}; use space='auto' or 'spatial'"])
         return _assemble(scene, False, kept, reason)
     return _assemble(scene, False, kept, "space='spatial' was asked for")
+
+
+def _changing(scene: SceneData) -> dict[str, str]:
+    """Recursive joints with a parameter that depends on time, which the program of a tree takes as a number."""
+    found = {}
+    for c in (c for c in scene.joints if c.recursive):
+        for name in c.joint.params.keys() - c.joint.drives().keys():
+            if getattr(se.sympify(getattr(c.joint, name) or 0), "free_symbols", None):
+                found[c.name] = f"its parameter {name} depends on time"
+    return found
 
 
 def _rotations(scene: SceneData) -> dict[str, str]:
@@ -194,6 +206,8 @@ def out_of_plane(scene: SceneData) -> str | None:
             for point in (law.at, law.point_on("l")):
                 if abs(point[2]) > tolerance:
                     return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
+        if JointMotion(c).leaves_plane(c.hold, c.hold_rate):
+            return f"{c.kind} '{c.name}' starts out of the plane"
     return None
 
 
@@ -250,6 +264,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
                 raise LawError(f"{item}: {error}") from error
             refused.append(f"'{item}': {error}")
         groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
+    refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(scene_length(scene)))]
     if refused:
         raise SceneError(refused)
     if by_coordinate:

@@ -18,10 +18,10 @@ from mbdae.symbolic.outputs import Target, coordinate, scatter_pair
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.beams import drawn_quaternion
+from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.start.bent_beams import can_bend, closed_by_bending
-from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.least_change import largest_violation, least_change, violations
 from mbdae.system.start.rigid_beams import RigidMotions
 

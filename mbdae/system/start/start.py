@@ -18,9 +18,9 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
-from mbdae.system.start.joint_motion import JointMotion
 from mbdae.system.start.positions import ConsistentPositions
 
 

@@ -23,7 +23,7 @@ class JointMotion:
 
     def __init__(self, item: Connection, t: float = 0.0) -> None:
         law: Any = (item.as_kinematic or item.laws)[0] if item.loose else item.joint
-        motion = symbolic_motion(law) if isinstance(law, Joint) else None
+        motion = symbolic_motion(law) if isinstance(law, Joint) else None  # of forces there is none
         self._steps = motion.steps if motion is not None else ()
         self._t, self.at = t, np.asarray(law.at, dtype=float)
         self._axes = joint_axes(law, item.k)
@@ -52,6 +52,22 @@ class JointMotion:
             return P, r
         back = P * np.array([1.0, -1.0, -1.0, -1.0])
         return back, -rotation_matrices(back) @ r
+
+    def leaves_plane(self, values: dict[str, float], rates: dict[str, float]) -> bool:
+        """Whether a start with these values or rates lies or moves out of the plane z = 0."""
+        if not (values or rates):
+            return False
+        (_, *p), r = self.drawn(values, True)
+        _, v, w = self.rates(values, rates)
+        return bool(np.any(np.abs([p[0], p[1], r[2], v[2], w[0], w[1]]) > 1e-12))
+
+    def not_as_drawn(self, length: float) -> str:
+        """What is wrong where the motion moves l although all coordinates are 0; length: of the scene, m."""
+        P, r = self.drawn({}, True)
+        if np.max(np.abs(P[1:])) <= 1e-9 and np.max(np.abs(r)) <= 1e-9 * length:
+            return ""
+        return (f"its motion moves l by {np.linalg.norm(r):.3g} m and turns it by {2 * np.linalg.norm(P[1:]):.3g} rad where its "
+                f"coordinates are 0, where l must be as drawn; state it without this, or draw l there")  # fmt: skip
 
     def planar_turn(self, values: dict[str, float]) -> float:
         """Rotation of l about z, whole turns included, rad."""
