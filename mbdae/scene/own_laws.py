@@ -53,6 +53,7 @@ def _read_places(head: Argument, law: Joint | Force, found: Any) -> None:
         found.axis_x = reading.direction(head.part("axis_x"), law.axis_x)
     for side in law.frames[2:]:
         setattr(found, side, reading.body(head.part(side), getattr(law, side)))
+    found.points = {side: reading.point(head.part(f"at_{side}"), point) for side, point in law.points.items()}
     if law.at_l is not None:
         found.at_l = reading.point(head.part("at_l"), law.at_l)
 

@@ -100,7 +100,8 @@ def _encode_law(law: Law, own: Own | None) -> dict[str, Any]:
         return {"coupling": stored_name(type(law), own), "name": law.name, "of": of, "values": values}
     places = {key: encode(getattr(law, key), own) for key in ("k", "l", "at", "axis", "at_l", "axis_x")}
     if len(law.frames) > 2:
-        places["others"] = {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]}}
+        points = {f"at_{side}": encode(point, own) for side, point in law.points.items()}
+        places["others"] = {"by": {side: encode(getattr(law, side), own) for side in law.frames[2:]} | points}
     return {"law": stored_name(type(law), own), "name": law.name, **places, "values": values}
 
 

@@ -49,7 +49,7 @@ def _axis(law: Any, k: Frame, l: Frame, steps: Sequence[Step], i: int) -> Vec:
     if not law.kept:
         raise LawError(f"{type(law).__name__}: the direction of one of its motions follows from its coordinates alone: use "
                        f"model=mb.Classical(), or give a normal_force")  # fmt: skip
-    own = law.motion(Motion()).steps
+    own: tuple[Step, ...] = law.motion(Motion()).steps
     return own[i].direction(_axes(own[:i], k))
 
 

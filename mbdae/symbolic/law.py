@@ -182,7 +182,7 @@ class Law:
 class TwoBodyLaw(Law):
     """A law between two bodies, or as many as `frames` names. k, l: bodies or places; at, at_l: where it acts on all, and on l
     where that is elsewhere, m; axis, axis_x: directions of the frames' z and x (None: any normal to z); all as drawn. Bodies of
-    further frames are given by the names of these."""
+    further frames are given by their names, the points there by `at_<name>` where they are others."""
 
     frames: ClassVar[tuple[str, ...]] = ("k", "l")
 
@@ -192,11 +192,14 @@ class TwoBodyLaw(Law):
             if side not in values:
                 raise LawError(f"{type(self).__name__} {shown(name)}: {side} is missing; say {side}=body")
             setattr(self, side, values.pop(side))
+        self.points = {side: values.pop(f"at_{side}") for side in self.frames[2:] if values.get(f"at_{side}") is not None}
         super().__init__(name, **values)
         self.k, self.l, self.at, self.axis, self.at_l, self.axis_x = k, l, at, axis, at_l, axis_x
 
     def point_on(self, side: str) -> Any:
         """Where it acts on the body of a frame as drawn, (3,), m."""
+        if side in self.points:
+            return self.points[side]
         return self.at_l if side == "l" and self.at_l is not None else self.at
 
 
