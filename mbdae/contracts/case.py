@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbdae.contracts.states import States, Values, columns, moved
 from mbdae.formulations.ggl import ggl_outputs
-from mbdae.kernels import LinearisedPlan, Plan
+from mbdae.kernels import Kernel, LinearisedPlan, Plan
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.law import Element, Force, Law, Structure
@@ -79,8 +79,9 @@ class Case:
     """A law in one variant with random states, evaluated by `Kernel.oracle`: NumPy on the symbolic expressions."""
 
     def __init__(self, law: type[Law], structure: Structure, sides: tuple[Side, ...], given: dict[str, float],
-                 family: dict[Any, Case] | None = None) -> None:  # fmt: skip
+                 family: dict[Any, Case] | None = None, compiles: bool = True) -> None:  # fmt: skip
         self.law, self.structure, self.given = law, structure, given
+        self.compiles = compiles  #: whether compiled code is evaluated too; else NumPy alone, which is faster to prepare
         self.family = family if family is not None else {}
         self.d: Derived = derive(law, structure, sides)  # type: ignore[arg-type]
         self.family[structure, sides] = self
@@ -111,6 +112,10 @@ class Case:
     def linearised(self) -> LinearisedPlan:
         """The outputs of GGL split into constant, linear and nonlinear parts, as the assembly uses them; they include Index3."""
         return LinearisedPlan(self.d, ggl_outputs)
+
+    def run(self, kernel: Kernel, x: NDArray[Any]) -> NDArray[Any]:
+        """Outputs (points, outputs) by the compiled code, where this case compiles, else by NumPy."""
+        return kernel.values(x) if self.compiles else kernel.oracle(x).real
 
     def targets(self, outputs: Outputs) -> list[Target]:
         """Targets of one group of outputs."""
@@ -204,8 +209,9 @@ def label(d: Derived, target: Target) -> str:
     return " ".join(map(str, target))
 
 
-def rebuilt(split: LinearisedPlan, values: Values, index: dict[Target, int]) -> tuple[Array, Array]:
+def rebuilt(case: Case, values: Values, index: dict[Target, int]) -> tuple[Array, Array]:
     """Residual (points, outputs) and Jacobian (points, outputs, unknowns) as the assembly composes them."""
+    split = case.linearised
     constants = split.constants.once(columns(split.constant_inputs.symbols, values))
     count = len(split.constant_places)
     J = np.zeros((len(constants), len(split.targets), len(index)))
@@ -217,8 +223,8 @@ def rebuilt(split: LinearisedPlan, values: Values, index: dict[Target, int]) -> 
             residual[:, o] += value * unknown[target]
     for o, value in zip(split.offset_places, constants[:, count:].T, strict=True):
         residual[:, o] += value
-    residual[:, split.nonlinear] = split.residual.values(columns(split.residual_inputs.symbols, values))
-    varying = split.jacobian.values(columns(split.jacobian_inputs.symbols, values))
+    residual[:, split.nonlinear] = case.run(split.residual, columns(split.residual_inputs.symbols, values))
+    varying = case.run(split.jacobian, columns(split.jacobian_inputs.symbols, values))
     for (o, target), value in zip(split.jacobian_places, varying.T, strict=True):
         J[:, o, index[target]] += value
     return residual, J

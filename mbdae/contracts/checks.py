@@ -60,7 +60,7 @@ def jacobian(case: Case) -> Iterator[Measured]:
     if not split.targets:
         return
     index = {target: j for j, (target, _) in enumerate(unknowns)}
-    residual, J = rebuilt(split, case.values, index)
+    residual, J = rebuilt(case, case.values, index)
     names = [label(d, t) for t in split.targets]
     yield from compared([f"residual {n}" for n in names], residual, case.evaluate(ggl_outputs, case.values).real)
     count = len(residual)
@@ -76,7 +76,7 @@ def jacobian(case: Case) -> Iterator[Measured]:
 def compiled(case: Case) -> Iterator[Measured]:
     """The compiled code against NumPy for all outputs of the law."""
     p = case.all_outputs
-    if not p.targets:
+    if not (case.compiles and p.targets):
         return
     x = columns(p.all_inputs.symbols, case.values)
     yield from compared([label(case.d, t) for t in p.targets], p.kernel.values(x), p.kernel.oracle(x).real)
@@ -264,7 +264,7 @@ def singular(case: Case) -> Iterator[Measured]:
         with np.errstate(all="ignore"):
             for kernel, inputs in ((split.residual, split.residual_inputs), (split.jacobian, split.jacobian_inputs)):
                 if kernel.expressions:
-                    finite = np.isfinite(kernel.values(columns(inputs.symbols, values)))
+                    finite = np.isfinite(case.run(kernel, columns(inputs.symbols, values)))
                     what = "values" if kernel is split.residual else "derivatives"
                     yield f"{what} {name} that are not finite", 0.0 if finite.all() else 1.0
 

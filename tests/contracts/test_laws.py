@@ -211,7 +211,7 @@ def test_geometric_stiffness_is_needed(monkeypatch: pytest.MonkeyPatch, fresh: N
 
     monkeypatch.setattr(kernels_plan, "derivatives", without)
     with pytest.raises(mb.LawError, match=r"Jacobian, spatial - spatial.*d\(u k 3\)/d\(q"):
-        mb.selftest(mb.Revolute)
+        mb.selftest(mb.Weld)
 
 
 def test_wrong_rotation_rule_is_found(monkeypatch: pytest.MonkeyPatch, fresh: None) -> None:
