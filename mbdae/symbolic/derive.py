@@ -271,8 +271,15 @@ class _Derivation(Statement):
         force: dict[str, Pair] = {}
         dissipated, loads = _ZERO, _ZERO
         clocked = sum((v.diff(energy, p) * dp for p, dp in v.clock.items()), _ZERO)
+        symbols = set().union(*(se.sympify(c).free_symbols for part in stated.parts().values()
+                                for c in (part if isinstance(part, Vec) else (part,))))  # fmt: skip
         for f in self.frames:
-            drag, load = v.velocity_gradient(f, rayleigh), self._wrench_on(f, wrench)  # type: ignore[arg-type]
+            load = self._wrench_on(f, wrench)  # type: ignore[arg-type]
+            if not f.symbols & symbols:  # derivatives of a Piecewise by what it does not contain are no plain zeros
+                force[f.side] = self._in_plane(load, f, "its force")
+                loads -= _power(load, f)
+                continue
+            drag = v.velocity_gradient(f, rayleigh)
             if push != 0:
                 load = (load[0] + v.gradient(f, along)[0] * -push, load[1] + v.gradient(f, along)[1] * -push)
             dissipated += _power(drag, f)

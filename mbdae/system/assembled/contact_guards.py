@@ -18,6 +18,7 @@ from mbdae.system.motion.states import gap_outputs
 from mbdae.system.start.contacts import ExpectedContact
 
 NEAR = 10.0  #: durations of an impact before it from which its effective mass is that of the present position
+SAME = 0.01  #: rad, or part of the scene's length, within which effective masses are not calculated again
 
 States = Callable[[Array, Array], tuple[Array, Array, Array]]  #: times (nt,) and unknowns (nt, n) -> q, u, s of all nodes
 
@@ -57,6 +58,8 @@ class ContactGuards:
         self._batch = system.batch(1)
         self._evaluation = Evaluation(self._batch.W, gathers, kernels)
         self._zero = np.zeros(system.n)
+        self._positions = system.numbering.nq
+        self._at, self._masses = np.zeros(0), dict[int, float]()  # positions for which masses of places are known
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
 
     @property
@@ -88,8 +91,14 @@ class ContactGuards:
 
     def _with_present_masses(self, duration: Array, rate: Array, near: Sequence[int], t: float, y: Array) -> None:
         """Durations of impacts that are near, or last, by the effective masses at the present position."""
-        q = self._states(np.array([t]), y[None])[0][0]
-        rows = approaches(self._mechanics, t, q)
-        masses = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in near])
-        for n, mass in zip(near, masses, strict=True):
-            duration[n] = self.places[n].duration(rate[n], mass)
+        moved = np.abs(y[: len(self._at)] - self._at) if len(self._at) else np.array([np.inf])
+        if np.max(moved) > SAME * min(1.0, self._mechanics.model.length):
+            self._at, self._masses = y[: self._positions].copy(), {}
+        missing = [n for n in near if n not in self._masses]
+        if missing:
+            q = self._states(np.array([t]), y[None])[0][0]
+            rows = approaches(self._mechanics, t, q)
+            found = effective_masses(self._mechanics, t, q, True, [rows[self.places[n].place] for n in missing])
+            self._masses |= dict(zip(missing, found, strict=True))
+        for n in near:
+            duration[n] = self.places[n].duration(rate[n], self._masses[n])
