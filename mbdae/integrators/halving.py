@@ -72,7 +72,8 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
     first = h
     best: Halved | None = None
     failures, confirmed = 0, inf
-    order, earlier = float(min(solver.order, BELIEVED)), (inf, inf)
+    most = 1 if getattr(system.guards, "jumps", False) else solver.order  # steps across a jump of the force have order 1
+    order, earlier = float(min(most, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)
         runs += 1
@@ -95,7 +96,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
             h = min(h / 2, fine.stats.resolving_step or h)
             continue
         gap, times = _gap(coarse[0], fine, measure)
-        order, earlier = _order(order, solver.order, earlier, (gap, coarse[1])), (gap, coarse[1])
+        order, earlier = _order(order, most, earlier, (gap, coarse[1])), (gap, coarse[1])
         share = _share(h / coarse[1], order)
         estimate, coarser = gap * share, (coarse[0], times, share)
         estimate = inf if fine.stats.unresolved else estimate

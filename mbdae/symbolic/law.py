@@ -268,6 +268,11 @@ class Force(TwoBodyLaw):
         return ()
 
     @property
+    def jumps(self) -> bool:
+        """Whether its force jumps where a gap closes."""
+        return False
+
+    @property
     def gap_unit(self) -> str:
         """Unit of its gaps: m, or rad, where masses are inertias (kg m^2) and speeds in rad/s."""
         return "m"

@@ -360,3 +360,38 @@ def test_point_mass_has_no_bearing() -> None:
     s.revolute("pin", s.ground, s.point_mass("bob", 1.0, at=(0, 0)), at=(0, 0), friction=DRY, radius=0.1)
     with pytest.raises(mb.SceneError, match="friction needs the axes of both bodies, the point mass 'bob' has none"):
         s.check()
+
+
+@pytest.mark.parametrize("model", [mb.Kinematic(), mb.Classical()])
+@pytest.mark.parametrize("ground_first", [True, False])
+@pytest.mark.parametrize(("joint", "coordinate"), [("prismatic", "displacement"), ("planar", "x"), ("cylindrical", "displacement")])
+def test_weight_presses_whichever_body_is_the_ground(model: Any, ground_first: bool, joint: str, coordinate: str) -> None:
+    """A block slides on a table: mu g slows it, in every joint that carries it there, from either side."""
+    s = mb.Scene("table", gravity=(0, 0, -G))
+    body = s.rigid_body("block", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
+    pair = (s.ground, body) if ground_first else (body, s.ground)
+    axis, further = ((0, 0, 1), {"axis_x": (1, 0, 0)}) if joint == "planar" else ((1, 0, 0), {})
+    start = 3.0 if ground_first else -3.0
+    s.joint({"planar": mb.Planar, "cylindrical": mb.Cylindrical, "prismatic": mb.Prismatic}[joint], "J", *pair, at=(0, 0, 0), axis=axis,
+            model=model, friction={coordinate: mb.Coulomb(0.2, 1e-3)}, start_rate={coordinate: start}, **further)  # fmt: skip
+    r = s.simulate(0.5, accuracy=1e-7)
+    assert abs(getattr(r["J"], f"{coordinate}_rate")[-1]) == pytest.approx(3 - 0.2 * G * 0.5, rel=1e-6)
+
+
+def test_a_cross_is_pressed_normal_to_its_own_pin() -> None:
+    """The pin of angle_k is along x: a weight along x does not press it, one along y or z does."""
+    for direction, presses in (((-G, 0, 0), False), ((0, -G, 0), True), ((0, 0, -G), True)):
+        s = mb.Scene("cross", gravity=direction)
+        s.rigid_body("body", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
+        s.universal("U", s.ground, "body", at=(0, 0, 0), axis=(0, 0, 1), pin=(1, 0, 0), friction={"angle_k": mb.Coulomb(0.3, 1e-3)},
+                    radius=0.03, start_rate={"angle_k": 5.0}, prescribed={"angle_l": 0.0}, model=mb.Classical())  # fmt: skip
+        lost = 5.0 - s.simulate(0.2, accuracy=1e-7)["U"].angle_k_rate[-1]
+        assert lost == pytest.approx(0.3 * 2 * G * 0.03 / 0.1 * 0.2 if presses else 0.0, rel=1e-5, abs=1e-6)
+
+
+def test_friction_that_nothing_presses_is_refused() -> None:
+    s = mb.Scene("free")
+    s.rigid_body("body", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
+    s.joint(mb.Free, "J", s.ground, "body", at=(0, 0, 0), friction={"x": mb.Coulomb(0.3, 1e-3)})
+    with pytest.raises(mb.SceneError, match="no reaction of a Free presses what rubs along its x: give a normal_force"):
+        s.check()

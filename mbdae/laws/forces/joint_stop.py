@@ -86,6 +86,10 @@ class JointStop(OnCoordinate):
         return [self.value(k, l)]
 
     @property
+    def jumps(self) -> bool:
+        return bool(self.damping)
+
+    @property
     def gap_unit(self) -> str:
         return self.unit
 

@@ -68,6 +68,11 @@ class ContactGuards:
         return tuple(place.name for place in self.places)
 
     @property
+    def jumps(self) -> bool:
+        """Whether the force of a contact jumps where it is made."""
+        return any(place.law.jumps for place in self.places)
+
+    @property
     def units(self) -> tuple[str, ...]:
         """The unit of every gap, m or rad."""
         return tuple(place.law.gap_unit for place in self.places)
