@@ -362,9 +362,12 @@ def test_point_mass_has_no_bearing() -> None:
         s.check()
 
 
+SLIDING = [("prismatic", "displacement"), ("planar", "x"), ("cylindrical", "displacement")]
+
+
 @pytest.mark.parametrize("model", [mb.Kinematic(), mb.Classical()])
 @pytest.mark.parametrize("ground_first", [True, False])
-@pytest.mark.parametrize(("joint", "coordinate"), [("prismatic", "displacement"), ("planar", "x"), ("cylindrical", "displacement")])
+@pytest.mark.parametrize(("joint", "coordinate"), SLIDING)
 def test_weight_presses_whichever_body_is_the_ground(model: Any, ground_first: bool, joint: str, coordinate: str) -> None:
     """A block slides on a table: mu g slows it, in every joint that carries it there, from either side."""
     s = mb.Scene("table", gravity=(0, 0, -G))
@@ -372,8 +375,9 @@ def test_weight_presses_whichever_body_is_the_ground(model: Any, ground_first: b
     pair = (s.ground, body) if ground_first else (body, s.ground)
     axis, further = ((0, 0, 1), {"axis_x": (1, 0, 0)}) if joint == "planar" else ((1, 0, 0), {})
     start = 3.0 if ground_first else -3.0
-    s.joint({"planar": mb.Planar, "cylindrical": mb.Cylindrical, "prismatic": mb.Prismatic}[joint], "J", *pair, at=(0, 0, 0), axis=axis,
-            model=model, friction={coordinate: mb.Coulomb(0.2, 1e-3)}, start_rate={coordinate: start}, **further)  # fmt: skip
+    law = {"planar": mb.Planar, "cylindrical": mb.Cylindrical, "prismatic": mb.Prismatic}[joint]
+    s.joint(law, "J", *pair, at=(0, 0, 0), axis=axis, model=model, friction={coordinate: mb.Coulomb(0.2, 1e-3)},
+            start_rate={coordinate: start}, **further)  # fmt: skip
     r = s.simulate(0.5, accuracy=1e-7)
     assert abs(getattr(r["J"], f"{coordinate}_rate")[-1]) == pytest.approx(3 - 0.2 * G * 0.5, rel=1e-6)
 
@@ -383,8 +387,9 @@ def test_a_cross_is_pressed_normal_to_its_own_pin() -> None:
     for direction, presses in (((-G, 0, 0), False), ((0, -G, 0), True), ((0, 0, -G), True)):
         s = mb.Scene("cross", gravity=direction)
         s.rigid_body("body", 2.0, (0.1, 0.1, 0.1), at=(0, 0, 0))
-        s.universal("U", s.ground, "body", at=(0, 0, 0), axis=(0, 0, 1), pin=(1, 0, 0), friction={"angle_k": mb.Coulomb(0.3, 1e-3)},
-                    radius=0.03, start_rate={"angle_k": 5.0}, prescribed={"angle_l": 0.0}, model=mb.Classical())  # fmt: skip
+        s.universal("U", s.ground, "body", at=(0, 0, 0), axis=(0, 0, 1), pin=(1, 0, 0), radius=0.03,
+                    friction={"angle_k": mb.Coulomb(0.3, 1e-3)}, start_rate={"angle_k": 5.0}, prescribed={"angle_l": 0.0},
+                    model=mb.Classical())  # fmt: skip
         lost = 5.0 - s.simulate(0.2, accuracy=1e-7)["U"].angle_k_rate[-1]
         assert lost == pytest.approx(0.3 * 2 * G * 0.03 / 0.1 * 0.2 if presses else 0.0, rel=1e-5, abs=1e-6)
 
