@@ -62,19 +62,21 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
         idle |= {d for d in law.drives() if not _derivable(law, Structure(idle | law.drives().keys() - {d}, options=fixed))}
         needed = [p for p in law.params if p not in idle]
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
-        absences = _absences(law, optional, choice in whole and (i == 0 or not choice.get("kept")))
-        tried = [Structure(idle | a, options=fixed) for a in (absences if choice in whole else absences[-1:])]
+        tried = [Structure(idle | a, options=fixed) for a in _absences(law, optional)]
+        thorough = choice in whole and not (i and choice.get("kept"))
+        if not thorough:  # coordinates as unknowns: with their values prescribed; options tried once: without
+            tried = tried[:1] if choice in whole else tried[-1:]
         found |= {s: s == tried[-1] or (i == 0 and s == tried[0]) for s in tried if s.absent == idle or _derivable(law, s)}
-        if needed and choice in whole and not law.timeless and not issubclass(law, Element):
-            found[Structure(idle, frozenset(needed), fixed)] = i == 0 and not issubclass(law, Joint)
+        if needed and thorough and not law.timeless and not issubclass(law, Element):
+            found[Structure(idle, frozenset(needed), fixed)] = i == 0
     return found
 
 
-def _absences(law: type[Law], optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
-    """Which of the optional parameters are left out: none, all, and where it is thorough each, and all but one; of several
+def _absences(law: type[Law], optional: frozenset[str]) -> list[frozenset[str]]:
+    """Which of the optional parameters are left out: none, all, each, and all but one; of several
     prescribed coordinates the first one, as each is a row of its own."""
     drives = list(law.drives())
-    each = sorted(optional - {*drives[1:]}) if thorough else []
+    each = sorted(optional - {*drives[1:]})
     some = [frozenset([p]) for p in each] + [optional - {p} for p in each if len(drives) < 2]
     return sorted(dict.fromkeys([frozenset[str](), *some, optional]), key=lambda absent: (len(absent), sorted(absent)))
 
