@@ -57,12 +57,14 @@ def _different(found: list[Choice]) -> list[Choice]:
 
 
 def _of_joint(law: type[Joint]) -> tuple[list[Choice], list[Choice]]:
-    """A joint without friction, its coordinates as unknowns or not; with friction against each of its coordinates."""
+    """A joint without friction, its coordinates as unknowns or not; with friction against its first and its last coordinate."""
     names = list(law.scalars())
     kept = [True] if law.must_keep() else [False, True] if law.coordinates else [False]
     plain = [{"kept": k, "friction": None, "rubs": None} for k in kept]
-    rubbing = [{"kept": kept[i % len(kept)], "friction": (_DRY, _BRISTLES)[i % 2], "rubs": names[i % len(names)]}
-               for i in range(max(2, len(names)) if names else 0)]  # fmt: skip
+    rubbing: list[Choice] = []
+    if names:
+        rubbing = [{"kept": kept[0], "friction": _DRY, "rubs": names[0]},
+                   {"kept": kept[-1], "friction": _BRISTLES, "rubs": names[-1]}]
     return plain, rubbing
 
 

@@ -1,7 +1,7 @@
 """The properties that every law must have, checked on any joint, force or element class: the package's or your own.
 
     Jacobian              exact derivatives of all outputs of the forms against complex step
-    compiled kernel       compiled code against NumPy, once for all values of the options in space and in the plane
+    compiled kernel       compiled code against NumPy, of one variant in space and one in the plane
     rates                 G u + g_t = dg/dt and gamma = d2g/dt2 at zero acceleration, quaternions of any length
     virtual work          generalised forces = (dg/dq)^T lambda + dV/dq + dR/du - wrench - thrust, entry by entry
     action = reaction     no force and no moment on a common rigid motion (joints: where their rows vanish)
@@ -119,7 +119,7 @@ class _Run:
     law: type[Law]
     options: dict[str, Any]
     family: dict[Any, Case] = field(default_factory=dict)
-    compiled: set[Any] = field(default_factory=set)  #: options, in space or in the plane, of which compiled code was evaluated
+    compiled: set[bool] = field(default_factory=set)  #: whether compiled code was evaluated in space (False), in the plane (True)
     checked: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     worst: dict[str, tuple[float, str]] = field(default_factory=dict)
@@ -127,9 +127,9 @@ class _Run:
     def check(self, name: str, structure: Structure, sides: tuple[Side, ...]) -> list[str]:
         self.checked.append(name)
         given = {p: float(v) for p, v in self.options.items() if isinstance(v, int | float) and p not in self.law.options}
-        compiles = structure.options, any(kind.flat for kind, _ in sides)
-        case = Case(self.law, structure, sides, given, self.family, compiles not in self.compiled)
-        self.compiled.add(compiles)
+        flat = any(kind.flat for kind, _ in sides)
+        case = Case(self.law, structure, sides, given, self.family, flat not in self.compiled)
+        self.compiled.add(flat)
         violations = []
         for contract, measure in CONTRACTS.items():
             errors = list(measure(case))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import product
 from typing import Any
 
 from mbdae.contracts.choices import Choice, choices
@@ -32,9 +31,9 @@ def sides_of(law: type[Law], structure: Structure) -> list[tuple[Side, ...]]:
         return [own]
     bodies = [(kinds, Axes.GENERAL) for kinds in _kinds(count, _SPATIAL)]
     bodies += [(kinds, Axes.NORMAL) for kinds in _kinds(count, _PLANAR)]
-    flat = [(first, *[NodeKind.PLANAR] * (count - 1)) for first in _PLANAR[:2]]
-    bodies += [(kinds, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE) for kinds in flat]
     outside = issubclass(law, Force) and law.external
+    flat = (_PLANAR[outside], *[NodeKind.PLANAR] * (count - 1))
+    bodies += [(flat, axes) for axes in (Axes.REVERSED, Axes.IN_PLANE)]
     allowed = [(kinds, axes) for kinds, axes in bodies if any(k.moves for k in kinds) and not (outside and kinds[0].moves)]
     return [(*((kind, axes) for kind in kinds), *own) for kinds, axes in allowed]
 
@@ -46,11 +45,11 @@ def _own_kinds(law: type[Law], structure: Structure) -> list[NodeKind]:
 
 
 def _kinds(count: int, kinds: tuple[NodeKind, ...]) -> Iterable[tuple[NodeKind, ...]]:
-    """Kinds of the nodes of `count` bodies: of two all pairs, of more all equal or one of another kind."""
-    if count == 2:
-        return product(kinds, kinds)
-    whole = (kinds[0],) * count
-    return [whole] + [(*whole[:i], other, *whole[i + 1 :]) for i in range(count) for other in kinds[1:]]
+    """Kinds of the nodes of `count` bodies: all bodies, one of them the ground or a point; points alone, and on the ground."""
+    body, ground, point = kinds
+    others = [((body,) * i, other, (body,) * (count - i - 1)) for i in range(count) for other in (ground, point)]
+    points = (point,) * (count - 1)
+    return [(body,) * count, *((*before, other, *after) for before, other, after in others), (point, *points), (ground, *points)]
 
 
 def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bool]:
@@ -64,18 +63,22 @@ def structures_of(law: type[Law], options: dict[str, Any]) -> dict[Structure, bo
         idle |= {d for d in law.drives() if not _derivable(law, Structure(idle | law.drives().keys() - {d}, options=fixed))}
         needed = [p for p in law.params if p not in idle]
         optional = frozenset(p for p in needed if _derivable(law, Structure(idle | {p}, options=fixed)))
-        absences = _absences(law, optional, choice in whole and (i == 0 or not choice.get("kept")))
-        tried = [Structure(idle | a, options=fixed) for a in (absences if i <= len(whole) else absences[-1:])]
-        found |= {s: s in (tried[0], tried[-1]) for s in tried if s.absent == idle or _derivable(law, s)}
-        if needed and choice in whole and not law.timeless and not issubclass(law, Element):
-            found[Structure(idle, frozenset(needed), fixed)] = True
+        tried = [Structure(idle | a, options=fixed) for a in _absences(law, optional)]
+        thorough = choice in whole and not (i and choice.get("kept"))
+        if not thorough:  # coordinates as unknowns: with their values prescribed; options tried once: without
+            tried = tried[:1] if choice in whole else tried[-1:]
+        found |= {s: s == tried[-1] or (i == 0 and s == tried[0]) for s in tried if s.absent == idle or _derivable(law, s)}
+        if needed and thorough and not law.timeless and not issubclass(law, Element):
+            found[Structure(idle, frozenset(needed), fixed)] = i == 0
     return found
 
 
-def _absences(law: type[Law], optional: frozenset[str], thorough: bool) -> list[frozenset[str]]:
-    """Which of the optional parameters are left out: none, all, and where it is thorough each, and all but one."""
-    some = [frozenset([p]) for p in optional] if thorough else []
-    some += [optional - {p} for p in optional] if thorough and len(law.drives()) < 2 else []
+def _absences(law: type[Law], optional: frozenset[str]) -> list[frozenset[str]]:
+    """Which of the optional parameters are left out: none, all, each, and all but one; of several
+    prescribed coordinates the first one, as each is a row of its own."""
+    drives = list(law.drives())
+    each = sorted(optional - {*drives[1:]})
+    some = [frozenset([p]) for p in each] + [optional - {p} for p in each if len(drives) < 2]
     return sorted(dict.fromkeys([frozenset[str](), *some, optional]), key=lambda absent: (len(absent), sorted(absent)))
 
 
@@ -103,7 +106,7 @@ def _derivable(law: type[Law], structure: Structure) -> bool:
 
 
 def variants(law: type[Law], options: dict[str, Any], refused: dict[str, str]) -> Iterator[Variant]:
-    """Every structure between the main kinds of nodes, the first structure of the first options between all."""
+    """Every structure between bodies, the first structure of the first options between all kinds of nodes."""
     for i, (structure, flat) in enumerate(structures_of(law, options).items()):
         for sides in sides_of(law, structure):
             in_plane = any(kind.flat for kind, _ in sides)

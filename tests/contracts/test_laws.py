@@ -42,7 +42,7 @@ def test_law_keeps_the_contract(law: Any) -> None:
 
 def test_report_names_worst_entries() -> None:
     text = str(mb.selftest(mb.Spherical))
-    assert "Spherical: 21 variants keep the contract" in text
+    assert "Spherical: 17 variants keep the contract" in text
     assert "Jacobian" in text
     assert "bound 1e-10" in text
 
@@ -157,7 +157,7 @@ def test_own_joint_passes() -> None:
     assert "spatial - spatial" in mb.selftest(Screw, pitch=0.01).variants
 
 
-@pytest.mark.parametrize(("law", "count"), [(Rope, 20), (Halfway, 18)])
+@pytest.mark.parametrize(("law", "count"), [(Rope, 22), (Halfway, 20)])
 def test_laws_of_three_frames(law: Any, count: int) -> None:
     found = mb.selftest(law).variants
     assert len(found) == count
