@@ -171,6 +171,8 @@ class Case:
             if not g.size or np.max(np.abs(g), initial=0.0) < 1e-14:
                 break
             G[:, :, still] = 0.0
+            finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # others stay: their rows are not defined
+            G[~finite], g[~finite] = 0.0, 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
             values = self._displaced(values, steps)
         return values

@@ -17,7 +17,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
-from mbdae.symbolic.motion import Rotation
+from mbdae.symbolic.motion import Rotation, refuse_amounts
 from mbdae.symbolic.rebuild import one_sided, without_overflow
 from mbdae.symbolic.statement import Statement
 from mbdae.symbolic.variation import Variation
@@ -168,6 +168,8 @@ class _Derivation(Statement):
     def run(self) -> Derived:
         self.refuse_clashes()
         self.refuse_undefined()
+        if isinstance(self.law, Joint):
+            refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
         force_on_l = _reaction_on_l(self.law, self.frames, rows, G)
         force, powers = self._forces(_reactions(self.law, rows, vanished), force_on_l)
