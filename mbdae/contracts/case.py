@@ -155,7 +155,8 @@ class Case:
         points = len(next(iter(values.values())))
         found = np.zeros((points, 0))
         if self._rows.targets:
-            found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
+            with np.errstate(invalid="ignore", divide="ignore"):  # on the way to a solution rows may be not defined
+                found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
         places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
         count = len(self.d.rows)
         G = np.zeros((len(found), count, len(places)))

@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.motion import symbolic_motion
+from mbdae.symbolic.motion import symbolic_motion, value_of
 from mbdae.symbolic.vectors import Expr
 
 DRAWS = 200  #: values of the coordinates that are tried
@@ -19,14 +19,8 @@ LARGEST = 1e6  #: of amounts and their derivatives: beyond it rounding hides wha
 
 def value(e: Expr, numbers: Mapping[str, float]) -> float:
     """An expression at values of its symbols by name; NaN where it is not real or not finite."""
-    at = e.subs({se.Symbol(name): number for name, number in numbers.items()})
-    for read in (complex, float):  # neither knows all functions
-        try:
-            found = read(at)
-        except (RuntimeError, TypeError):
-            continue
-        return found.real if found.imag == 0 and np.isfinite(found.real) else np.nan
-    return np.nan
+    found = value_of(e.subs({se.Symbol(name): number for name, number in numbers.items()}))
+    return found.real if found is not None and found.imag == 0 and np.isfinite(found.real) else np.nan
 
 
 class Domain:

@@ -217,13 +217,17 @@ def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
     """Whether an expression contains derived functions only that have a value, finite or not."""
     if any(type(node).__name__ in ("Derivative", "Subs") for node in nodes(e)):
         return False
-    for read in (float, complex):  # neither knows all functions
+    return value_of(e.subs(at)) is not None
+
+
+def value_of(e: Expr) -> complex | None:
+    """The value of an expression without symbols, complex or infinite where it is so; None where symengine cannot evaluate it."""
+    for read in (complex, float):  # neither knows all functions
         try:
-            read(e.subs(at))
+            return complex(read(e))
         except (RuntimeError, TypeError):
             continue
-        return True
-    return False
+    return None
 
 
 def no_rotation() -> Rotation:
