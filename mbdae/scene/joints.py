@@ -35,7 +35,8 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
-MEASURED = {Distance: "use s.distance(...), which measures it"}  #: of laws with a word that finds their parameters
+#: of laws with a statement that finds their parameters
+MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: options by coordinate, read where these are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
@@ -80,7 +81,8 @@ class JointStatements(ConnectionStatements):
         `limits` (lowest, highest) rad with `stop=mb.Stop(stiffness, damping)`."""
         words = {"prescribed": "angle", "start": "angle0", "start_rate": "rate0", "load": "torque"}
         options = {"prescribed": angle, "start": angle0, "start_rate": rate0, "spring": spring, "damper": damper, "load": torque,
-                   "friction": friction, "radius": radius, "limits": limits, "stop": stop, "normal_force": normal_force}  # fmt: skip
+                   "friction": friction, "radius": radius, "normal_force": normal_force, "limits": limits,
+                   "stop": stop}  # fmt: skip
         return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),

@@ -28,7 +28,7 @@ class Coupling(TwoBodyLaw):
         super().__init__(name, None, None, **values)
         kind = f"{type(self).__name__} {shown(name)}"
         if not self.own_coordinates:
-            raise LawError(f"{kind} couples no coordinates; declare them, as in coordinates = mb.params(angle=('rad', 'of a wheel'))")
+            raise LawError(f"{kind} couples no coordinates; declare them: coordinates = mb.params(angle=('rad', 'of a wheel'))")
         example = f"as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}"
         wanted = f"say which joint's coordinate each of {', '.join(self.own_coordinates)} is, {example}"
         if not isinstance(of, Mapping):

@@ -18,7 +18,7 @@ from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
 STILL = 1e-10  #: velocity of bodies over the rate of a coordinate, below which they do not move with it
-UNLIKE = 1e6  #: largest over smallest factor of an equation between coordinates, above which rounding decides about the small one
+UNLIKE = 1e6  #: largest factor in an equation between coordinates, above which rounding decides about factors of 1
 NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
 
 
@@ -35,8 +35,12 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
     if not lost and len(size):
         values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
         lost = [vectors[:, i] / size for i in np.flatnonzero(values <= 1e-13)]
-    joints = {n.joint for n in all_bodies.model.joint_coordinates}
-    return [_no_inertia(names[int(np.argmax(np.abs(motion)))], joints, _is_still(T, motion)) for motion in lost]
+    joints: dict[str, list[str]] = {}
+    for node in all_bodies.model.joint_coordinates:
+        joints.setdefault(node.joint, []).append(node.coordinate)
+    moved = np.ones(len(T), dtype=bool)
+    moved[[n.u + i for n in all_bodies.model.joint_coordinates for i in range(n.kind.sizes[1])]] = False
+    return [_no_inertia(names[int(np.argmax(np.abs(motion)))], joints, _is_still(T[moved], motion)) for motion in lost]
 
 
 def _is_still(T: Array, motion: Array) -> bool:
@@ -44,10 +48,12 @@ def _is_still(T: Array, motion: Array) -> bool:
     return bool(np.linalg.norm(T @ motion) <= STILL * np.linalg.norm(motion) * max(1.0, float(np.max(np.abs(T), initial=0.0))))
 
 
-def _no_inertia(unknown: str, joints: set[str], still: bool) -> str:
-    name, _, coordinate = unknown.rpartition(".")
+def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
+    """rate: name of an unknown; joints: the coordinates of every joint."""
+    name, _, unknown = rate.rpartition(".")
     if name in joints and still:
-        return _undetermined(name, coordinate)
+        named = [c for c in joints[name] if unknown == f"{c}_rate"]
+        return _undetermined(name, (named or joints[name])[0])
     if name in joints:
         return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
                 f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
@@ -108,17 +114,17 @@ def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:
     for row, entries in zip(mechanics.rows, G, strict=True):
         sizes = np.abs(entries[entries != 0])
         coupled = entries[node.u] != 0 and np.count_nonzero(entries[coordinates]) == len(sizes) > 1
-        if coupled and np.max(sizes) > UNLIKE * np.min(sizes):
+        if coupled and np.max(sizes) > UNLIKE * min(1.0, np.min(sizes)):
             return (f"coupling '{row.name.rpartition('.')[0]}': its factors are from {np.min(sizes):.3g} to {np.max(sizes):.3g}: "
-                    f"beside the largest, the smallest is lost by rounding, and nothing determines the {node.coordinate} of joint "
-                    f"'{node.joint}'; give factors of similar size")  # fmt: skip
+                    f"beside the largest a factor of 1 is lost by rounding, so that nothing determines the {node.coordinate} of "
+                    f"joint '{node.joint}'; give factors near 1")  # fmt: skip
     return _undetermined(node.joint, node.coordinate)
 
 
 def _undetermined(joint: str, coordinate: str) -> str:
-    return (f"joint '{joint}': its {coordinate} is an unknown that nothing determines where the scene is drawn: its motion does not "
-            f"change with {coordinate} there (a derivative of 0, or two coordinates that do the same); start from another value, "
-            f"or state the motion otherwise")  # fmt: skip
+    return (f"joint '{joint}': its {coordinate} is an unknown that nothing determines where the scene is drawn: its motion does "
+            f"not change with {coordinate} there (a derivative of 0, or two coordinates that do the same); start from another "
+            f"value, or state the motion otherwise")  # fmt: skip
 
 
 def _motion_in_words(motion: Array, worst: int, n: int) -> str:
