@@ -138,7 +138,9 @@ class Case:
         values = self.solved(self.states.near)
         meant = np.all(np.abs(self.rows(values)[0]) < 1e-12, axis=1)
         if self._branches.targets:
-            meant &= np.all(self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real > 0, axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):  # points that were led to where the law is not defined
+                positive = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real
+            meant &= np.all(positive > 0, axis=1)
         chosen = np.flatnonzero(meant)[:POINTS] if meant.any() else np.arange(POINTS)
         return {name: e[chosen] for name, e in values.items()}
 

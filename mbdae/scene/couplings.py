@@ -63,7 +63,7 @@ def _has(joint: Connection) -> str:
 
 
 def _known(scene: Any) -> list[str]:
-    return [repr(f"{c.name}.{name}") for c in scene.joints for name in c.coordinates][:12]
+    return [repr(f"{c.name}.{name}") for c in scene.joints for name in c.coordinates if c.unit(name) != "rotation"][:12]
 
 
 def _terms(arg: Argument, value: Any) -> dict[str, float]:
