@@ -143,7 +143,9 @@ class Case:
         values = self.solved(self.states.near)
         meant = np.all(np.abs(self.rows(values)[0]) < 1e-12, axis=1)
         if self._branches.targets:
-            meant &= np.all(self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real > 0, axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):  # points that were led to where the law is not defined
+                positive = self._branches.kernel.oracle(columns(self._branches.all_inputs.symbols, values)).real
+            meant &= np.all(positive > 0, axis=1)
         chosen = np.flatnonzero(meant)[:POINTS] if meant.any() else np.arange(POINTS)
         return {name: e[chosen] for name, e in values.items()}
 
@@ -160,7 +162,8 @@ class Case:
         points = len(next(iter(values.values())))
         found = np.zeros((points, 0))
         if self._rows.targets:
-            found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
+            with np.errstate(invalid="ignore", divide="ignore"):  # on the way to a solution rows may be not defined
+                found = self._rows.kernel.oracle(columns(self._rows.all_inputs.symbols, values)).real
         places = [(f.side, i) for f in self.d.frames for i in range(f.kind.sizes[1])]
         count = len(self.d.rows)
         G = np.zeros((len(found), count, len(places)))
@@ -176,6 +179,8 @@ class Case:
             if not g.size or np.max(np.abs(g), initial=0.0) < 1e-14:
                 break
             G[:, :, still] = 0.0
+            finite = np.isfinite(g).all(axis=1) & np.isfinite(G).all(axis=(1, 2))  # others stay: their rows are not defined
+            G[~finite], g[~finite] = 0.0, 0.0
             steps = np.array([np.linalg.lstsq(A, -b, rcond=1e-12)[0] for A, b in zip(G, g, strict=True)])
             values = self._displaced(values, steps)
         return values

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from mbdae.contracts.case import STEP, Case, Measured, branches
+from mbdae.contracts.domain import Domain, value
 from mbdae.contracts.states import Values, columns, rotation, turn
 from mbdae.kernels import Plan
 from mbdae.symbolic.derive import Derived
@@ -31,6 +32,7 @@ from mbdae.system.model.rotations import quaternion, rotation_matrices, turned
 SOLVED = 1e-11  #: rows below it vanish
 APART = 1e-6  #: m or rad, poses further from each other are two
 CLEAR = 1e-3  #: a branch above it is positive, not only by rounding
+FAR = 1e3  #: distance of a place that no motion leads to
 STARTS = 12  #: random places of l from which solutions of the rows are searched
 TRIES = 6  #: starts of the search for coordinates that the frames do not show
 
@@ -55,8 +57,8 @@ def followed(motion: Motion, values: dict[str, float], rates: dict[str, float]) 
             R = rotation_matrices(P)
             w, A = w + A @ R @ spin, A @ (R.T if step.rotation.inverse else R)
             continue
-        amount = float(step.amount.subs(values))
-        speed = sum(float(step.amount.diff(c).subs(values)) * rate for c, rate in rates.items())
+        amount = value(step.amount, values)
+        speed = sum(value(step.amount.diff(se.Symbol(c)), values) * rate for c, rate in rates.items())
         axis = np.array([float(c) for c in step.axis])
         if step.turns:
             w, A = w + speed * (A @ axis), A @ turn(amount * axis)
@@ -106,6 +108,11 @@ class _Moving:
         self.points = len(next(iter(case.values.values())))
         reach = {name: (9.0 if self.law.kept else 2.6) if p.unit == "rad" else 1.5 for name, p in self.law.scalars().items()}
         self.c = {name: self.rng.uniform(-r, r, self.points) for name, r in reach.items()}
+        domain = Domain(self.law)
+        for i in range(self.points):
+            numbers = self.numbers(case.values, self.c, i)
+            for name, number in domain.inside(numbers, self.rng).items():
+                self.c[name][i] = number
         self.cd = {name: self.rng.normal(size=self.points) for name in self.c}
         parts = [f"{part}{i}" for part, count in (("P", 4), ("w", 3)) for i in range(count)]
         free = [f"{name}_{part}" for name in self.law.coordinates if name not in self.c for part in parts]
@@ -296,7 +303,8 @@ class _Moving:
 
         def off(c: Array) -> Array:
             led = followed(self.motion, numbers | self._stated_by(unknown, c), {})
-            return np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
+            apart = np.concatenate([led.d - at.d, (led.A - at.A).ravel()])
+            return np.where(np.isfinite(apart), apart, FAR)  # values for which the motion is not defined
 
         least = float(np.linalg.norm(off(np.zeros(sum(unknown.values())))))
         for _ in range(TRIES if unknown else 0):

@@ -78,7 +78,8 @@ def _of_law(law: type[Law], options: dict[str, Any]) -> SelfTest:
     for name, structure, sides in variants(law, options, run.refused):
         violations += run.check(name, structure, sides)
     if not run.checked:
-        reasons = "; ".join(f"{name}: {reason}" for name, reason in run.refused.items())
+        first = {reason: name for name, reason in reversed(run.refused.items())}
+        reasons = "; ".join(f"{name}: {reason}" for reason, name in reversed(first.items()))
         violations.append(f"no variant can be derived ({reasons})")
     if violations:
         head = f"{law.__name__} breaks the contract of laws in {len(violations)} place{'s' if len(violations) > 1 else ''}:"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.contracts.domain import Domain
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.system.base import Array
@@ -39,6 +40,7 @@ class States:
 
     def __init__(self, d: Derived, given: dict[str, float], rng: np.random.Generator, count: int) -> None:
         self.d, self.given, self.rng = d, given, rng
+        self._domain = Domain(d.law)
         self.values = _stack([self._point(rng.uniform(-1.2, 1.2, 3), False) for _ in range(count)])
         self._count = count
 
@@ -73,6 +75,10 @@ class States:
             values |= {str(s): float(c) for s, c in zip(f.q, upright + 0.7 * rng.normal(size=len(f.q)), strict=True)}
             values |= {str(s): float(rng.normal()) for s in f.u}
             values |= {f"{f.side}_up{i + 1}": float(rng.normal()) for i in range(len(f.u))}
+        named = dict(zip(d.law.own_coordinates, d.frames[len(d.sides) :], strict=True)) if self._domain.needed else {}
+        numbers = values | {c: values[str(f.q[0])] for c, f in named.items()}
+        if named:
+            values |= {str(named[c].q[0]): number for c, number in self._domain.inside(numbers, rng).items()}
         for f, R in zip(d.sides, turns, strict=False):
             at = self._side(values, f, J, common @ R, at if together else None)
         return values

@@ -84,7 +84,7 @@ def mass_blocks(mesh: LineMesh, numbers: Mapping[str, float], kind: NodeKind) ->
     """(m, (p + 1) nu, (p + 1) nu) consistent mass of every element in the velocities of its nodes, constant."""
     density = np.zeros((kind.sizes[1], kind.sizes[1]))
     for place, e in derived_beam(numbers, kind).mass.items():
-        density[place] = float(e.subs({name: value for name, value in numbers.items() if se.Symbol(name) in e.free_symbols}))
+        density[place] = float(e.subs({se.Symbol(name): value for name, value in numbers.items()}))
     U = _to_sections(mesh, kind)
     M = np.einsum("mab,maik,ij,mbjl->makbl", mesh.shared(mass_points(mesh.order)), U, density, U, optimize=True)
     size = M.shape[1] * M.shape[2]

@@ -103,6 +103,7 @@ def _tree(case: _OnMotion) -> list[Check]:
     law: Any = r.s.cls
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     numbers = [f"{side}_{name}" for side in "kl" for name in of_side]
+    quaternions = {f"{side}_P{i}" for side in "kl" for i in range(4)}
     numbers += [name for name in law.params if name not in r.s.law.derived() and name not in r.s.structure.absent]
     names, axes = tuple(law.coordinates), (Axes.GENERAL, Axes.GENERAL)
     link = Link(law, r.s.structure, 0, "k", NodeKind.SPATIAL, axes, tuple((n, None) for n in numbers), True, names,
@@ -115,7 +116,7 @@ def _tree(case: _OnMotion) -> list[Check]:
     def value(place: tuple[Any, ...]) -> Any:
         head, j, i = place
         if head == "number":
-            return _axes_quaternion(st, i[0])[:, int(i[3])] if i[2] == "P" else st.given[i]
+            return _axes_quaternion(st, i[0])[:, int(i[3])] if i in quaternions else st.given[i]
         if head in ("wu", "wq"):
             return load[:, i] if head == "wu" else 0.0
         f = st.d.frames[0 if j == 0 else 1 - j]

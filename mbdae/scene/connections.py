@@ -36,7 +36,7 @@ class ConnectionStatements(CouplingStatements):
         if law.at is None:
             law.at = point_of(law.l)
         law.axis = reading.unit(law.axis)
-        law.axis_x = None if law.axis_x is None else reading.unit(law.axis_x)
+        law.axis_x = across(Argument(self, f"{type(law).__name__.lower()} '{law.name}'", "axis_x"), law.axis, law.axis_x)
         item = Connection(law.name, type(law).__name__.lower(), law.k, law.l, [law], isinstance(law, Joint))
         if isinstance(law, Joint):
             item.prescribed = {c: getattr(law, name) for c, name in law.prescribed.items()}
@@ -94,3 +94,14 @@ class ConnectionStatements(CouplingStatements):
 def point_of(body: Body | Place) -> Array:
     """The point of a joint or force for which none is stated: the place, or the body's centre of mass."""
     return np.array(body.point if isinstance(body, Place) else body.position, dtype=float)
+
+
+def across(arg: Argument, axis: Array, axis_x: Any) -> Array | None:
+    """Unit vector (3,) in the direction of a joint's x axis, which may not be along its axis; None where none is given."""
+    if axis_x is None:
+        return None
+    found = reading.unit(axis_x)
+    if np.linalg.norm(np.cross(found, axis)) < 1e-9:
+        arg.wrong(f"{np.asarray(axis_x).tolist()} is along axis", "give another direction")
+        return None
+    return found

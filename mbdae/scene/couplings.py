@@ -31,8 +31,7 @@ def reference(unit: str = "") -> reading.Reader:
             return f"{joint.name}.{name or known[0]}"
         what = {"rad": "angle", "m": "displacement"}.get(unit, "coordinate")
         if not known:
-            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has; its coordinates are "
-                      f"{', '.join(joint.coordinates) or 'none'}")  # fmt: skip
+            arg.wrong(f"{shown(value)}: {joint.kind} '{joint.name}' has no {what}", f"name a joint that has; {_has(joint)}")
         else:
             arg.wrong(shown(value), f"say which {what}: {' or '.join(repr(f'{joint.name}.{c}') for c in known)}")
         return NOBODY
@@ -49,12 +48,22 @@ def found_joint(arg: Argument, value: Any) -> tuple[Connection | None, str]:
     for c in scene.joints:
         if text == c.name or text in [f"{c.name}.{name}" for name in c.coordinates]:
             return c, text[len(c.name) + 1 :]
-    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"it has {', '.join(_known(scene)) or 'none'}")
+    arg.wrong(f"{shown(value)} is no joint's coordinate of this scene", f"it has {', '.join(_known(scene)) or 'none'}; state the "
+              f"joints before the coupling")  # fmt: skip
     return None, ""
 
 
+def _has(joint: Connection) -> str:
+    """What coordinates a joint has, as a sentence."""
+    turns = [c for c in joint.coordinates if joint.unit(c) == "rotation"]
+    others = [c for c in joint.coordinates if c not in turns]
+    found = [f"its coordinates are {', '.join(others)}"] if others or not turns else []
+    found += [f"its {' and '.join(turns)} has no value that can be coupled"] if turns else []
+    return "; ".join(found) if joint.coordinates else "this one has no coordinates"
+
+
 def _known(scene: Any) -> list[str]:
-    return [repr(f"{c.name}.{name}") for c in scene.joints for name in c.coordinates][:12]
+    return [repr(f"{c.name}.{name}") for c in scene.joints for name in c.coordinates if c.unit(name) != "rotation"][:12]
 
 
 def _terms(arg: Argument, value: Any) -> dict[str, float]:
@@ -65,6 +74,8 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
     found: dict[str, float] = {}
     for key, factor in value.items():
         at = reference()(arg.part(arg.option), key)
+        if at in found and at != NOBODY:
+            arg.wrong(shown(value), f"it names {shown(at)} twice; name a coordinate once")
         try:
             found[at] = found.get(at, 0.0) + number(factor)
         except BadValueError as refused:
@@ -72,6 +83,15 @@ def _terms(arg: Argument, value: Any) -> dict[str, float]:
     if found and not any(found.values()):
         arg.wrong(shown(value), "every factor is 0, so that it couples nothing; give factors")
     return found
+
+
+def _ratio(arg: Argument, value: Any) -> float:
+    """A number that is not 0."""
+    before = len(arg.scene.problems)
+    found = reading.quantity("1")(arg, value)
+    if found == 0 and len(arg.scene.problems) == before:
+        arg.wrong("0: the driven wheel would not turn", "give the ratio of both angles")
+    return found or 1.0
 
 
 class CouplingStatements(SceneItems):
@@ -84,13 +104,11 @@ class CouplingStatements(SceneItems):
         expression of mb.t."""
         return self._couple("couple", name, lambda *at: WeightedSum(name, at, list(of.values()), value), list(of))
 
-    @reads(name=reading.name, driving=reference("rad"), driven=reference("rad"), ratio=reading.quantity("1"))
+    @reads(name=reading.name, driving=reference("rad"), driven=reference("rad"), ratio=_ratio)
     @statement
     def gear(self, name: str, driving: Any, driven: Any, ratio: float) -> Connection:
         """angle(driven) = ratio * angle(driving) of two joints, relative to their bodies k (a carrier that may move): negative
         for wheels that mesh outside, positive for a ring gear or a belt."""
-        if ratio == 0 and driving != NOBODY:
-            Argument(self, f"gear '{name}'", "ratio").wrong("0: the driven wheel would not turn", "give the ratio of both angles")
         return self._couple("gear", name, lambda a, b: Gear(name, {"driving": a, "driven": b}, ratio=ratio), [driving, driven])
 
     @reads(name=reading.name, pinion=reference("rad"), rack=reference("m"), radius=reading.quantity("m"))
@@ -109,8 +127,6 @@ class CouplingStatements(SceneItems):
     def _couple(self, kind: str, name: str, make: Callable[..., Coupling], of: list[str]) -> Connection:
         if NOBODY in of or not of:
             return Connection(name, kind, self.ground, self.ground, [])
-        if len(set(of)) < len(of):
-            self.problems.append(f"{kind} '{name}': it names a coordinate twice; name different ones")
         return self._coupled(kind, make(*map(self._at, of)))
 
     def _at(self, text: str) -> Reference:
@@ -119,7 +135,10 @@ class CouplingStatements(SceneItems):
 
     def _coupled(self, kind: str, law: Coupling) -> Connection:
         """Enter a coupling: its joints keep their coordinates as unknowns, so that whole turns count."""
-        joints = [self[joint] for joint, _ in law.coordinates_in("")]
+        of = law.coordinates_in("")
+        if len(set(of)) < len(of):
+            self.problems.append(f"{kind} '{law.name}': it names a coordinate twice; name different ones")
+        joints = [self[joint] for joint, _ in of]
         first = joints[0]
         law.k, law.l, law.at, law.axis = first.k, first.l, first.joint.at, first.joint.axis
         for joint in joints:

@@ -24,7 +24,7 @@ from mbdae.laws.joints import (
 )
 from mbdae.scene import reading
 from mbdae.scene.components import Clearance, Connection, Kinematic
-from mbdae.scene.connections import ConnectionStatements, point_of
+from mbdae.scene.connections import ConnectionStatements, across, point_of
 from mbdae.scene.coordinates import on_coordinates
 from mbdae.scene.models import friction_law, joint_model, law_of
 from mbdae.scene.reading import FEEDS, Argument, reads
@@ -35,6 +35,8 @@ from mbdae.symbolic.law import TwoBodyLaw
 OPTIONS = ("prescribed", "start", "start_rate", "spring", "damper", "load", "limits", "stop", "friction")
 BODIES = {"name": reading.name, "k": reading.body, "l": reading.body, "at": reading.point}
 PLACED = {**BODIES, "axis": reading.direction}
+#: of laws with a statement that finds their parameters
+MEASURED: dict[type[Joint], str] = {Distance: "use s.distance(...), which measures it"}
 EACH = dict.fromkeys(OPTIONS, reading.as_given)  #: options by coordinate, read where these are known
 FURTHER = {"model": joint_model, **EACH, "further": reading.as_given}
 
@@ -64,21 +66,23 @@ class JointStatements(ConnectionStatements):
     @reads(**PLACED, model=joint_model, angle=reading.driven("rad"), angle0=reading.quantity("rad"),
            rate0=reading.quantity("rad/s"), spring=reading.quantity("N m/rad"),
            damper=reading.quantity("N m s/rad", "not negative", FEEDS), torque=reading.driven("N m"), friction=friction_law,
-           radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given)  # fmt: skip
+           radius=reading.quantity("m", "positive"), limits=reading.as_given, stop=reading.as_given,
+           normal_force=reading.quantity("N", "not negative"))  # fmt: skip
     @statement
     def revolute(self, name: str, k: Any, l: Any, at: Any, axis: Any = (0, 0, 1), model: Any = None, angle: Any = None,
                  angle0: float | None = None, rate0: float | None = None, spring: float | None = None,
                  damper: float | None = None, torque: Any = None, friction: Any = None, radius: float | None = None,
-                 limits: Any = None, stop: Any = None) -> Connection:  # fmt: skip
+                 limits: Any = None, stop: Any = None, normal_force: float | None = None) -> Connection:  # fmt: skip
         """l turns relative to k about `axis` through `at`; the angle is 0 as drawn, positive about the axis.
 
         `angle` prescribes it (rad, number or expression of mb.t); `angle0` rad and `rate0` rad/s hold its start;
         `spring` N m/rad, `damper` N m s/rad and `torque` N m (on l) act about the axis. `friction` (mb.Coulomb, mb.LuGre or
-        one's own) of a pin of `radius` m is pressed by the joint's reaction normal to the axis. `limits` (lowest, highest) rad
-        with `stop=mb.Stop(stiffness, damping)`."""
+        one's own) of a pin of `radius` m is pressed by `normal_force` N, by default the joint's reaction normal to the axis.
+        `limits` (lowest, highest) rad with `stop=mb.Stop(stiffness, damping)`."""
         words = {"prescribed": "angle", "start": "angle0", "start_rate": "rate0", "load": "torque"}
         options = {"prescribed": angle, "start": angle0, "start_rate": rate0, "spring": spring, "damper": damper, "load": torque,
-                   "friction": friction, "radius": radius, "limits": limits, "stop": stop}  # fmt: skip
+                   "friction": friction, "radius": radius, "normal_force": normal_force, "limits": limits,
+                   "stop": stop}  # fmt: skip
         return self._joint("revolute", Revolute, name, k, l, at, axis, None, model, options, {}, words)
 
     @reads(**PLACED, position=reading.driven("m"), position0=reading.quantity("m"), rate0=reading.quantity("m/s"),
@@ -168,11 +172,13 @@ class JointStatements(ConnectionStatements):
             length = 1.0
         return self.add(Distance(name, k, l, at_k, at_l=at_l, length=length))
 
-    @reads(name=reading.name, k=reading.body, l=reading.body)
+    @reads(**BODIES, further=reading.as_given)
     @statement
-    def fixed_orientation(self, name: str, k: Any, l: Any) -> Connection:
-        """l does not turn relative to k."""
-        return self.add(FixedOrientation(name, k, l))
+    def fixed_orientation(self, name: str, k: Any, l: Any, at: Any = None, **further: Any) -> Connection:
+        """l does not turn relative to k: coordinates `x`, `y`, `z`, displacements of the point of l at `at`, by default its
+        centre. Further arguments as in `joint`."""
+        where = point_of(l) if at is None else at
+        return self._library("fixed_orientation", FixedOrientation, name, k, l, where, (0, 0, 1), None, further)
 
     def _library(self, kind: str, law: type[Joint], name: str, k: Any, l: Any, at: Any, axis: Any, axis_x: Any,
                  further: dict[str, Any]) -> Connection:  # fmt: skip
@@ -193,7 +199,7 @@ class JointStatements(ConnectionStatements):
         modelled, extra = law_of(Argument(self, item, "model"), law, model)
         numbers = self._numbers(item, law, further)
         place: dict[str, Any] = {"k": k, "l": l, "at": at, "axis": reading.unit(axis),
-                                 "axis_x": None if axis_x is None else reading.unit(axis_x)}  # fmt: skip
+                                 "axis_x": across(Argument(self, item, "axis_x"), reading.unit(axis), axis_x)}  # fmt: skip
         forces = given.forces()
 
         def laws(cls: type[Joint], extra: dict[str, Any]) -> list[TwoBodyLaw]:
@@ -218,15 +224,26 @@ class JointStatements(ConnectionStatements):
         found = {}
         for key, value in further.items():
             if key not in own:
-                self.problems.append(f"{item}: it has no argument {key!r}; its parameters are {sorted(own) or 'none'}")
+                self.problems.append(f"{item}: it has no argument {key!r}; {_instead(law, key, own)}")
             else:
                 read = reading.driven(law.params[key].unit) if key in law.params else reading.as_given
                 found[key] = value if value is None else read(Argument(self, item, key), value)
         for key in sorted(own & law.params.keys() - found.keys()):
             if key not in law.optional:
-                self.problems.append(f"{item}: {key} is missing; give a number in {law.params[key].unit}")
+                remedy = MEASURED.get(law, f"give a number in {law.params[key].unit}")
+                self.problems.append(f"{item}: {key} is missing; {remedy}")
                 found[key] = 1.0
         return found
+
+
+def _instead(law: type[Joint], key: str, own: set[str]) -> str:
+    """What to give in place of an argument that a joint does not have."""
+    coordinate = key.removesuffix("_rate")
+    if coordinate not in law.scalars():
+        return f"its parameters are {sorted(own) or 'none'}"
+    if coordinate != key:
+        return f"to start with a rate of its coordinate give start_rate={{'{coordinate}': ...}}"
+    return f"to prescribe its coordinate give prescribed={{'{key}': ...}}, to start there start={{'{key}': ...}}"
 
 
 def pins(arg: Argument, shaft: Any, other: Any, pin: Any) -> Any:

@@ -7,6 +7,7 @@ in the user's code, or a result of another kind than the contract says, becomes 
 from __future__ import annotations
 
 import math
+import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
@@ -23,6 +24,7 @@ Check = Callable[[Any], Any]
 UNDEFINED = ("half turn", "points together")  #: states in which a law may say that it is not defined
 OF_STATES = ("rate", "rates", "initial")  #: methods called only where there are states
 FRAME = "r (point), v (its velocity), x, y, z (axes) and w (angular velocity)"
+DERIVED_NAME = re.compile(r"named\d+|(q|u|up)_c?\d+_\d+|clock_\d+_\d+|[kl]_P0")  #: symbols that derivations use
 _NO_EXPRESSIONS = (bool, np.bool_, str, bytes, complex, Mapping, Sequence, set, frozenset, np.ndarray, type)
 
 
@@ -180,7 +182,9 @@ def _check_names(cls: Any, instance: Sequence[str]) -> None:
         for name in names:
             if name in known:
                 raise LawError(f"{cls.__name__}: '{name}' in {what} is taken by {known[name]}; choose another name")
-            if name.startswith("named") and name[5:].isdigit():
+            if name == "t" and what == "coordinates":
+                raise LawError(f"{cls.__name__}: 't' in {what} is the time; choose another name")
+            if DERIVED_NAME.fullmatch(name):
                 raise LawError(f"{cls.__name__}: '{name}' in {what} is a name that derivations use; choose another one")
             known[name] = f"its {what}"
 

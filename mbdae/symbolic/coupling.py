@@ -25,13 +25,19 @@ class Coupling(TwoBodyLaw):
     coordinates: ClassVar[Mapping[str, Parameter]] = MappingProxyType({})  #: that it couples, with the unit (rad, m or either)
 
     def __init__(self, name: str, of: Mapping[str, Any], **values: Any) -> None:
-        self.of = dict(of)
         super().__init__(name, None, None, **values)
+        kind = f"{type(self).__name__} {shown(name)}"
+        if not self.own_coordinates:
+            raise LawError(f"{kind} couples no coordinates; declare them: coordinates = mb.params(angle=('rad', 'of a wheel'))")
+        example = f"as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}"
+        wanted = f"say which joint's coordinate each of {', '.join(self.own_coordinates)} is, {example}"
+        if not isinstance(of, Mapping):
+            raise LawError(f"{kind}: of = {shown(of)}: {wanted}")
+        self.of = dict(of)
         missing = [c for c in self.own_coordinates if c not in self.of]
         unknown = [c for c in self.of if c not in self.own_coordinates]
         if missing or unknown:
-            raise LawError(f"{type(self).__name__} {shown(name)}: of = {shown(of)}: say which joint's coordinate each of "
-                           f"{', '.join(self.own_coordinates)} is, as in of={{'{self.own_coordinates[0]}': 'A.angle', ...}}")
+            raise LawError(f"{kind}: of = {shown(of)}: {wanted}")
 
     def constraints(self) -> dict[str, Expr]:
         """Rows that vanish, by name."""

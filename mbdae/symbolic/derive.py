@@ -17,7 +17,7 @@ from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
-from mbdae.symbolic.motion import Rotation
+from mbdae.symbolic.motion import Rotation, refuse_amounts, value_of
 from mbdae.symbolic.rebuild import one_sided, without_overflow
 from mbdae.symbolic.statement import Statement
 from mbdae.symbolic.variation import Variation
@@ -168,6 +168,8 @@ class _Derivation(Statement):
     def run(self) -> Derived:
         self.refuse_clashes()
         self.refuse_undefined()
+        if isinstance(self.law, Joint):
+            refuse_amounts(self.law)
         rows, vanished, undefined, g, G = self._constraints()
         force_on_l = _reaction_on_l(self.law, self.frames, rows, G)
         force, powers = self._forces(_reactions(self.law, rows, vanished), force_on_l)
@@ -227,7 +229,8 @@ class _Derivation(Statement):
         e = e.subs(self.variation.insertion())
         rng = random.Random(7)
         symbols = sorted(e.free_symbols, key=str)
-        return max(abs(float(e.subs({s: rng.uniform(0.3, 0.9) for s in symbols}))) for _ in range(3)) < 1e-12
+        found = [value_of(e.subs({s: rng.uniform(0.3, 0.9) for s in symbols})) for _ in range(3)]
+        return all(value is not None and abs(value) < 1e-12 for value in found)
 
     def _in_plane(self, pair: Pair, f: Frame, what: str) -> Pair:
         """The pair with zeros and ones of the frames inserted; on a planar node it must have no component out of the plane."""

@@ -88,6 +88,10 @@ class Joint(TwoBodyLaw):
 
     def constraints(self, *frames: Any, **_: Any) -> dict[str, Expr]:
         """Rows that vanish, by name, without the coordinates."""
+        if self.states_motion():
+            raise LawError(f"joint law {type(self).__name__} states a motion without coordinates: where l moves with k use "
+                           f"mb.Weld, otherwise declare coordinates = mb.params(name=('rad', 'meaning')) and move by "
+                           f"self.name")  # fmt: skip
         raise LawError(f"joint law {type(self).__name__} states neither `motion(self, from_k)` nor `constraints(self, k, l)`")
 
     def coordinate(self, *frames: Any, **_: Any) -> Any:

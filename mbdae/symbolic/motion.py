@@ -20,9 +20,11 @@ import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.quaternions import rotation_columns
+from mbdae.symbolic.rebuild import CONDITIONS, nodes
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 from mbdae.values import BadValueError, array, shown
 
+_TIME = se.Symbol("t")
 AXES = dict(zip("xyz", UNIT, strict=True))
 Triad = tuple[Vec, Vec, Vec]  #: three axes, inertial components
 
@@ -175,6 +177,57 @@ def symbolic_motion(law: Any) -> Motion | None:
     """The motion of a joint with a symbol of its name for every coordinate."""
     symbols = {c: se.Symbol(c) for c in law.scalars()}
     return motion_of(law, symbols | {c: no_rotation() for c in law.coordinates.keys() - symbols.keys()})
+
+
+def refuse_amounts(law: Any) -> None:
+    """Raise LawError where the motion of a law with symbols for its parameters contains the time or undeclared symbols, or a
+    function whose derivatives are not known."""
+    motion = symbolic_motion(law)
+    where = f"{type(law).__name__}.motion"
+    declared = {se.Symbol(name) for name in (*law.scalars(), *law.params)}
+    for step in motion.steps if motion is not None else ():
+        for symbol in sorted(step.amount.free_symbols - declared, key=str):
+            if symbol == _TIME:
+                raise LawError(f"{where} contains mb.t: state a parameter (params = mb.params(...)) and give that an expression "
+                               f"of mb.t")  # fmt: skip
+            raise LawError(f"{where} contains the symbol {symbol}, which the class does not declare; write "
+                           f"params = mb.params({symbol}=('unit', 'meaning')) and self.{symbol}")  # fmt: skip
+        unknown = _without_derivatives(step.amount)
+        if unknown is not None:
+            raise LawError(f"{where} contains {unknown}, whose derivatives are not known: state it by other functions, one with "
+                           f"cases by se.Piecewise((a, x > 0), (b, True)) whose cases meet without a kink")  # fmt: skip
+
+
+def _without_derivatives(amount: Expr) -> Expr | None:
+    """A part of an expression whose first two derivatives symengine cannot form or evaluate; None where there is none."""
+    at = {s: se.RealDouble(0.31 + 0.17 * i) for i, s in enumerate(sorted(amount.free_symbols, key=str))}
+    for part in nodes(amount):
+        for symbol in part.free_symbols if not _is_condition(part) else ():
+            first = se.diff(part, symbol)
+            if not all(_is_known(e, at) for e in (part, first, se.diff(first, symbol))):
+                return part
+    return None
+
+
+def _is_condition(e: Expr) -> bool:
+    return isinstance(e, se.Symbol) or type(e).__name__ in CONDITIONS
+
+
+def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
+    """Whether an expression contains derived functions only that have a value, finite or not."""
+    if any(type(node).__name__ in ("Derivative", "Subs") for node in nodes(e)):
+        return False
+    return value_of(e.subs(at)) is not None
+
+
+def value_of(e: Expr) -> complex | None:
+    """The value of an expression without symbols, complex or infinite where it is so; None where symengine cannot evaluate it."""
+    for read in (complex, float):  # neither knows all functions
+        try:
+            return complex(read(e))
+        except (RuntimeError, TypeError):
+            continue
+    return None
 
 
 def no_rotation() -> Rotation:

@@ -11,7 +11,7 @@ from mbdae.symbolic.vectors import Expr
 
 LOGIC = ("And", "Or", "Not", "Xor")  #: connectives of conditions
 #: name of a relation or connective -> function that makes it
-_CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
+CONDITIONS: dict[str, Any] = {"StrictLessThan": se.Lt, "LessThan": se.Le, "Equality": se.Eq, "Unequality": se.Ne,
                                **{name: getattr(se, name) for name in LOGIC}}  # fmt: skip
 ONE_SIDED = ("Abs", "Max", "Min", "sign", "ceiling")  #: functions that are rewritten with Piecewise and floor
 LARGEST = 300.0  #: argument of an exponential above which its reciprocal and all derivatives of that are zero
@@ -52,14 +52,14 @@ def _joined(node: Expr, args: list[Expr]) -> Expr:
         return se.Piecewise(*((args[i], args[i + 1]) for i in range(0, len(args), 2)))
     if isinstance(node, se.FunctionSymbol):
         return se.Function(node.get_name())(*args)
-    make = _CONDITIONS.get(type(node).__name__)
+    make = CONDITIONS.get(type(node).__name__)
     return make(*args) if make is not None else node.func(*args)
 
 
 def is_condition(node: Expr) -> bool:
     """Whether a node is a relation, or conditions joined."""
     name = type(node).__name__
-    return name in _CONDITIONS or name in ("BooleanTrue", "BooleanFalse")
+    return name in CONDITIONS or name in ("BooleanTrue", "BooleanFalse")
 
 
 def one_sided(e: Expr) -> Expr:

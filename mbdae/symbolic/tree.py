@@ -18,7 +18,7 @@ import symengine as se
 
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
-from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of
+from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of, refuse_amounts
 from mbdae.symbolic.outputs import Target, dynamics
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import (
@@ -108,6 +108,7 @@ class TreeProgram:
                 scalars.append(Coordinate(value, rate, second, None if driven else c))
                 values[name] = scalars[-1].value
         law: Any = link.law.symbolic(link.structure)
+        refuse_amounts(law)
         motion = motion_of(law, values) if link.moves else Motion()
         assert motion is not None
         stated = [name for name, _ in link.numbers if name in law.params]

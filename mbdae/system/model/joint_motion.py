@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.scene.components import Connection
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.motion import Step, symbolic_motion
+from mbdae.symbolic.motion import Step, symbolic_motion, value_of
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.model.sides import joint_axes
@@ -35,7 +36,10 @@ class JointMotion:
     def _amount(self, e: Any, values: dict[str, float]) -> float:
         numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
         found = e.subs(numbers)
-        return timed.value_at(found, self._t) if found.free_symbols else float(found)
+        if found.free_symbols:
+            return timed.value_at(found, self._t)
+        value = value_of(found)  # not real outside the domain of the motion
+        return value.real if value is not None and value.imag == 0 else math.nan
 
     def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
         """Rigid motion (quaternion, displacement) of l's drawn place by values of the coordinates, 0 where none is given; of k's

@@ -12,10 +12,13 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.nodes import Node
 from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.rank.redundancy import RankReport, null_space
 
+STILL = 1e-10  #: velocity of bodies over the rate of a coordinate, below which they do not move with it
+UNLIKE = 1e6  #: largest factor in an equation between coordinates, above which rounding decides about factors of 1
 NOTHING = 1e-13  #: inertia of a motion over that of its parts, below which it has none
 
 
@@ -28,15 +31,29 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
     size = np.sqrt(np.diag(reduced))
     largest = float(np.max(size, initial=0.0))
     names = all_bodies.numbering.names()[all_bodies.nq :]
-    lost = [int(i) for i in np.flatnonzero(size <= 1e-12 * largest)]
+    lost = [np.eye(len(size))[i] for i in np.flatnonzero(size <= 1e-12 * largest)]
     if not lost and len(size):
         values, vectors = np.linalg.eigh(reduced / np.outer(size, size))
-        lost = [int(np.argmax(np.abs(vectors[:, i]))) for i in np.flatnonzero(values <= 1e-13)]
-    joints = {n.joint for n in all_bodies.model.joint_coordinates}
-    return [_no_inertia(names[i].rsplit(".", 1)[0], joints) for i in lost]
+        lost = [vectors[:, i] / size for i in np.flatnonzero(values <= 1e-13)]
+    joints: dict[str, list[str]] = {}
+    for node in all_bodies.model.joint_coordinates:
+        joints.setdefault(node.joint, []).append(node.coordinate)
+    moved = np.ones(len(T), dtype=bool)
+    moved[[n.u + i for n in all_bodies.model.joint_coordinates for i in range(n.kind.sizes[1])]] = False
+    return [_no_inertia(names[int(np.argmax(np.abs(motion)))], joints, _is_still(T[moved], motion)) for motion in lost]
 
 
-def _no_inertia(name: str, joints: set[str]) -> str:
+def _is_still(T: Array, motion: Array) -> bool:
+    """Whether rates of the unknowns move no body."""
+    return bool(np.linalg.norm(T @ motion) <= STILL * np.linalg.norm(motion) * max(1.0, float(np.max(np.abs(T), initial=0.0))))
+
+
+def _no_inertia(rate: str, joints: dict[str, list[str]], still: bool) -> str:
+    """rate: name of an unknown; joints: the coordinates of every joint."""
+    name, _, unknown = rate.rpartition(".")
+    if name in joints and still:
+        named = [c for c in joints[name] if unknown == f"{c}_rate"]
+        return _undetermined(name, (named or joints[name])[0])
     if name in joints:
         return (f"joint '{name}' cannot be recursive: what it moves has no inertia about or along its axis; give the bodies "
                 f"behind it mass or inertia, or prescribe its coordinate")  # fmt: skip
@@ -59,7 +76,7 @@ def massless_motions(mechanics: Mechanics, report: RankReport, t: Array, q: Arra
     values, vectors = _compared(N.T @ M @ N, N.T @ (_own_inertia(np.diag(M))[:, None] * N))
     motions = np.zeros((len(values), kept.nu))
     motions[:, at] = (N @ vectors).T
-    return [_name_motion(kept, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
+    return [_name_motion(kept, G, motions[i]) for i in np.flatnonzero(values <= NOTHING)]
 
 
 def _own_inertia(diagonal: Array) -> Array:
@@ -75,17 +92,39 @@ def _compared(reduced: Array, own: Array) -> tuple[Array, Array]:
     return found[0], scale[:, None] * found[1]
 
 
-def _name_motion(mechanics: Mechanics, motion: Array) -> str:
+def _name_motion(mechanics: Mechanics, G: Array, motion: Array) -> str:
     worst = int(np.argmax(np.abs(motion)))
     for node in mechanics.model.nodes:
         if node.u <= worst < node.u + node.kind.sizes[1]:
             if node.kind.of_joint:
-                return (f"joint '{node.joint}': its {node.coordinate} is an unknown that nothing determines: a point mass has no "
-                        f"orientation; use model=mb.Kinematic(), or s.rigid_body")  # fmt: skip
+                return _undetermined_coordinate(mechanics, G, node)
             how = _motion_in_words(motion[node.u : node.u + node.kind.sizes[1]], worst - node.u, node.kind.translations)
             return (f"body '{node.name}' can {how} without any inertia: "
                     f"give it mass or inertia, or a joint that stops this motion")  # fmt: skip
     raise SceneError(["a motion without inertia could not be named"])
+
+
+def _undetermined_coordinate(mechanics: Mechanics, G: Array, node: Node) -> str:
+    """Why nothing determines a joint coordinate that is an unknown."""
+    instances = [i for group in mechanics.model.groups for i in group.instances if i.item == node.joint]
+    if any(n is not None and not n.kind.oriented for i in instances for n in i.nodes):
+        return (f"joint '{node.joint}': its {node.coordinate} is an unknown that nothing determines: a point mass has no "
+                f"orientation; use model=mb.Kinematic(), or s.rigid_body")  # fmt: skip
+    coordinates = [n.u for n in mechanics.model.joint_coordinates]
+    for row, entries in zip(mechanics.rows, G, strict=True):
+        sizes = np.abs(entries[entries != 0])
+        coupled = entries[node.u] != 0 and np.count_nonzero(entries[coordinates]) == len(sizes) > 1
+        if coupled and np.max(sizes) > UNLIKE * min(1.0, np.min(sizes)):
+            return (f"coupling '{row.name.rpartition('.')[0]}': its factors are from {np.min(sizes):.3g} to {np.max(sizes):.3g}: "
+                    f"beside the largest a factor of 1 is lost by rounding, so that nothing determines the {node.coordinate} of "
+                    f"joint '{node.joint}'; give factors near 1")  # fmt: skip
+    return _undetermined(node.joint, node.coordinate)
+
+
+def _undetermined(joint: str, coordinate: str) -> str:
+    return (f"joint '{joint}': its {coordinate} is an unknown that nothing determines where the scene is drawn: its motion does "
+            f"not change with {coordinate} there (a derivative of 0, or two coordinates that do the same); start from another "
+            f"value, or state the motion otherwise")  # fmt: skip
 
 
 def _motion_in_words(motion: Array, worst: int, n: int) -> str:

@@ -1,0 +1,57 @@
+"""Values of the coordinates of a joint for which its motion is defined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.errors import OptionError
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.motion import symbolic_motion, value_of
+from mbdae.symbolic.vectors import Expr
+
+DRAWS = 200  #: values of the coordinates that are tried
+LARGEST = 1e6  #: of amounts and their derivatives: beyond it rounding hides what the contracts measure
+
+
+def value(e: Expr, numbers: Mapping[str, float]) -> float:
+    """An expression at values of its symbols by name; NaN where it is not real or not finite."""
+    found = value_of(e.subs({se.Symbol(name): number for name, number in numbers.items()}))
+    return found.real if found is not None and found.imag == 0 and np.isfinite(found.real) else np.nan
+
+
+class Domain:
+    """Where the motion of a joint and its first two derivatives by the coordinates are finite and real."""
+
+    def __init__(self, law: Any) -> None:
+        motion = symbolic_motion(law) if isinstance(law, Joint) else None
+        self.law, self.needed = law, list[Expr]()
+        for step in motion.steps if motion is not None else ():
+            self.needed.append(step.amount)
+            for c in law.scalars():
+                slope = step.amount.diff(se.Symbol(c))
+                self.needed += [slope, *(slope.diff(se.Symbol(other)) for other in law.scalars())]
+        self.needed = [e for e in dict.fromkeys(self.needed) if e.free_symbols]
+
+    def holds(self, numbers: Mapping[str, float]) -> bool:
+        """Whether the motion is defined at values of coordinates and parameters by name."""
+        return all(abs(value(e, numbers)) < LARGEST for e in self.needed)
+
+    def inside(self, numbers: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
+        """Coordinates for which the motion is defined, in place of those given: empty where it is defined there already. Raises
+        OptionError where none are found."""
+        if self.holds(numbers):
+            return {}
+        for n in range(DRAWS):
+            reach = 3.0 * 0.97**n
+            drawn = {c: float(rng.uniform(-reach, reach)) for c in self.law.scalars()}
+            if self.holds({**numbers, **drawn}):
+                return drawn
+        name = type(self.law).__name__
+        given = ", ".join(f"{p} = {numbers[p]:.3g}" for p in self.law.params if p in numbers and p not in self.law.derived())
+        stated = f" with {given}; give values of its parameters, as in mb.selftest({name}, parameter=value)" if given else \
+            "; state it by functions that are defined near 0"  # fmt: skip
+        raise OptionError(f"the motion of {name} is finite and real at none of {DRAWS} random values of its coordinates{stated}")
