@@ -181,7 +181,9 @@ class ConnectionSensor(ListsAttributes):
         return super().__getattr__(name)  # type: ignore[misc,no-any-return]
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._item.scalars, *rates_of(self._item)]
+        touches = any(one.item == self._item.name for one in self._result.prepared.contacts)
+        known = [name for name in super().__dir__() if touches or name not in ("contacts", "summary")]
+        return [*known, *self._item.scalars, *rates_of(self._item)]
 
     @cached_property
     def _wrench(self) -> Array:

@@ -29,6 +29,7 @@ class Statement:
         return self.frames[: len(self.law.frames)]
 
     def oriented(self) -> bool:
+        """Whether the nodes of all frames have axes."""
         return all(f.kind.oriented for f in self.sides)
 
     @cached_property

@@ -246,5 +246,20 @@ def node_accelerations(prepared, state, a, coordinates):
         own = a[i, :3] if b.is_point else np.r_[a[i, :3], state.R[i].T @ a[i, 3:]]
         out[node.u : node.u + speeds] = own[[0, 1] if b.is_point else [0, 1, 5]] if planar else own
     for node in prepared.model.joint_coordinates:
-        out[node.u] = coordinates[node.name]
+        rotation = node.kind.sizes[1] == 3
+        out[node.u : node.u + node.kind.sizes[1]] = rotation_rate(prepared, state, a, node) if rotation else coordinates[node.name]
     return out
+
+
+def rotation_rate(prepared, state, a, node):
+    """Rate (3,) of the angular velocity of l relative to k along the axes of the joint in l, of a free rotation."""
+    scene = prepared.model.scene
+    joint = scene[node.joint]
+
+    def turning(body):
+        i = None if body.is_ground else scene.bodies.index(body)
+        return (np.eye(3), np.zeros(3), np.zeros(3)) if i is None else (state.R[i], state.w[i], a[i, 3:])
+
+    (_, wk, ak), (R, wl, al) = turning(joint.k), turning(joint.l)
+    axes = R @ joint.l.rotation.T @ joint_axes(joint.joint, joint.k)
+    return axes.T @ (al - ak + np.cross(wl, wk))
