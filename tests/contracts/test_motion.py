@@ -8,6 +8,8 @@ import pytest
 import symengine as se
 
 import mbdae as mb
+from mbdae.contracts import selftest
+from mbdae.contracts.motion import stated_motion
 from mbdae.contracts.selftest import _Run
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.law import Structure
@@ -55,6 +57,11 @@ class Unread(Sleeve):
 
     def coordinate(self, k: Any, l: Any) -> Any:
         return None
+
+
+@pytest.fixture(autouse=True)
+def of_motions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(selftest, "CONTRACTS", {"motion": stated_motion})
 
 
 def changed(**methods: Any) -> type[Sleeve]:
