@@ -245,7 +245,7 @@ def cases() -> Iterator[tuple[str, Said, dict[str, Any], str, str, Any, Any]]:
             if argument in ("limits", "stop") and item in ("revolute", "prismatic", "joint"):
                 others |= LIMITED
                 others.pop(argument)
-            if argument == "friction" and item in ("revolute", "joint"):
+            if (argument, item) in (("friction", "revolute"), ("friction", "joint"), ("normal_force", "revolute")):
                 others["radius"] = 1.0
             for kind, value in (HOSTILE | {f"one as {k}": v for k, v in ONES.items()}).items():
                 if argument == "points":
