@@ -57,7 +57,7 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
              {"elements": 2, "order": 2, "curve": None, "axis2": (0, 0, 1), "velocity": (0, 0, 1), "angular_velocity": (0, 1)}),
     "line_load": ({"name": "x", "beam": "beam", "per_length": (0, 1.0)}, {"frame": "section"}),
     "revolute": ({"name": "x", **HINGE}, {"axis": (0, 0, 1), "model": mb.Recursive(), "torque": 1.0, "friction": None,
-                                          "radius": None, **MOVED, **LIMITED}),
+                                          "radius": None, "normal_force": None, **MOVED, **LIMITED}),
     "prismatic": ({"name": "x", **HINGE, "axis": (1, 0)}, {"model": None, "force": 1.0, "friction": DRY, "normal_force": None,
                                                            **SLID, **LIMITED}),
     "joint": ({"joint": mb.Revolute, "name": "x", **HINGE},
@@ -71,7 +71,8 @@ STATEMENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "rack": ({"name": "x", "pinion": "A", "rack": "S", "radius": 1.0}, {}),
     "differential": ({"name": "x", "first": "A", "second": "B", "carrier": "C"}, {}),
     "spherical": ({"name": "x", **HINGE}, {"model": None}), "weld": ({"name": "x", **PAIR}, {"at": (0, 0)}),
-    "distance": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0)}, {}), "fixed_orientation": ({"name": "x", **PAIR}, {}),
+    "distance": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0)}, {}),
+    "fixed_orientation": ({"name": "x", **PAIR}, {"at": (0, 0)}),
     "spring": ({"name": "x", **PAIR, "at_k": (0, 1), "at_l": (0, 0), "stiffness": 1.0}, {"damping": 1.0, "length": 1.0}),
     "bushing": ({"name": "x", **HINGE, "stiffness": (1.0, 1.0, 1.0)}, {"damping": (1.0, 1.0, 1.0)}),
     "force": ({"name": "x", "body": "rod", "value": (1.0, 0, 0)}, {"at": (0, 0), "frame": "body"}),
@@ -244,7 +245,7 @@ def cases() -> Iterator[tuple[str, Said, dict[str, Any], str, str, Any, Any]]:
             if argument in ("limits", "stop") and item in ("revolute", "prismatic", "joint"):
                 others |= LIMITED
                 others.pop(argument)
-            if argument == "friction" and item in ("revolute", "joint"):
+            if (argument, item) in (("friction", "revolute"), ("friction", "joint"), ("normal_force", "revolute")):
                 others["radius"] = 1.0
             for kind, value in (HOSTILE | {f"one as {k}": v for k, v in ONES.items()}).items():
                 if argument == "points":

@@ -32,7 +32,8 @@ def wheels() -> mb.Scene:
 
 
 @pytest.mark.parametrize(("of", "words"), [
-    (None, "of = None: say which joint's coordinate each of a, b is"), ("A", "of = 'A': say"), ({}, "of = {}: say"), (5, "of = 5"),
+    (None, "of = None: say which joint's coordinate each of a, b is"), ("A", "of = 'A': say"), ({}, "of = {}: say"),
+    (5, "of = 5"),
 ])  # fmt: skip
 def test_coordinates_of_a_coupling(of: Any, words: str) -> None:
     with pytest.raises(mb.LawError, match=words):
@@ -45,8 +46,7 @@ def test_coordinates_of_a_coupling(of: Any, words: str) -> None:
     (lambda s: s.add(Equal("g", {"a": "A", "b": "A.angle"})), "it names a coordinate twice; name different ones"),
     (lambda s: s.gear("g", "A", "A", ratio=2), "it names a coordinate twice; name different ones"),
     (lambda s: s.couple("g", {"A": 1, "A.angle": 1, "B": 2}), "it names 'A.angle' twice; name a coordinate once"),
-    (lambda s: s.gear("g", "A", "U", ratio=2), "spherical 'U' has no angle; name a joint that has; its rotation has no value that "
-                                               "can be coupled"),
+    (lambda s: s.gear("g", "A", "U", ratio=2), "spherical 'U' has no angle; name a joint that has; its rotation has no value "),
     (lambda s: s.gear("g", "A", "C", ratio=2), "it has 'A.angle', 'B.angle'; state the joints before the coupling"),
     (lambda s: s.gear("g", "A", "B", ratio=float("nan")), "ratio = nan is not finite; give a number"),
     (lambda s: s.gear("g", "A", "B", ratio=mb.t), "ratio = t is not a number; give a number"),
@@ -54,9 +54,9 @@ def test_coordinates_of_a_coupling(of: Any, words: str) -> None:
     (lambda s: s.gear("g", "A", "B", ratio=0), "ratio = 0: the driven wheel would not turn; give the ratio of both angles"),
     (lambda s: s.add(mb.Planar("g", s.ground, s["a"], at=(0, 0, 0), axis=(0, 0, 1), axis_x=(0, 0, 2))),
      "axis_x = [0.0, 0.0, 2.0] is along axis; give another direction"),
-    (lambda s: s.planar("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), axis_x=(0, 0, -1)), "axis_x = [0.0, 0.0, -1.0] is along"),
+    (lambda s: s.planar("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), axis_x=(0, 0, -1)), "is along axis; give"),
     (lambda s: s.point_on_plane("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), axis_x=(0, 0, -1)), "is along axis"),
-    (lambda s: s.joint(mb.Distance, "g", s.ground, "a", at=(1, 0, 0)), "length is missing; use s.distance(...), which measures it"),
+    (lambda s: s.joint(mb.Distance, "g", s.ground, "a", at=(1, 0, 0)), "length is missing; use s.distance(...), which"),
     (lambda s: s.cylindrical("g", s.ground, "a", at=(0, 0, 0), axis=(0, 0, 1), angle=1.0), "give prescribed={'angle': ...}"),
 ])  # fmt: skip
 def test_refused_once_and_by_name(state: Callable[[mb.Scene], Any], words: str) -> None:
@@ -104,7 +104,7 @@ def test_coordinates_that_nothing_determines(law: Any, model: Any) -> None:
     s = mb.Scene("undetermined", gravity=(0, 0, -9.81))
     s.rigid_body("b", 1.0, (1, 1, 1), at=(0.1, 0, 0))
     s.joint(law, "j", s.ground, "b", at=(0, 0, 0), model=model)
-    with pytest.raises(mb.SceneError, match=r"joint 'j': its [ab] is an unknown that nothing determines where .* change with [ab] "):
+    with pytest.raises(mb.SceneError, match=r"joint 'j': its [ab] is an unknown that nothing .* not change with [ab] there"):
         s.check()
 
 
@@ -112,7 +112,8 @@ def test_coordinates_that_nothing_determines(law: Any, model: Any) -> None:
 def test_a_bearing_pressed_by_a_given_force(model: Any) -> None:
     s = mb.Scene("brake")
     s.rigid_body("b", 1.0, 0.1, at=(0, 0))
-    s.revolute("A", s.ground, "b", at=(0, 0), rate0=4.0, friction=mb.Coulomb(0.1, 0.01), radius=0.1, normal_force=5.0, model=model)
+    s.revolute("A", s.ground, "b", at=(0, 0), rate0=4.0, friction=mb.Coulomb(0.1, 0.01), radius=0.1, normal_force=5.0,
+               model=model)  # fmt: skip
     assert abs(s.simulate(0.1)["A"].rate[-1] - 3.95) < 1e-6  # 4 - 0.1 * 5 N * 0.1 m / 0.1 kg m2 * 0.1 s
 
 
