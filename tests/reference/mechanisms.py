@@ -246,8 +246,8 @@ def node_accelerations(prepared, state, a, coordinates):
         own = a[i, :3] if b.is_point else np.r_[a[i, :3], state.R[i].T @ a[i, 3:]]
         out[node.u : node.u + speeds] = own[[0, 1] if b.is_point else [0, 1, 5]] if planar else own
     for node in prepared.model.joint_coordinates:
-        rotation = node.kind.sizes[1] == 3
-        out[node.u : node.u + node.kind.sizes[1]] = rotation_rate(prepared, state, a, node) if rotation else coordinates[node.name]
+        turns = node.kind.sizes[1] == 3
+        out[node.u : node.u + node.kind.sizes[1]] = rotation_rate(prepared, state, a, node) if turns else coordinates[node.name]
     return out
 
 

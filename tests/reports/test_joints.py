@@ -23,13 +23,14 @@ from reading import holds_and_defines
 
 JOINTS = [getattr(joints, name) for name in joints.__all__]
 FRICTION = mb.Coulomb(0.3, 1e-3)
+UNPRESSED = (joints.Free, joints.FixedOrientation)  #: without a reaction that presses
 
 
 def variants():
     """Every joint, without and with its coordinates as unknowns, without and with friction."""
     for law in JOINTS:
         for kept in dict.fromkeys([law.must_keep(), bool(law.coordinates)]):
-            for friction in [None, FRICTION] if law.scalars() else [None]:
+            for friction in [None, FRICTION] if law.scalars() and law not in UNPRESSED else [None]:
                 if kept or friction is not None:  # the plain statement has its test by name
                     yield pytest.param(law, kept, friction, id=f"{law.__name__}{', kept' * kept}{', friction' * bool(friction)}")
 
@@ -43,6 +44,12 @@ def test_every_statement_of_a_joint_has_its_report(law, kept, friction):
     assert ("## As a recursive joint" in text) == law.states_motion()
     for name, spec in law.coordinates.items():
         assert re.search(rf"\| `{name}` \| \$.*\$ \| .* \| {re.escape(spec.meaning)} \|", text)
+
+
+@pytest.mark.parametrize("law", UNPRESSED)
+def test_friction_that_nothing_presses_has_no_report(law):
+    with pytest.raises(mb.LawError, match=r"no reaction of a .* presses what rubs along its x: give a normal_force"):
+        mb.report(law, friction=FRICTION)
 
 
 @pytest.mark.parametrize("joint", [law for law in JOINTS if law.scalars()], ids=lambda law: law.__name__)
