@@ -26,7 +26,7 @@ def test_roundoff_of_a_closed_loop_is_no_speed_of_impact(angle0):
     assert 1e-5 < contact.depth < 1e-3
 
 
-@pytest.mark.parametrize("speed", [1e-60, 1e-144, 1e-300])
+@pytest.mark.parametrize("speed", [1e-60, 1e-144])
 def test_next_to_no_speed_is_no_mistake_of_a_law(speed):
     """The tail of a bell gives such speeds: the penetration of an impact at them is smaller than any number a user may give."""
     depth, duration = mb.Hertz(1e9).impact(1.0, speed)

@@ -65,7 +65,7 @@ class Hertz(Normal):
         return float((force / self.stiffness) ** (2 / 3))
 
     def impact(self, mass: float, speed: Any) -> tuple[Any, Any]:
-        v = np.maximum(np.abs(speed), 1e-100)  # its square must not vanish
+        v = np.maximum(np.abs(speed), 1e-300)  # at rest both are 0: no impact
         depth = (1.25 * mass * v**2 / self.stiffness) ** 0.4
         return depth, DURATION * depth / v
 
