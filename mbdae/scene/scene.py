@@ -127,7 +127,8 @@ class SceneData(BeamStatements, JointStatements):
         return self._connect(Connection(name, kind, self.ground, body, [load]))
 
     def replace(self, *names: str, model: JointModel) -> Any:
-        """A new scene with another model of the named joints, without names of all joints that admit it."""
+        """A new scene with another model of the named joints, without names of all joints of one or two coordinates
+        that admit it."""
         return replaced(self, names, model)
 
     def recursive(self) -> Any:

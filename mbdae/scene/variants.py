@@ -15,6 +15,8 @@ from mbdae.scene.replay import Known, refuse_losses, replay
 from mbdae.scene.topology import spanning_tree
 from mbdae.values import shown
 
+FEW = 2  #: coordinates of a joint whose model is replaced although it is not named
+
 
 @cache
 def _model_places() -> dict[str, int | None]:
@@ -42,7 +44,8 @@ def replaced(scene: SceneItems, names: tuple[str, ...], model: JointModel) -> An
     refused = {n: refusal(type(_ideal(scene[n])), model) for n in names}
     if any(refused.values()):
         raise SceneError([f"replace: {scene[n].kind} '{n}': model = {'; '.join(why)}" for n, why in refused.items() if why])
-    chosen = set(names or (n for n in known if refusal(type(_ideal(scene[n])), model) is None))
+    few = [n for n in known if len(scene[n].coordinates) <= FEW]
+    chosen = set(names or (n for n in few if refusal(type(_ideal(scene[n])), model) is None))
     if not chosen:
         raise SceneError([f"scene '{scene.name}' has no joint whose model could be replaced by {shown(model)}"])
     statements: list[Statement] = []
