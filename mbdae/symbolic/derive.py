@@ -186,16 +186,6 @@ class _Derivation(Statement):
         stated = {name: e for name, e in self.law.read(*self.sides).items() if not self.undefined(e)}
         return {name: self.variation.resolve(self.variation.name(e)) for name, e in stated.items()}
 
-
-
-
-
-
-
-
-
-
-
     def _constraints(self) -> tuple[list[str], list[str], list[str], list[Expr], list[dict[str, Pair]]]:
         """Rows that remain for these frames, names of the others (and of those undefined), and the rows' gradients."""
         rows: list[str] = []

@@ -103,11 +103,6 @@ class Motion:
         return Motion([replace(s, amount=s.amount.subs(table)) for s in self.steps])
 
     @property
-    def turns(self) -> bool:
-        """Whether it contains a rotation."""
-        return any(step.turns for step in self.steps)
-
-    @property
     def slides(self) -> bool:
         """Whether it contains a displacement."""
         return any(not step.turns for step in self.steps)
