@@ -19,8 +19,6 @@ from mbdae.run.job import Job
 from mbdae.run.progress import progress_of
 from mbdae.scene.scene import SceneData
 from mbdae.show import attached as attached
-from mbdae.show.drawing import draw
-from mbdae.show.plots import checked
 from mbdae.system.base import Array
 from mbdae.system.prepare import prepare
 from mbdae.system.scene_system import SceneSystem
@@ -54,6 +52,9 @@ class Scene(SceneData):
         """The scene as it starts: bodies, joints, forces, ground and names, in the plane or in space; a matplotlib figure.
 
         path: .png, .svg or .pdf to write. Raises SceneError with every problem found."""
+        from mbdae.show.drawing import draw
+        from mbdae.show.plots import checked
+
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
