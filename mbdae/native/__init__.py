@@ -1,0 +1,1 @@
+"""The native core: the loops between kernels, in C."""

@@ -1,0 +1,36 @@
+/* What the parts of the native core share. Arrays belong to Python, which checks their sizes where it makes the tables
+   and keeps them alive; nothing is allocated here. */
+#ifndef MBDAE_CORE_H
+#define MBDAE_CORE_H
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+#if defined(_WIN32)
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+typedef int64_t I;
+
+/* Results of a call. Positive: the numbers cannot be computed there (a method may shorten its step and try again);
+   negative: Python raised an exception in a call back, which its caller keeps. */
+enum { DONE = 0, NOT_FINITE = 1, SINGULAR = 2, RAISED = -1 };
+
+/* F(t, y, y') = 0 as the methods of integration call it. Where a member is NULL the equations do not have it.
+   The Jacobian comes as the data (nnz,) of a pattern by columns that the caller has; a dense one has n * n entries, column by
+   column. `rates` fills out with y' of y' = f(t, y), `rate_jacobian` with df/dy (n, n), column by column, at yp = f(t, y). */
+typedef struct {
+  void *self;
+  I n, nnz;
+  int (*residual)(void *self, double t, const double *y, const double *yp, double *out);
+  int (*jacobian)(void *self, double t, const double *y, const double *yp, double *fy, double *fyp);
+  int (*rates)(void *self, double t, const double *y, double *out);
+  int (*rate_jacobian)(void *self, double t, const double *y, const double *yp, double *out);
+} Equations;
+
+static inline int all_finite(const double *x, I n) {
+  for (I i = 0; i < n; i++)
+    if (!isfinite(x[i])) return 0;
+  return 1;
+}
+#endif
