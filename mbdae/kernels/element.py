@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.native.program import Operations
 from mbdae.symbolic.outputs import Target
 
 Array = NDArray[Any]
@@ -42,6 +43,14 @@ class ElementKernel(ABC):
     def bound(self, x: Array, out: Array) -> Callable[[], Any]:
         """The call bound to two arrays."""
         return partial(self, x, out)
+
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        """Append the kernel to a native program; the slot of the first value."""
+        return part.call_back(self, gather, self.width)
+
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        """Append the derivatives; the slot of the first value."""
+        return part.call_back(ElementJacobian(self), gather, len(self.jacobian_places))
 
     @property
     def width(self) -> int:
@@ -85,3 +94,7 @@ class ElementJacobian:
     def bound(self, x: Array, out: Array) -> Callable[[], Any]:
         """The call bound to two arrays."""
         return self.kernel.bound_jacobian(x, out)
+
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        """Append the derivatives to a native program; the slot of the first value."""
+        return self.kernel.emit_jacobian(part, gather)

@@ -53,7 +53,7 @@ class SceneSystem(System):
         self.partition = None if mechanics.reactive else partition_of(mechanics, all_bodies)
         self.displaced = Displacements(self.numbering)
         if self.rhs is None and not self.numbering.m:
-            self.rhs = rhs_of(made, (self.t0, self.y0, self.yp0))
+            self.rhs = rhs_of(made)
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
             self.guard_names, self.guard_units = guards.names, guards.units

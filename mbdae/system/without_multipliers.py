@@ -85,7 +85,7 @@ class WithoutMultipliers(SceneSystem):
         if kernel is None:
             self._rates.solve(t, y, out)
             return
-        row = kernel.rates(t, y, out)
+        row = kernel.y_rates(t, y, out)
         if row >= 0:
             raise singular(t, self.full.numbering.rows[row].name)
 

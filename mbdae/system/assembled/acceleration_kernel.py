@@ -1,33 +1,34 @@
 """Accelerations and multipliers of constrained bodies with a constant mass matrix, at few microseconds per state.
 
 One kernel call per law gives q', -f, the constraints' right-hand side and G. Then S lambda = G M^-1 f + c with S = G M^-1 G^T,
-by Cholesky: dense, or banded in an order that keeps chains narrow; where the mass matrix is singular or its entries span too
-much, the equations of u' and lambda are factorised as a whole. M is factorised once.
+by Cholesky in a band whose order keeps chains narrow; where the mass matrix is singular or its entries span too much, the
+equations of u' and lambda are factorised as a whole. M is inverted once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv, dpbsv, dposv
+from scipy.sparse.csgraph import connected_components
 
 from mbdae.kernels import plan
+from mbdae.native.equations import Equations, Table
+from mbdae.native.program import Operations, address_of, core
 from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.evaluation import Evaluation
+from mbdae.system.assembled.evaluation import Workspace, narrow_order
 from mbdae.system.base import Array
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
 SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits
-BANDED_FROM = 64  #: rows from which a band is worth its index lists
 WHOLE_BELOW = 150  #: velocities and multipliers; above, sparse factors of the full equations cost less than full ones of these
 
 Index = NDArray[np.intp]
@@ -58,69 +59,148 @@ def equations_of_motion(d: Derived) -> list[tuple[Target, Expr]]:
     return [*stated, *_with_drift(d, gamma), *rates, *((t, d.scaled(e)) for t, e in outputs.jacobian_G(d))]
 
 
-class Solve(Protocol):
-    """Solves M a + G^T x = f, G a = c, from the entries of G."""
+class AccelerationKernel(Workspace):
+    """q', u', s' and multipliers of a system of constrained bodies; `multipliers` (m,) are those of the last call."""
 
-    full_rows: bool  #: whether G is wanted as (m, nu), row by row, or by its entries alone
+    def __init__(self, full: Any, mass: Array, row_of: RowOf, whole: bool) -> None:
+        """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance; whole: the equations
+        of u' and lambda are factorised together."""
+        super().__init__(full.numbering)
+        nb, operations = full.numbering, self.operations
+        self.m, self.nu, self.nq, self.whole = nb.m, nb.nu, nb.nq, whole
+        self.differential = nb.start["lambda"]
+        self._part = part = operations.part()
+        self._F = operations.slots(full.n + 1)
+        part.load(self._F, np.zeros(full.n + 1))
+        entries = self._laws(part, full, row_of)
+        cells = np.array(list(entries), dtype=np.intp).reshape(-1, 2)
+        self._rows, self._columns = cells[:, 0], cells[:, 1]
+        self.rates, self._multipliers = operations.slots(self.differential), operations.slots(self.m)
+        part.load(self.rates, np.zeros(self.differential))
+        kept = np.r_[np.arange(self.nq), np.arange(self.nq + self.nu, self.differential)]
+        part.add(self.rates + kept, self._F + kept, -np.ones(len(kept)))
+        (self._by_lu if whole else self._by_cholesky)(part, mass)
+        self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
+        self.multipliers = self.W[self._multipliers : self._multipliers + self.m]
+        self._call = core().scene_rates
+        table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
+        self.equations = Equations(table, self)
 
-    def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None: ...
-
-    def __call__(self, G: Array, f: Array, c: Array) -> tuple[Array, Array, int]:
-        """a (nu,), x (m,), and the number of a row that depends on the others, or -1."""
-
-    def shares(self) -> Array:
-        """(m,) squared independent part of every row, over its length, at the last solution."""
-
-
-class AccelerationKernel:
-    """q', u', s' and multipliers of a system of constrained bodies; multipliers (m,) are those of the last call."""
-
-    def __init__(self, full: Any, mass: Array, row_of: RowOf, solve: type[Solve]) -> None:
-        """full: the equations with multipliers; mass (nu, nu); row_of: row of F of an output of an instance."""
-        nb = full.numbering
-        self._W, self._clock, self._time = nb.workspace(1), bool(nb.clock.expressions), np.zeros(1)
-        self._fill_clock, self.multipliers = nb.fill_clock, np.zeros(nb.m)
-        gathers, places, kernels = [], [], []
+    def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:
+        """Evaluate the laws into the rows of F and the entries (row, column) of G, which are returned with their numbers."""
+        nb, found, to = full.numbering, list[Index](), list[tuple[int, int]]()
         entries: dict[tuple[int, int], int] = {}
         for g, group in enumerate(full.model.groups):
             p = plan(group.derived, equations_of_motion)
             active = [i for i in range(len(group.instances)) if (g, i) not in full.moved.replaced]
             if p.targets and active:
-                gathers.append(nb.gather(g, p.all_inputs, active))
-                kernels.append(p.kernel)
-                places += [row_of(t, g, i) if t[0] != "G" else _entry(full, t, g, i, entries, solve.full_rows)
-                           for i in active for t in p.targets]  # fmt: skip
-        self._laws = Evaluation(self._W, gathers, kernels)
-        self._at, self._size = np.array(places, dtype=np.intp), full.n + 1 + (nb.m * nb.nu if solve.full_rows else len(entries))
-        self._n, first = full.n, nb.start["lambda"]
-        self._u, self._rows, self._states = slice(nb.nq, nb.nq + nb.nu), slice(first, full.n), slice(first)
-        self._unknowns = self._W[0, :first]
-        cells = np.array(list(entries), dtype=np.intp).reshape(-1, 2)
-        self._solve = solve(mass, (nb.m, nb.nu), cells[:, 0], cells[:, 1])
-        self.shares = self._solve.shares
+                first = p.kernel.emit(part, nb.gather(g, p.all_inputs, active))
+                found.append(first + np.arange(len(active) * len(p.targets)))
+                to += [(0, row_of(t, g, i)) if t[0] != "G" else (1, _entry(full, t, g, i, entries)) for i in active for t in p.targets]
+        self._G = self.operations.slots(len(entries))
+        part.load(self._G, np.zeros(len(entries)))
+        kind, number = np.array(to, dtype=np.intp).reshape(-1, 2).T
+        values, kept = np.concatenate([np.zeros(0, np.intp), *found]), number >= 0
+        at = np.where(kind == 0, self._F, self._G) + number
+        part.add(at[kept], values[kept], np.ones(int(kept.sum())))
+        return entries
 
-    def rates(self, t: float, y: Array, out: Array) -> int:
+    def _by_cholesky(self, part: Operations, mass: Array) -> None:
+        """S lambda = G M^-1 f + c, then u' = M^-1 (f - G^T lambda)."""
+        m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
+        inverse = sp.csr_matrix(_inverse(mass))
+        slots = self.operations.slots
+        h = slots(nu)  # M^-1 f
+        part.load(h, np.zeros(nu))
+        i, j = inverse.nonzero()
+        part.add(h + i, self._F + self.nq + j, -np.asarray(inverse[i, j]).ravel())
+        number = sp.csr_matrix((np.arange(1.0, len(rows) + 1), (rows, columns)), shape=(m, nu))
+        pattern = (abs(number) @ abs(inverse)).tocoo()  # of G M^-1
+        weighted, place_of = slots(pattern.nnz), {cell: k for k, cell in enumerate(zip(pattern.row, pattern.col, strict=True))}
+        part.load(weighted, np.zeros(pattern.nnz))
+        terms = [(place_of[r, c], e, v) for e, (r, k) in enumerate(zip(rows, columns, strict=True))
+                 for c, v in zip(inverse[k].indices, inverse[k].data, strict=True)]  # fmt: skip
+        to, entry, value = (np.array(x) for x in zip(*terms, strict=True))
+        part.add(weighted + to, self._G + entry.astype(np.intp), value)
+        self._order, place = narrow_order(sp.csr_matrix(pattern) @ abs(number).T)
+        by_column: dict[int, list[int]] = {}
+        for e, c in enumerate(columns.tolist()):
+            by_column.setdefault(c, []).append(e)
+        pairs = [(k, e) for k, c in enumerate(pattern.col.tolist()) for e in by_column.get(c, [])
+                 if place[pattern.row[k]] >= place[rows[e]]]  # fmt: skip
+        left, right = np.array(pairs, dtype=np.intp).T
+        a, b = place[pattern.row[left]], place[rows[right]]
+        width = int((a - b).max(initial=0)) + 1
+        S, x, self._diagonal = slots(m * width), slots(m), slots(m)
+        self._factor = S + np.arange(m) * width + width - 1
+        part.load(S, np.zeros(m * width))
+        part.multiply(S + a * width + b - a + width - 1, weighted + left, self._G + right, np.ones(len(left)))
+        part.set(x + place, self._F + self.differential + np.arange(m))
+        part.multiply(x + place[rows], self._G + np.arange(len(rows)), h + columns, np.ones(len(rows)))
+        part.set(self._diagonal + np.arange(m), self._factor)
+        part.cholesky(m, width, S, x)
+        part.set(self._multipliers + np.arange(m), x + place)
+        u = self.rates + self.nq
+        part.set(u + np.arange(nu), h + np.arange(nu))
+        part.multiply(u + pattern.col, weighted + np.arange(pattern.nnz), x + place[pattern.row], -np.ones(pattern.nnz))
+
+    def _by_lu(self, part: Operations, mass: Array) -> None:
+        """The equations of u' and lambda by LU: for masses that are zero, or differ too much."""
+        m, nu = self.m, self.nu
+        n, slots = nu + m, self.operations.slots
+        K, x = slots(n * n), slots(n)
+        constant = np.zeros((n, n))
+        constant[:nu, :nu] = mass
+        part.load(K, constant)
+        entries = self._G + np.arange(len(self._rows))
+        part.set(K + (nu + self._rows) * n + self._columns, entries)
+        part.set(K + self._columns * n + nu + self._rows, entries)
+        part.load(x, np.zeros(n))
+        part.add(x + np.arange(nu), self._F + self.nq + np.arange(nu), -np.ones(nu))
+        part.add(x + nu + np.arange(m), self._F + self.differential + np.arange(m), -np.ones(m))
+        part.lu(n, K, x)
+        part.set(self.rates + self.nq + np.arange(nu), x + np.arange(nu))
+        part.set(self._multipliers + np.arange(m), x + nu + np.arange(m))
+
+    def y_rates(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y', (n,). Returns the number of a row that depends on the others, or -1."""
-        self._unknowns[:] = y
-        if self._clock:
-            self._time[0] = t
-            self._fill_clock(self._W, self._time)
-        F: Any = np.bincount(self._at, self._laws.values(), self._size)
-        x = F[: self._n]
-        np.negative(x, out=x)
-        out[:] = x[self._states]
-        out[self._u], self.multipliers, row = self._solve(F[self._n + 1 :], x[self._u], x[self._rows])
-        return row
+        y, found = np.ascontiguousarray(y, dtype=float), np.empty(self.differential)
+        code = self._call(self.address, t, y.ctypes.data, found.ctypes.data)
+        self.check(code)
+        out[:] = found
+        if code <= 0:
+            return -1
+        bad = int(self.scene.bad)
+        return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
+
+    def shares(self) -> Array:
+        """(m,) squared independent part of every constraint row, over its length, at the last call."""
+        if self.whole:
+            G = np.zeros((self.m, self.nu))
+            G[self._rows, self._columns] = self.W[self._G : self._G + len(self._rows)]
+            return row_shares(G)
+        share = np.empty(self.m)
+        share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
+        return share
 
 
-def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int], full_rows: bool) -> int:
-    """Place of an entry of G behind the rows of F and the spare one, which takes those that are dropped."""
+def _inverse(mass: Array) -> Array:
+    """M^-1; exact zeros where M has blocks."""
+    count, label = connected_components(sp.csr_matrix(mass), directed=False)
+    inverse = np.zeros_like(mass)
+    for block in range(count):
+        at = np.flatnonzero(label == block)
+        inverse[np.ix_(at, at)] = np.linalg.inv(mass[np.ix_(at, at)])
+    return inverse
+
+
+def _entry(full: Any, target: Target, g: int, i: int, entries: dict[tuple[int, int], int]) -> int:
+    """Number of an entry of G, -1 for those that are dropped."""
     nb = full.numbering
     row, column = nb.row(g, i, target[1]), nb.velocity(("u", *target[2:]), g, i)
     if row is None or not 0 <= column < nb.nu:
-        return int(full.n)
-    entry = entries.setdefault((row, column), len(entries))
-    return int(full.n + 1 + (row * nb.nu + column if full_rows else entry))
+        return -1
+    return entries.setdefault((row, column), len(entries))
 
 
 def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, Array]) -> AccelerationKernel | None:
@@ -131,99 +211,10 @@ def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, 
     if full.moved.nodes or full.model.lines or not nb.m:
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
-        diagonal = not np.any(M - np.diag(M.diagonal()))
-        found = AccelerationKernel(full, M, row_of, Banded if nb.m >= BANDED_FROM and diagonal else Dense)
-        if found.rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
+        found = AccelerationKernel(full, M, row_of, False)
+        if found.y_rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
             return found
-    return AccelerationKernel(full, M, row_of, Whole) if nb.nu + nb.m < WHOLE_BELOW else None
-
-
-class Dense:
-    """S = G M^-1 G^T and its Cholesky factor, full."""
-
-    full_rows = True
-
-    def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
-        self._shape, self._diagonal = shape, not np.any(M - np.diag(M.diagonal()))
-        self._root = 1 / np.sqrt(M.diagonal()) if self._diagonal else np.linalg.inv(np.linalg.cholesky(M))  # M^-1/2
-        self._S = self._factor = np.eye(shape[0])
-
-    def __call__(self, G: Array, f: Array, c: Array) -> tuple[Array, Array, int]:
-        root, G = self._root, G.reshape(self._shape)
-        W, h = (G * root, f * root) if self._diagonal else (G.dot(root.T), root.dot(f))
-        self._S = W.dot(W.T)
-        self._factor, x, info = dposv(self._S, W.dot(h) - c, 1)
-        h -= x.dot(W)
-        return (h * root if self._diagonal else h.dot(root)), x, info - 1
-
-    def shares(self) -> Array:
-        """(m,) squared independent part of every row."""
-        return np.asarray(self._factor.diagonal() ** 2 / self._S.diagonal())
-
-
-class Banded:
-    """The same with S as a band, its rows in an order that keeps them close; M is diagonal."""
-
-    full_rows = False
-
-    def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
-        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
-
-        self._inverse = 1 / M.diagonal()
-        self._m, self._nu = shape
-        pattern = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)
-        self._order = reverse_cuthill_mckee(sp.csr_matrix(pattern @ pattern.T), symmetric_mode=True).astype(np.intp)
-        place = np.empty(self._m, dtype=np.intp)
-        place[self._order] = np.arange(self._m)
-        self._rows, self._columns = place[rows], columns
-        by_column = [np.flatnonzero(columns == j) for j in range(self._nu)]
-        pairs = np.concatenate([np.array(np.meshgrid(k, k)).reshape(2, -1) for k in by_column], axis=1)
-        pairs = pairs[:, self._rows[pairs[0]] >= self._rows[pairs[1]]]
-        self._i, self._j = pairs
-        below = self._rows[self._i] - self._rows[self._j]
-        self._width = int(below.max(initial=0)) + 1
-        self._cells = below * self._m + self._rows[self._j]
-        self._weights = self._inverse[columns]
-        self._band = self._factor = np.ones((1, self._m))
-
-    def __call__(self, G: Array, f: Array, c: Array) -> tuple[Array, Array, int]:
-        weighted = G * self._weights
-        band: Any = np.bincount(self._cells, weighted.take(self._i) * G.take(self._j), self._width * self._m)
-        self._band = band.reshape(self._width, self._m)
-        right = np.bincount(self._rows, weighted * f.take(self._columns), self._m) - c.take(self._order)
-        self._factor, x, info = dpbsv(self._band, right, 1)
-        force = np.bincount(self._columns, G * x.take(self._rows), self._nu)
-        multipliers = np.empty(self._m)
-        multipliers[self._order] = x
-        return (f - force) * self._inverse, multipliers, int(self._order[info - 1]) if info else -1
-
-    def shares(self) -> Array:
-        """(m,) squared independent part of every row."""
-        share = np.empty(self._m)
-        share[self._order] = self._factor[0] ** 2 / self._band[0]
-        return share
-
-
-class Whole:
-    """The equations of u' and lambda by LU: for masses that are zero, or differ too much."""
-
-    full_rows = True
-
-    def __init__(self, M: Array, shape: tuple[int, int], rows: Index, columns: Index) -> None:
-        m, self._nu = shape
-        self._K = np.zeros((m + self._nu, m + self._nu), order="F")
-        self._K[: self._nu, : self._nu] = M
-
-    def __call__(self, G: Array, f: Array, c: Array) -> tuple[Array, Array, int]:
-        nu, K = self._nu, self._K
-        K[nu:, :nu] = G.reshape(-1, nu)
-        K[:nu, nu:] = K[nu:, :nu].T
-        _, _, x, info = dgesv(K, np.concatenate([f, c]))
-        return x[:nu], x[nu:], max(info - 1 - nu, 0) if info else -1
-
-    def shares(self) -> Array:
-        """(m,) squared independent part of every row."""
-        return row_shares(self._K[self._nu :, : self._nu])
+    return AccelerationKernel(full, M, row_of, True) if nb.nu + nb.m < WHOLE_BELOW else None
 
 
 def row_shares(G: Array) -> Array:

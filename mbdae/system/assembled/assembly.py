@@ -1,8 +1,7 @@
 """Residual and Jacobian of a whole model in a given form, by compiled kernels.
 
-Residual = constants + linear terms + kernel values, summed by one bincount. Jacobian data = c0 + cj c1 + kernel
-values, those taken with respect to y' weighted by cj. All instances of a law, and all stages of a Radau step, are
-evaluated in one kernel call.
+Residual = constants + linear terms + kernel values. Jacobian data = c0 + cj c1 + kernel values, those taken with respect to y'
+weighted by cj. Here the tables are made; `evaluation.py` turns them into a native program.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from mbdae.kernels.element import ElementJacobian
 from mbdae.kernels.tree_plan import TreePlan
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
-from mbdae.system.assembled.evaluation import Evaluation, ResidualBatch, Scatter
+from mbdae.system.assembled.evaluation import EquationsOfScene, Loaded, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
 from mbdae.system.base import Array
@@ -56,7 +55,6 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._batches: dict[int, ResidualBatch] = {}
         self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -221,48 +219,31 @@ class Assembly:
         self._c = [np.zeros(used.size + 1), np.zeros(used.size + 1)]
         for part, mask in zip(self._c, (~pattern.fixed_dotted, pattern.fixed_dotted), strict=True):
             np.add.at(part, fixed[mask], pattern.fixed[mask])
-        self._parts = [np.flatnonzero(~pattern.dotted), np.flatnonzero(pattern.dotted)]
 
     # -- evaluation
 
-    def batch(self, count: int) -> ResidualBatch:
-        """The evaluation of the residual at so many points."""
-        if count not in self._batches:
-            self._batches[count] = ResidualBatch(self.numbering, self._residual, self._offset, count, self._loaded[:2])
-        return self._batches[count]
-
     @cached_property
-    def _derivative(self) -> Evaluation:
-        return Evaluation(self.batch(1).W, self._jacobian.gathers, self._jacobian.kernels)
+    def evaluation(self) -> EquationsOfScene:
+        """The native evaluation, compiled when it is first asked for."""
+        made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
+                                self._place, self._c)  # fmt: skip
+        if not self.numbering.m:
+            varying = bool(self.moved.trees) and bool(self.model.lines)
+            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern)
+        made.compile()
+        return made
 
-    @cached_property
-    def _tree_derivative(self) -> Evaluation:
-        return Evaluation(self.batch(1).W, [g for _, g in self._loaded[2]], [p.kernel for p, _ in self._loaded[2]])
+    def motion(self) -> Loaded:
+        """Kernels for the motion of loaded nodes, the slots they read and write."""
+        return self._loaded[0]
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """As `System.residual`."""
-        out[:] = self.batch(1).residual(np.array([t]), y, yp)
+        self.evaluation.residual(t, y, yp, out)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         """As `System.residual_stages`."""
-        out[:] = self.batch(len(t)).residual(t, y, yp)
-
-    def _values(self, t: float, y: Array, yp: Array) -> Array:
-        """Varying values of the Jacobian."""
-        batch = self.batch(1)
-        if not batch.staged:
-            batch.fill(np.array([t]), y, yp)
-            return self._derivative.values()
-        batch.residual(np.array([t]), y, yp)  # the tree's derivatives need the forces on its bodies
-        return self._pattern.values(self._derivative.values(), self._tree_derivative.values())
-
-    def mass_here(self) -> Array:
-        """M (nu, nu) at the point of the last residual, a new array."""
-        nu, M = self.numbering.nu, self.constant_mass
-        if not self._mass.kernels:
-            return M.copy()
-        values = self._mass_values.values()
-        return M + np.bincount(self._mass_place, values, nu * nu).reshape(nu, nu)
+        self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
     def constant_mass(self) -> Array:
@@ -275,14 +256,6 @@ class Assembly:
         inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
         np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
         return M
-
-    @cached_property
-    def _mass_values(self) -> Evaluation:
-        return Evaluation(self.batch(1).W, self._mass.gathers, self._mass.kernels)
-
-    @cached_property
-    def _mass_place(self) -> NDArray[np.intp]:
-        return np.concatenate([p.ravel() for p in self._mass.places])
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         """As `System.jacobian`."""
@@ -299,12 +272,7 @@ class Assembly:
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """As `System.jacobian_values`."""
-        values, size = self._values(t, y, yp), len(self._dense) + 1
-        fy, fyp = (
-            np.bincount(self._place.take(part), values.take(part), size)[:-1] + c[:-1] if len(part) else c[:-1].copy()
-            for part, c in zip(self._parts, self._c, strict=True)
-        )
-        return fy, fyp
+        return self.evaluation.jacobian(t, y, yp)
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """As `System.jacobian_parts`."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.kernels import plan
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.evaluation import Evaluation
+from mbdae.system.assembled.evaluation import Values
 from mbdae.system.base import Array
 from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics
@@ -55,9 +55,7 @@ class ContactGuards:
             for i, instance in enumerate(group.instances):
                 named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
-        self._batch = system.batch(1)
-        self._evaluation = Evaluation(self._batch.W, gathers, kernels)
-        self._zero = np.zeros(system.n)
+        self._gaps = Values(system.numbering, system.motion(), gathers, kernels)
         self._positions = system.numbering.nq
         self._at, self._masses = np.zeros(0), dict[int, float]()  # positions for which masses of places are known
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
@@ -84,8 +82,7 @@ class ContactGuards:
         return self._last[2]
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
-        self._batch.fill(np.array([t]), y, self._zero)
-        pairs = self._evaluation.values().reshape(-1, 2)
+        pairs = self._gaps.at_states(np.array([t]), y[None]).reshape(-1, 2)
         gap, rate = pairs[:, 0].copy(), pairs[:, 1].copy()
         duration = np.array([p.duration(v) for p, v in zip(self.places, rate, strict=True)])
         near = [n for n, p in enumerate(self.places)

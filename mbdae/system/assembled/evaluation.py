@@ -1,48 +1,25 @@
-"""Evaluation of kernels: inputs gathered from the workspace, one call per law, values added to rows by one bincount."""
+"""The equations of a scene as a native program: which kernels read which slots of the workspace, and where their values belong."""
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from mbdae.kernels.tree_plan import Piece
+from mbdae.native.equations import Equations, Table
+from mbdae.native.program import Operations, Part, Scene, address_of, core
+from mbdae.system.assembled.jacobian_entries import Pattern
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
 Index = NDArray[np.intp]
-
-
-class Evaluation:
-    """One kernel call per law for all rows of the workspace W (count, width); `further` constants follow the values."""
-
-    def __init__(self, W: Array, gathers: list[Index], kernels: list[Any], columns: Index | None = None,
-                 further: Array | None = None) -> None:  # fmt: skip
-        self.W, (count, width) = W, W.shape
-        shift = np.arange(count)[:, None, None] * width
-        pieces = [(shift + g[None]).ravel() for g in gathers]
-        if columns is not None:
-            pieces.append((shift[:, :, 0] + columns[None]).ravel())
-        self.index = np.concatenate([*pieces, np.zeros(0, dtype=np.intp)])
-        self.x = np.empty(self.index.size)
-        size = sum(g.shape[0] * k.width for g, k in zip(gathers, kernels, strict=True)) * count
-        size += pieces[-1].size if columns is not None else 0
-        self.v = np.concatenate([np.zeros(size), further if further is not None else np.zeros(0)])
-        self.calls, a, b = [], 0, 0
-        for g, kernel in zip(gathers, kernels, strict=True):
-            points, outputs = count * g.shape[0], kernel.width
-            x, v = self.x[a : a + g.size * count], self.v[b : b + points * outputs]
-            self.calls.append(kernel.bound(x.reshape(points, -1), v.reshape(points, outputs)))
-            a, b = a + g.size * count, b + points * outputs
-        self.tail = (self.x[a:], self.v[b:size])
-
-    def values(self) -> Array:
-        """All kernel values in one flat array, law by law."""
-        self.W.take(self.index, out=self.x, mode="clip")
-        for call in self.calls:
-            call()
-        return self.v
+BANDED_FROM = 64  #: rows from which an order with a narrow band is looked for
+Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, the slots they read, the places of their values
 
 
 class Scatter:
@@ -70,70 +47,249 @@ class Scatter:
         rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
         return rows, columns, weights
 
-
-class TreeStage:
-    """Kernels of trees that other laws act on: the motion of their bodies before, their rows after those laws."""
-
-    def __init__(self, W: Array, pieces: list[tuple[Piece, Index, Index]], width: int) -> None:
-        """pieces: kernel, slots it reads, places of its outputs in rows of an array of `width`."""
-        self.evaluation = Evaluation(W, [g for _, g, _ in pieces], [p.kernel for p, _, _ in pieces])
-        shift = np.arange(len(W))[:, None, None] * width
-        self.at = np.concatenate([(shift + places[None]).ravel() for _, _, places in pieces])
-
-    def write(self, out: Array) -> None:
-        """Write the outputs to their places in the rows of `out`."""
-        out.reshape(-1)[self.at] = self.evaluation.values()
-
-    def add(self, out: Array) -> None:
-        """Add the outputs there; no place occurs twice in a row."""
-        out.reshape(-1)[self.at] += self.evaluation.values()
+    def emit(self, part: Operations, first: int) -> None:
+        """Add the values of the kernels to their places behind slot `first`."""
+        for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
+            values = kernel.emit(part, gather)
+            part.add(first + places, values + np.arange(places.size), np.ones(places.size))
 
 
-class ResidualBatch:
-    """Residuals at `count` points. stages: kernels of trees with loaded nodes, for the motion of these
-    and for the forces on them, with the slots they read and the places they write."""
+class Workspace:
+    """The workspace of a numbering with its clock (values prescribed in time) and the motion of loaded nodes (kernels of trees)."""
 
-    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, count: int,
-                 stages: tuple[list[Any], list[Any]]) -> None:  # fmt: skip
+    def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
         self.numbering, self.n = numbering, numbering.n
-        self.W = numbering.workspace(count)
-        rows, columns, weights = terms.linear_terms
-        steady = np.flatnonzero(offset)
-        self.laws = Evaluation(self.W, terms.gathers, terms.kernels, columns, np.tile(offset[steady], count))
-        self.weights, self.rows = np.tile(weights, count), len(offset)
-        shift = np.arange(count)[:, None, None] * self.rows
-        pieces = [(shift + p[None]).ravel() for p in terms.places]
-        at = [(shift[:, :, 0] + r[None]).ravel() for r in (rows, steady)]
-        self.place = np.concatenate([*pieces, *at])
-        self._has_clock = numbering.clock.expressions != []
-        self._asked: tuple[bytes, float | None] = b"", None
-        self.staged = bool(stages[0])
-        if self.staged:
-            widths = self.W.shape[1], self.rows
-            self.forward, self.backward = (TreeStage(self.W, p, width) for p, width in zip(stages, widths, strict=True))
+        self.operations = Operations(numbering.width)
+        self.at = self.operations.slots(2)
+        self.clock = self.operations.part()
+        if numbering.clock.expressions:
+            numbering.clock.emit(self.clock, np.array([[self.at, self.at + 1]]), numbering.first_input)
+        self.motion = self.operations.part()
+        for piece, gather, places in motion:
+            values = piece.kernel.emit(self.motion, gather)
+            self.motion.set(places, values + np.arange(places.size))
 
-    def fill(self, t: Array, y: Array, yp: Array) -> None:
-        """Unknowns, prescribed values and the motion of loaded nodes into the workspace."""
-        self.W[:, : self.n] = y
-        self.W[:, self.n : 2 * self.n] = yp
-        if self._has_clock and (asked := (t.tobytes(), self.numbering.side)) != self._asked:  # a Newton iteration asks again
-            self.numbering.fill_clock(self.W, t)
-            self._asked = asked
-        if self.staged:
-            self.forward.write(self.W)
+    def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
+               unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
+        """Make the tables of C and the workspace. unknowns: how many of them are given, by default all; slots: `rows`, `fy`, `fyp`
+        and `rates`, as in `Scene`."""
+        size, nb = self.operations.size, self.numbering
+        self.W = np.zeros(size)
+        self.W[: nb.width] = nb.workspace(1)[0]
+        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
+        self._x = np.zeros(max((p.widest for p in parts.values() if p is not None), default=0) + 1)
+        self._kept: list[Any] = [nb]
+        tables = {name: self.table(part) for name, part in parts.items() if part is not None}
+        self.scene = Scene(rates=rates_at, W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns, dotted=self.n,
+                           at=self.at, bad=-1,
+                           read=nb.model.conditions.read.ctypes.data, t=np.nan, side=np.nan, **tables, **slots)  # fmt: skip
+        self.address = ctypes.addressof(self.scene)
 
-    def residual(self, t: Array, y: Array, yp: Array) -> Array:
-        """(count, n)."""
-        self.fill(t, y, yp)
-        values = self.laws.values()
-        np.multiply(self.laws.tail[0], self.weights, out=self.laws.tail[1])
-        total: Any = np.bincount(self.place, values, len(self.W) * self.rows).reshape(-1, self.rows)
-        if self.staged:
-            self._pull(total)
-        return np.asarray(total[:, : self.n])
+    def table(self, part: Operations) -> Part:
+        """The operations of a part as C reads them."""
+        if part.widest >= len(self._x):
+            raise ValueError(f"a kernel reads {part.widest} numbers, room is for {len(self._x)}")
+        made, kept = part.table(len(self.W))
+        self._kept.append(kept)
+        return made
 
-    def _pull(self, total: Array) -> None:
-        """Project the forces on loaded nodes on the coordinates that move them."""
-        rows = self.numbering.loaded_rows
-        self.W[:, rows] = total[:, rows - self.n + 1]
-        self.backward.add(total)
+    def check(self, code: int) -> None:
+        """Raise what a function of Python raised in a native call."""
+        if code < 0 and self.operations.errors:
+            error = self.operations.errors[0]
+            self.operations.errors.clear()
+            raise error
+
+
+class Values(Workspace):
+    """Values of kernels at states, such as the gaps of contacts: at(t, y) of every state in rows."""
+
+    def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
+        super().__init__(numbering, motion)
+        part = self.operations.part(self.motion)
+        pieces = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
+                  for gather, kernel in zip(gathers, kernels, strict=True)]  # fmt: skip
+        at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
+        self.width, first = len(at), self.operations.slots(len(at))
+        part.set(first + np.arange(len(at)), at)
+        self.finish(part)
+        self._values = self.W[first : first + len(at)]
+        self._unknowns, self._call = np.zeros(self.n), core().scene_part
+        self._part = ctypes.addressof(self.scene) + Scene.residual.offset
+
+    def at_states(self, t: Array, y: Array) -> Array:
+        """(k, values) at times (k,) and unknowns y (k, n or more)."""
+        out = np.empty((len(t), self.width))
+        for k, time in enumerate(t.tolist()):
+            self._unknowns[:] = y[k, : self.n]
+            self.check(self._call(self.address, self._part, time, self._unknowns.ctypes.data, None))
+            out[k] = self._values
+        return out
+
+
+class EquationsOfScene(Workspace):
+    """Residual, Jacobian and, where nothing is constrained, right-hand side of the equations of a scene.
+
+    terms: of F; offset: constants of the rows of F, of a spare one and of rows of loaded nodes; stages: kernels of trees for the
+    motion of loaded nodes, for the rows of the trees and for their derivatives; pattern: what the derivatives `terms_of_jacobian`
+    give; place: where each belongs among the entries, whose constant parts are c (2, entries + 1)."""
+
+    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Loaded, Any],
+                 terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:  # fmt: skip
+        super().__init__(numbering, stages[0])
+        self._terms, self._offset, self._stages = terms, offset, stages
+        operations = self.operations
+        self.rows, self.nnz = operations.slots(len(offset)), len(c[0]) - 1
+        self.fy = operations.slots(2 * self.nnz)
+        self.residual_part = self._residual()
+        self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
+        self.rates = operations.slots(self.n)
+        self.rates_part: Operations | None = None
+
+    def _residual(self) -> Operations:
+        part, first, nb = self.operations.part(self.motion), self.rows, self.numbering
+        part.load(first, self._offset)
+        self._terms.emit(part, first)
+        rows, columns, weights = self._terms.linear_terms
+        part.add(first + rows, columns, weights)
+        if self._stages[0]:  # project the forces on loaded nodes on the coordinates that move them
+            part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)
+            for piece, gather, places in self._stages[1]:
+                values = piece.kernel.emit(part, gather)
+                part.add(first + places, values + np.arange(places.size), np.ones(places.size))
+        return part
+
+    def _jacobian(self, terms: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> Operations:
+        operations, nnz = self.operations, self.nnz
+        staged = bool(self._stages[0])  # the derivatives of trees need the forces on their bodies
+        part = operations.part(self.residual_part) if staged else operations.part()
+        emitted = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
+                   for gather, kernel in zip(terms.gathers, terms.kernels, strict=True)]  # fmt: skip
+        kernels = np.concatenate([np.zeros(0, dtype=np.intp), *emitted])
+        trees = [piece.kernel.emit(part, gather) + np.arange(gather.shape[0] * piece.kernel.width)
+                 for piece, gather in self._stages[2]]  # fmt: skip
+        part.load(self.fy, np.concatenate([c[0][:-1], c[1][:-1]]))
+        to = np.where(place < nnz, self.fy + place + np.where(pattern.dotted, nnz, 0), -1)
+        single = np.concatenate([kernels, *trees])
+        kept = np.flatnonzero(to[: len(single)] >= 0)
+        part.add(to[kept], single[kept], np.ones(len(kept)))
+        if staged:
+            self._chain(part, to[len(single) :], kernels, np.concatenate([np.zeros(0, dtype=np.intp), *trees]), pattern)
+        return part
+
+    def _chain(self, part: Operations, to: Index, kernels: Index, trees: Index, pattern: Pattern) -> None:
+        """Products of derivatives of the trees with those of laws that act on their bodies."""
+        operations, count = self.operations, len(pattern.chained)
+        one = operations.slots(1 + count)
+        part.load(one, np.concatenate([[1.0], pattern.chained]))
+        factors = np.concatenate([[one], trees]).astype(np.intp)
+        middle = np.concatenate([kernels, one + 1 + np.arange(count)]).astype(np.intp)
+        kept = np.flatnonzero(to >= 0)
+        product, ones = operations.slots(len(kept)), np.ones(len(kept))
+        at = product + np.arange(len(kept))
+        part.load(product, np.zeros(len(kept)))
+        part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]], ones)
+        part.multiply(to[kept], at, factors[pattern.right[kept]], ones)
+
+    def with_rates(self, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix) -> None:
+        """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
+
+        constant (nu, nu): its entries that do not vary, mass: those that do; None: it is read from the Jacobian with respect
+        to y', whose entries are those of pattern."""
+        nb, operations = self.numbering, self.operations
+        nu, nq, first = nb.nu, nb.nq, self.rates
+        part = operations.part(self.residual_part if constant is not None else self.jacobian_part)
+        if constant is None and not self._stages[0]:
+            part = operations.part(self.residual_part, self.jacobian_part)
+        part.load(first, np.zeros(self.n))
+        part.add(first + np.arange(self.n), self.rows + np.arange(self.n), -np.ones(self.n))
+        self._solve_mass(part, mass, constant, pattern, nu, nq)
+        self.rates_part = part
+
+    def _solve_mass(self, part: Operations, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, nu: int,
+                    nq: int) -> None:  # fmt: skip
+        operations, first = self.operations, self.rates
+        rows, columns = pattern.indices, np.repeat(np.arange(self.n), np.diff(pattern.indptr))
+        inside = (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
+        i, j = rows[inside] - nq, columns[inside] - nq
+        graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(nu, nu))
+        self.order, place = narrow_order(graph + graph.T)
+        width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
+        matrix, right = operations.slots(nu * width), operations.slots(nu)
+        self.band = matrix, right, width
+
+        def cell(a: Index, b: Index) -> Index:
+            return np.asarray(matrix + place[a] * width + place[b] - place[a] + width - 1)
+
+        values = np.zeros(nu * width)
+        lower = place[i] >= place[j]
+        if constant is not None:
+            np.add.at(values, cell(i, j)[lower] - matrix, constant[i[lower], j[lower]])
+        part.load(matrix, values)
+        if constant is None:
+            entries = self.fy + self.nnz + np.flatnonzero(inside)
+            part.add(cell(i, j)[lower], entries[lower], np.ones(int(lower.sum())))
+        else:
+            for gather, cells, kernel in zip(mass.gathers, mass.places, mass.kernels, strict=True):
+                found = kernel.emit(part, gather) + np.arange(cells.size)
+                a, b = cells.ravel() // nu, cells.ravel() % nu
+                kept = place[a] >= place[b]
+                part.add(cell(a[kept], b[kept]), found[kept], np.ones(int(kept.sum())))
+        part.set(right + place, first + nq + np.arange(nu))
+        part.cholesky(nu, width, matrix, right)
+        part.set(first + nq + np.arange(nu), right + place)
+
+    def compile(self) -> None:
+        """Make the tables; nothing is added afterwards."""
+        self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
+                    fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
+        found = core()
+        self._call = found.scene_residual, found.scene_residuals, found.scene_jacobian, found.scene_rates
+        addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
+        table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part is not None else None, None)
+        self.equations = Equations(table, self)
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """out[:] = F(t, y, yp)."""
+        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
+        found = out if out.flags.c_contiguous else np.empty(self.n)
+        self.check(self._call[0](self.address, t, y.ctypes.data, yp.ctypes.data, found.ctypes.data))
+        if found is not out:
+            out[:] = found
+
+    def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
+        """The same at points (k,), (k, n)."""
+        t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
+        found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
+        self.check(self._call[1](self.address, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data, found.ctypes.data))
+        if found is not out:
+            out[:] = found
+
+    def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        """dF/dy and dF/dy' as entries (nnz,)."""
+        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
+        found = np.empty((2, self.nnz))
+        self.check(self._call[2](self.address, t, y.ctypes.data, yp.ctypes.data, found[0].ctypes.data, found[1].ctypes.data))
+        return found[0], found[1]
+
+    def right_hand_side(self, t: float, y: Array, out: Array) -> int:
+        """out[:] = y'; the number of a velocity without inertia, or -1."""
+        y = np.ascontiguousarray(y, dtype=float)
+        found = np.empty(self.n)
+        code = self._call[3](self.address, t, y.ctypes.data, found.ctypes.data)
+        self.check(code)
+        out[:] = found
+        return int(self.order[self.scene.bad]) if code > 0 else -1
+
+
+def narrow_order(graph: sp.csr_matrix) -> tuple[Index, Index]:
+    """An order of rows in which a symmetric pattern has a narrow band, and the place of each row in it."""
+    n = graph.shape[0]
+    order = np.arange(n)
+    if n >= BANDED_FROM:
+        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
+
+        order = reverse_cuthill_mckee(graph.tocsr(), symmetric_mode=True).astype(np.intp)
+    place = np.empty(n, dtype=np.intp)
+    place[order] = np.arange(n)
+    return order, place

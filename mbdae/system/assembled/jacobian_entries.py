@@ -89,14 +89,6 @@ class Pattern:
         self.chained = chained
         self.fixed_cells, self.fixed_dotted, self.fixed = _cells(n, fixed_rows, fixed_columns), fixed_columns >= n, fixed
 
-    def values(self, kernels: Array, trees: Array | None) -> Array:
-        """All varying values in the order of `cells`; kernels, trees: values of kernels of laws and of trees."""
-        if trees is None:
-            return kernels
-        factors = np.concatenate([[1.0], trees])
-        middle = np.concatenate([kernels, self.chained])
-        return np.concatenate([kernels, trees, factors[self.left] * middle[self.value] * factors[self.right]])
-
 
 def _cells(n: int, rows: Index, columns: Index) -> Index:
     """Number of the cell column * n + row, n * n where there is none."""

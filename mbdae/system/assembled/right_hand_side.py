@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dposv
 from scipy.sparse.linalg import splu
 
 from mbdae.errors import SolverError
@@ -21,7 +20,6 @@ from mbdae.system.base import Array
 from mbdae.system.motion.all_bodies import AllBodies
 from mbdae.system.motion.mechanics import Mechanics
 
-DENSE_TREES = 100  #: velocities of trees above which their mass matrix is factorised as a sparse one
 ITERATIONS = 30
 SETTLED = 1e-10  #: change of rates and multipliers, over the largest of them, at which Newton's method stops
 
@@ -165,45 +163,17 @@ def singular(t: float, row: str) -> SolverError:
                        f"form with mb.RadauIIA(3) may pass it", t, row)  # fmt: skip
 
 
-def rhs_of(system: Assembly, start: tuple[float, Array, Array]) -> Callable[[float, Array, Array], None]:
+def rhs_of(system: Assembly) -> Callable[[float, Array, Array], None]:
     """y' = rhs of a scene without constraints, y = (q, u, s): one residual at y' = 0, then the mass matrix.
 
-    That of beams is sparse and factorised once, that of large trees sparse and factorised in every call.
-    start: t, y and y' at which the mass matrix of beams is read. Raises SolverError where it is not positive definite."""
-    nb, still = system.numbering, np.zeros(system.n)
-    u = slice(nb.nq, nb.nq + nb.nu)
-    if system.moved.trees and (nb.nu > DENSE_TREES or system.model.lines):
-        return Rates(system, system.n, linear=True).solve
-    solve = _constant_mass_solve(system, u, start) if system.model.lines else None
+    Raises SolverError where it is not positive definite."""
 
     def rhs(t: float, y: Array, out: Array) -> None:
-        system.residual(t, y, still, out)
-        np.negative(out, out=out)
-        if solve is not None:
-            out[u] = solve(out[u])
-            return
-        _, out[u], info = dposv(system.mass_here(), out[u], overwrite_a=1)
-        if info:
-            raise _massless(system, nb.nq + info - 1, t)
+        velocity = system.evaluation.right_hand_side(t, y, out)
+        if velocity >= 0:
+            raise _massless(system, system.numbering.nq + velocity, t)
 
     return rhs
-
-
-def _constant_mass_solve(system: Assembly, u: slice, start: tuple[float, Array, Array]) -> Callable[[Array], Array]:
-    """x -> M^-1 x with the constant, sparse mass matrix of bodies and beams."""
-    factors: list[Any] = []  # made in the first call
-
-    def solve(x: Array) -> Array:
-        if not factors:
-            _, data = system.jacobian_values(*start)
-            M = sp.csc_matrix((data, system.pattern.indices, system.pattern.indptr), shape=system.pattern.shape)[u, u]
-            try:
-                factors.append(splu(M.tocsc()))
-            except RuntimeError as error:
-                raise _massless(system, u.start + int(np.argmin(np.abs(M.diagonal()))), start[0]) from error
-        return np.asarray(factors[0].solve(x))
-
-    return solve
 
 
 def _massless(system: Assembly, unknown: int, t: float) -> SolverError:

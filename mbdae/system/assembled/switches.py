@@ -6,7 +6,7 @@ import numpy as np
 
 from mbdae.kernels import plan
 from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
-from mbdae.system.assembled.evaluation import Evaluation, TreeStage
+from mbdae.system.assembled.evaluation import Loaded, Values
 from mbdae.system.base import Array, Switches
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.moved_bodies import MovedBodies
@@ -44,35 +44,17 @@ class _Arguments:
         self.numbering = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants,
                                    moved.sharing)  # fmt: skip
         plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
-        self.kernels = [p.kernel for p in plans]
-        self.gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
-        self.sizes = [gather.shape[0] * kernel.width for gather, kernel in zip(self.gathers, self.kernels, strict=True)]
-        self.trees = bool(loaded)
-        self._batches: dict[int, tuple[Array, Evaluation, TreeStage | None]] = {}
+        gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+        self._values = Values(self.numbering, self._motion() if loaded else (), gathers, [p.kernel for p in plans])
 
     def __call__(self, t: Array, y: Array) -> Array:
-        W, laws, trees = self._batch(len(t))
-        W[:, : self.numbering.n] = y[:, : self.numbering.n]
-        self.numbering.fill_clock(W, t)
-        if trees is not None:
-            trees.write(W)
-        values, parts, a = laws.values(), [], 0
-        for size in self.sizes:
-            parts.append(values[a : a + len(t) * size].reshape(len(t), size))
-            a += len(t) * size
-        return np.hstack(parts) if len(parts) > 1 else parts[0].copy()
+        return self._values.at_states(t, y)
 
-    def _batch(self, count: int) -> tuple[Array, Evaluation, TreeStage | None]:
-        if count not in self._batches:
-            W = self.numbering.workspace(count)
-            self._batches[count] = W, Evaluation(W, self.gathers, self.kernels), self._stage(W) if self.trees else None
-        return self._batches[count]
-
-    def _stage(self, W: Array) -> TreeStage:
+    def _motion(self) -> Loaded:
         """The motion of every node moved by joint coordinates, written where the laws read it."""
         nb, pieces = self.numbering, []
         for p, trees in self.moved.plans():
             piece = p.motion_of_all
             places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]
             pieces.append((piece, self.moved.gather(nb, piece, trees), np.array(places, dtype=np.intp)))
-        return TreeStage(W, pieces, W.shape[1])
+        return pieces

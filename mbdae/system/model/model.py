@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import inf
+from math import inf, isnan, nan
 from typing import Any
 
 import numpy as np
@@ -60,13 +60,30 @@ class Group:
         return {f.side: n for n, f in enumerate(self.derived.frames)}
 
 
-@dataclass
 class ConditionTime:
     """Time at which conditions of inputs (t < 1 and the like) are evaluated: `time`, inside the part of a run between two breaks;
     None: just after the time of every evaluation, but before `end`, the end of the run."""
 
-    time: float | None = None
-    end: float = inf
+    def __init__(self) -> None:
+        self.read = np.array([nan, inf])  #: both, as the native evaluation reads them; NaN for None
+
+    @property
+    def time(self) -> float | None:
+        """The time in the present part of a run, s."""
+        return None if isnan(self.read[0]) else float(self.read[0])
+
+    @time.setter
+    def time(self, value: float | None) -> None:
+        self.read[0] = nan if value is None else value
+
+    @property
+    def end(self) -> float:
+        """The end of the run, s."""
+        return float(self.read[1])
+
+    @end.setter
+    def end(self, value: float) -> None:
+        self.read[1] = value
 
 
 @dataclass(frozen=True)

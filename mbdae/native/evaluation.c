@@ -1,0 +1,198 @@
+/* Evaluation of a scene: a list of operations on one array of numbers W, whose places are called slots.
+
+   Its first slots are y, y', the motion of bodies moved by recursive joints, values prescribed in time and constants; behind
+   them stand the inputs and values of kernels, the rows of F and the entries of the Jacobian. Kernels are compiled by
+   symengine; which slots they read and where their values belong comes from Python as tables. */
+#include "core.h"
+
+typedef void (*Kernel)(double *out, const double *in, void *data);
+typedef int (*CallBack)(double *out, const double *in, void *data);
+
+/* What an operation does, for each of `times` instances r:
+   CALL      a kernel at one point: `inputs` numbers W[from[r * inputs + j]], values to W[first + r * outputs]
+   CALL_BACK a function of Python for all instances at once, inputs and values as above
+   LOAD      W[first ...] = weight[0 ... count)
+   SET       W[to[k] + r to_step] = W[from[k] + r from_step]
+   ADD       W[to[k] + r to_step] += weight[k + r weight_step] W[from[k] + r from_step]
+   MULTIPLY  W[to[k] + r to_step] += weight[k] W[from[k] + r from_step] W[by[k] + r by_step]
+   CHOLESKY  factors in place of the symmetric band matrix (count, inputs) at `first`, solves for W[outputs ...) in place
+   SOLVE     solves with these factors for `times` further right-hand sides at W[outputs + r * count ...)
+   LU        solves with the full matrix (count, count), row by row, at `first`, for W[outputs ...); the matrix is overwritten */
+enum { CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU };
+
+typedef struct {
+  I kind, times, count, first, inputs, outputs, to_step, from_step, by_step, weight_step;
+  const I *to, *from, *by;
+  const double *weight;
+  void *function, *data;
+} Operation;
+
+typedef struct { const Operation *first; I count; } Part;
+
+/* The band of row i: entries (i, i - width + 1) ... (i, i) at a[i * width ...] */
+static I band_factors(I n, I width, double *a) {
+  for (I i = 0; i < n; i++) {
+    I low = i < width ? 0 : i - width + 1;
+    double *row = a + i * width + width - 1 - i; /* row[j] is the entry (i, j) */
+    for (I j = low; j <= i; j++) {
+      const double *other = a + j * width + width - 1 - j;
+      double sum = row[j];
+      I k = j < width ? 0 : j - width + 1;
+      for (k = k < low ? low : k; k < j; k++) sum -= row[k] * other[k];
+      if (j < i) row[j] = sum / other[j];
+      else if (sum > 0) row[i] = sqrt(sum);
+      else return i;
+    }
+  }
+  return -1;
+}
+
+static void band_solve(I n, I width, const double *a, double *x) {
+  for (I i = 0; i < n; i++) {
+    const double *row = a + i * width + width - 1 - i;
+    double sum = x[i];
+    for (I k = i < width ? 0 : i - width + 1; k < i; k++) sum -= row[k] * x[k];
+    x[i] = sum / row[i];
+  }
+  for (I i = n; i-- > 0;) {
+    const double *row = a + i * width + width - 1 - i;
+    double value = x[i] /= row[i];
+    for (I k = i < width ? 0 : i - width + 1; k < i; k++) x[k] -= row[k] * value;
+  }
+}
+
+static I full_solve(I n, double *a, double *x) {
+  for (I k = 0; k < n; k++) {
+    I best = k;
+    for (I i = k + 1; i < n; i++)
+      if (fabs(a[i * n + k]) > fabs(a[best * n + k])) best = i;
+    if (!(fabs(a[best * n + k]) > 0)) return k;
+    if (best != k) {
+      for (I j = k; j < n; j++) { double v = a[k * n + j]; a[k * n + j] = a[best * n + j]; a[best * n + j] = v; }
+      double v = x[k]; x[k] = x[best]; x[best] = v;
+    }
+    for (I i = k + 1; i < n; i++) {
+      double factor = a[i * n + k] / a[k * n + k];
+      if (factor == 0) continue;
+      for (I j = k + 1; j < n; j++) a[i * n + j] -= factor * a[k * n + j];
+      x[i] -= factor * x[k];
+    }
+  }
+  for (I i = n; i-- > 0;) {
+    for (I j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
+    x[i] /= a[i * n + i];
+  }
+  return -1;
+}
+
+/* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
+static int run(Part part, double *W, double *x, I *bad) {
+  for (const Operation *a = part.first; a < part.first + part.count; a++) {
+    const I *to = a->to, *from = a->from, *by = a->by;
+    const double *weight = a->weight;
+    switch (a->kind) {
+    case CALL:
+      for (I r = 0; r < a->times; r++, from += a->inputs) {
+        for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
+        ((Kernel)a->function)(W + a->first + r * a->outputs, x, a->data);
+      }
+      break;
+    case CALL_BACK:
+      for (I j = 0; j < a->times * a->inputs; j++) x[j] = W[from[j]];
+      if (((CallBack)a->function)(W + a->first, x, a->data)) return RAISED;
+      break;
+    case LOAD:
+      memcpy(W + a->first, weight, sizeof(double) * (size_t)a->count);
+      break;
+    case SET:
+      for (I r = 0; r < a->times; r++)
+        for (I k = 0; k < a->count; k++) W[to[k] + r * a->to_step] = W[from[k] + r * a->from_step];
+      break;
+    case ADD:
+      for (I r = 0; r < a->times; r++, weight += a->weight_step)
+        for (I k = 0; k < a->count; k++) W[to[k] + r * a->to_step] += weight[k] * W[from[k] + r * a->from_step];
+      break;
+    case MULTIPLY:
+      for (I r = 0; r < a->times; r++)
+        for (I k = 0; k < a->count; k++)
+          W[to[k] + r * a->to_step] += weight[k] * W[from[k] + r * a->from_step] * W[by[k] + r * a->by_step];
+      break;
+    case CHOLESKY:
+      *bad = band_factors(a->count, a->inputs, W + a->first);
+      if (*bad >= 0) return SINGULAR;
+      band_solve(a->count, a->inputs, W + a->first, W + a->outputs);
+      break;
+    case SOLVE:
+      for (I r = 0; r < a->times; r++) band_solve(a->count, a->inputs, W + a->first, W + a->outputs + r * a->count);
+      break;
+    case LU:
+      *bad = full_solve(a->count, W + a->first, W + a->outputs);
+      if (*bad >= 0) return SINGULAR;
+      break;
+    }
+  }
+  return DONE;
+}
+
+/* The equations of a scene with n unknowns, whose derivatives begin at slot `dotted`. at: slots of the time and of the time at which conditions of inputs are read. read: that time, NaN
+   where it follows from the time, and the end of the run, after which nothing is read. */
+typedef struct {
+  double *W, *x;
+  I n, dotted, nnz, rows, fy, fyp, rates, at, bad;
+  const double *read;
+  double t, side;
+  Part clock, residual, jacobian, of_rates;
+} Scene;
+
+static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY) - fabs(t)); }
+
+API int scene_fill(Scene *s, double t, const double *y, const double *yp) {
+  if (y != s->W) memcpy(s->W, y, sizeof(double) * (size_t)s->n);
+  if (yp) memcpy(s->W + s->dotted, yp, sizeof(double) * (size_t)s->n);
+  else memset(s->W + s->dotted, 0, sizeof(double) * (size_t)s->n);
+  if (!s->clock.count) return DONE;
+  double side = s->read[0], end = s->read[1];
+  if (isnan(side)) side = isinf(end) ? next_after(t) : fmin(next_after(t), 2 * end - next_after(end));
+  if (t == s->t && side == s->side) return DONE; /* a Newton iteration asks at the same time again */
+  s->W[s->at] = s->t = t;
+  s->W[s->at + 1] = s->side = side;
+  return run(s->clock, s->W, s->x, &s->bad);
+}
+
+API int scene_residual(void *self, double t, const double *y, const double *yp, double *out) {
+  Scene *s = self;
+  int code = scene_fill(s, t, y, yp);
+  if (!code) code = run(s->residual, s->W, s->x, &s->bad);
+  memcpy(out, s->W + s->rows, sizeof(double) * (size_t)s->n);
+  return code;
+}
+
+API int scene_jacobian(void *self, double t, const double *y, const double *yp, double *fy, double *fyp) {
+  Scene *s = self;
+  int code = scene_fill(s, t, y, yp);
+  if (!code) code = run(s->jacobian, s->W, s->x, &s->bad);
+  memcpy(fy, s->W + s->fy, sizeof(double) * (size_t)s->nnz);
+  memcpy(fyp, s->W + s->fyp, sizeof(double) * (size_t)s->nnz);
+  return code;
+}
+
+API int scene_rates(void *self, double t, const double *y, double *out) {
+  Scene *s = self;
+  int code = scene_fill(s, t, y, NULL);
+  if (!code) code = run(s->of_rates, s->W, s->x, &s->bad);
+  memcpy(out, s->W + s->rates, sizeof(double) * (size_t)s->n);
+  return code;
+}
+
+/* A part alone, for instance the guards of contacts, at a state that is filled in first. */
+API int scene_part(Scene *s, const Part *part, double t, const double *y, const double *yp) {
+  int code = scene_fill(s, t, y, yp);
+  return code ? code : run(*part, s->W, s->x, &s->bad);
+}
+
+/* The residual at k points, one row of y (k, n), y' and out each. */
+API int scene_residuals(Scene *s, I k, const double *t, const double *y, const double *yp, double *out) {
+  int code = DONE;
+  for (I i = 0; i < k && code >= 0; i++) code = scene_residual(s, t[i], y + i * s->n, yp + i * s->n, out + i * s->n);
+  return code;
+}
