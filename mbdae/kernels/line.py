@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import symengine as se
+from numpy.typing import NDArray
 
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line_nodes import Nodes
+from mbdae.kernels.line_program import LineProgram
 from mbdae.laws.elements.line_shape import Table
+from mbdae.native.program import Operations
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
@@ -129,6 +132,12 @@ class LineKernel(ElementKernel):
         duals, rows = self._split(np.eye(size).reshape(size * self.points, -1), size)
         scatter = np.concatenate([self._covector(duals).reshape(size, -1), rows], axis=1)
         return np.array(units).reshape(count, -1), base, np.ascontiguousarray(scatter)
+
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        return LineProgram(self, part, gather).values()
+
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        return LineProgram(self, part, gather).jacobian()
 
     def at_points(self, x: Array, expressions: Sequence[Expr]) -> Array:
         """(N, points, expressions) values of other expressions of the law, such as `derived.energy`.

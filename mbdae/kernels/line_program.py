@@ -1,0 +1,262 @@
+"""A law on a line as operations of a native program: nodes to sections, sections to points, the law at the points, and back.
+
+Per element: section positions from node positions (corners turn them by constant matrices T), their rates by P' = H Omega P with
+the constant tensor H of `kinematic_tensor`, the law's variables by the table of shape functions, and the same maps transposed
+for forces. The derivatives of an element pass through the same maps on both sides.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from mbdae.kernels.compile import Kernel
+from mbdae.kernels.line_nodes import kinematic_tensor
+from mbdae.native.program import Operations
+
+if TYPE_CHECKING:
+    from mbdae.kernels.line import LineKernel
+
+Index = NDArray[np.intp]
+Array = NDArray[Any]
+Entries = list[tuple[int, ...]]
+
+
+class LineProgram:
+    """The elements of a line kernel in a part of a program; slots below are those of the first element."""
+
+    def __init__(self, kernel: LineKernel, part: Operations, gather: Index) -> None:
+        self.kernel, self.part, self.nodes = kernel, part, kernel.nodes
+        n = kernel.nodes
+        self.a, self.nu = n.count * n.nq, n.count * n.nu
+        self.elements, self.inputs = gather.shape
+        #: (a, c, b, H_acb) of all entries of the kinematic tensor
+        self.spin = [] if n.flat else [(*at, float(kinematic_tensor()[at])) for at in zip(*np.nonzero(kinematic_tensor()), strict=True)]
+        self.e = part.slots(gather.size)
+        part.set(self.e + np.arange(gather.size), gather)
+
+    # -- steps that values and derivatives share
+
+    def room(self, width: int) -> int:
+        """Slots (elements, width), 0 at every evaluation."""
+        first = self.part.slots(self.elements * width)
+        self.part.load(first, np.zeros(self.elements * width))
+        return first
+
+    def move(self, to: Any, from_: Any, to_step: int, from_step: int) -> None:
+        """Copy within every element."""
+        self.part.set(to, from_, self.elements, to_step, from_step)
+
+    def map(self, to: int, from_: int, matrix: Any, to_step: int, from_step: int) -> None:
+        """out += matrix (outputs, inputs) times numbers, in every element."""
+        found = sp.coo_matrix(matrix)
+        self.part.add(to + found.row, from_ + found.col, found.data, self.elements, to_step, from_step)
+
+    def products(self, to: int, from_: int, by: int, entries: Entries, steps: tuple[int, int, int]) -> None:
+        """out[i] += w x[j] y[k] for entries (i, j, k, w), in every element."""
+        if entries:
+            i, j, k, w = zip(*entries, strict=True)
+            self.part.multiply(to + np.array(i), from_ + np.array(j), by + np.array(k), np.array(w, dtype=float), self.elements,
+                               *steps)  # fmt: skip
+
+    def turned(self, first: int, step: int) -> tuple[int, int]:
+        """Node vectors (count, nq) as those of the sections; the slot and the step of the result."""
+        n = self.nodes
+        if n.T is None:
+            return first, step
+        found = self.room(self.a)
+        translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
+        self.move(found + translations, first + translations, self.a, step)
+        self._turn(found, first, [(node * n.nq + 3 + a, node * n.nq + 3 + b, node, a, b) for node in range(n.count)
+                                  for a in range(4) for b in range(4)], self.a, step)  # fmt: skip
+        return found, self.a
+
+    def _turn(self, to: int, from_: int, entries: Entries, to_step: int, from_step: int) -> None:
+        """out[i] += T[node, a, b] x[j] for entries (i, j, node, a, b), in every element."""
+        i, j, node, a, b = np.array(entries).T
+        assert self.nodes.T is not None
+        self.part.add(to + i, from_ + j, self.nodes.T[:, node, a, b], self.elements, to_step, from_step)
+
+    def points(self, point: Kernel) -> int:
+        """The law at all points: slot of its values (elements, points, width)."""
+        kernel, points, width = self.kernel, self.kernel.points, len(point.symbols)
+        X, size = self.part.slots(self.elements * points * width), points * width
+        self.part.load(X, self._constants(width))
+        fields, stresses = len(kernel.derived.fields), len(kernel.derived.stresses)
+        variables = [(self.turned(self.e, self.inputs), 0)]
+        if kernel.derived.damped:
+            variables.append((self.turned(*self._rates()), fields))
+        for (first, step), column in variables:
+            table = kernel.fields.reshape(self.a, points, fields)
+            rows, g, f = np.nonzero(table)
+            self.part.add(X + g * width + column + f, first + rows, table[rows, g, f], self.elements, size, step)
+        column, own = len(variables) * fields, int(kernel._splits[1])
+        place = [(g * width + column + j, own + g * stresses + j) for g in range(points) for j in range(stresses)]
+        column, own = column + stresses, own + points * stresses
+        place += [(g * width + column + j, own + j) for g in range(points) for j in range(len(kernel.given))]
+        if place:
+            to, from_ = np.array(place).T
+            self.move(X + to, self.e + from_, size, self.inputs)
+        gather = X + np.arange(self.elements * size).reshape(-1, width)
+        return point.emit(self.part, gather)
+
+    def _constants(self, width: int) -> Array:
+        """(elements, points, width) numbers of the law, and what angles of corners in the plane add to its variables."""
+        kernel, n = self.kernel, self.nodes
+        X = np.zeros((self.elements, kernel.points, width))
+        X[:, :, width - kernel.numbers.shape[2] :] = kernel.numbers
+        if n.offset is not None:
+            shift = n.sections(np.zeros((self.elements, n.count, n.nq))).reshape(self.elements, -1) @ kernel.fields
+            X[:, :, : len(kernel.derived.fields)] += shift.reshape(self.elements, kernel.points, -1)
+        return X
+
+    def _rates(self) -> tuple[int, int]:
+        """q' (count, nq) of the nodes: the slot and the step."""
+        n, velocities = self.nodes, self.e + self.a
+        if n.flat:
+            return velocities, self.inputs
+        found = self.room(self.a)
+        pairs = np.array([(node * n.nq + i, node * n.nu + i) for node in range(n.count) for i in range(3)]).T
+        self.move(found + pairs[0], velocities + pairs[1], self.a, self.inputs)
+        entries = [(node * n.nq + 3 + a, node * n.nu + 3 + c, node * n.nq + 3 + b, w) for node in range(n.count)
+                   for a, c, b, w in self.spin]  # fmt: skip
+        self.products(found, velocities, self.e, entries, (self.a, self.inputs, self.inputs))
+        return found, self.a
+
+    def covector(self, values: int, width: int) -> int:
+        """Generalised forces (count, nq) of the nodes' positions, from the duals at the points."""
+        kernel, n, found = self.kernel, self.nodes, self.room(self.a)
+        table = kernel.duals.reshape(self.a, kernel.points, -1)
+        rows, g, d = np.nonzero(table)
+        self.part.add(found + rows, values + g * width + d, table[rows, g, d], self.elements, self.a, kernel.points * width)
+        if n.T is None:
+            return found
+        back = self.room(self.a)
+        translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
+        self.move(back + translations, found + translations, self.a, self.a)
+        self._turn(back, found, [(node * n.nq + 3 + b, node * n.nq + 3 + a, node, a, b) for node in range(n.count)
+                                 for a in range(4) for b in range(4)], self.a, self.a)  # fmt: skip
+        return back
+
+    # -- values
+
+    def values(self) -> int:
+        """The slot of the outputs (elements, targets)."""
+        kernel, n = self.kernel, self.nodes
+        point, out = kernel.point, len(kernel.targets)
+        values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
+        covector, found = self.covector(values, width), self.room(out)
+        if n.flat:
+            self.move(found + np.arange(self.a), covector + np.arange(self.a), out, self.a)
+        else:
+            pairs = np.array([(node * n.nu + i, node * n.nq + i) for node in range(n.count) for i in range(3)]).T
+            self.move(found + pairs[0], covector + pairs[1], out, self.a)
+            entries = [(node * n.nu + 3 + c, node * n.nq + 3 + a, node * n.nq + 3 + b, w) for node in range(n.count)
+                       for a, c, b, w in self.spin]  # fmt: skip
+            self.products(found, covector, self.e, entries, (out, self.a, self.inputs))
+        rows = len(kernel.derived.rows)
+        if rows:
+            place = np.array([(self.nu + g * rows + j, g * width + duals + j) for g in range(kernel.points) for j in range(rows)]).T
+            self.move(found + place[0], values + place[1], out, kernel.points * width)
+        return found
+
+    # -- derivatives
+
+    def jacobian(self) -> int:
+        """The slot of the derivatives (elements, places)."""
+        kernel, a = self.kernel, self.a
+        point = kernel.point_jacobian
+        values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
+        spread, (rows, columns) = kernel._spread
+        if self.nodes.flat:
+            return self._in_the_plane(values, width, duals, spread, columns)
+        K, size = self.room(rows * columns), rows * columns
+        found = sp.coo_matrix(spread)
+        each = width - duals
+        self.part.add(K + found.row, values + found.col // each * width + duals + found.col % each, found.data, self.elements, size,
+                      kernel.points * width)  # fmt: skip
+        if self.nodes.T is not None:
+            blocks = [0, a] if kernel.derived.damped else [0]
+            K = self._turned_derivatives(K, rows, columns, blocks)
+        if not self.nodes.flat and kernel.derived.damped:
+            K, columns = self._by_velocities(K, rows, columns)
+        return self._placed(K, rows, columns, self.covector(values, width))
+
+    def _in_the_plane(self, values: int, width: int, duals: int, spread: Any, columns: int) -> int:
+        """The same in the plane, where rotations are angles: one constant map from the points to the places."""
+        outputs, inputs = self.kernel._places
+        chosen = sp.coo_matrix(spread[(outputs + self.a - self.nu) * columns + inputs])
+        found, each = self.room(len(outputs)), width - duals
+        at = chosen.col // each * width + duals + chosen.col % each
+        self.part.add(found + chosen.row, values + at, chosen.data, self.elements, len(outputs), self.kernel.points * width)
+        return found
+
+    def _turned_derivatives(self, K: int, rows: int, columns: int, blocks: list[int]) -> int:
+        """Derivatives of sections by sections as those of nodes by nodes: T on the right, its transpose on the left."""
+        n, a, size = self.nodes, self.a, rows * columns
+        rotations = [(node, node * n.nq + 3) for node in range(n.count)]
+        by_nodes = self.room(size)
+        turned = {block + first + i for block in blocks for _, first in rotations for i in range(4)}
+        plain = [r * columns + c for r in range(rows) for c in range(columns) if c not in turned]
+        self.move(by_nodes + np.array(plain), K + np.array(plain), size, size)
+        self._turn(by_nodes, K, [(r * columns + block + first + j, r * columns + block + first + i, node, i, j) for r in range(rows)
+                                 for block in blocks for node, first in rotations for i in range(4) for j in range(4)], size, size)  # fmt: skip
+        found = self.room(size)
+        turned = {first + i for _, first in rotations for i in range(4)}
+        plain = [r * columns + c for r in range(rows) if r not in turned or r >= a for c in range(columns)]
+        self.move(found + np.array(plain), by_nodes + np.array(plain), size, size)
+        self._turn(found, by_nodes, [((first + j) * columns + c, (first + i) * columns + c, node, i, j) for node, first in rotations
+                                     for i in range(4) for j in range(4) for c in range(columns)], size, size)  # fmt: skip
+        return found
+
+    def _by_velocities(self, K: int, rows: int, columns: int) -> tuple[int, int]:
+        """Derivatives by positions and their rates as those by positions and velocities: q' = H(q) u."""
+        n, a, nu = self.nodes, self.a, self.nu
+        wide, size = columns - a + nu, rows * (columns - a + nu)
+        found = self.room(size)
+        copies, by_position, by_velocity = [], [], []
+        for r in range(rows):
+            to, from_ = r * wide, r * columns
+            copies += [(to + c, from_ + c) for c in range(a)]
+            copies += [(to + a + nu + c, from_ + 2 * a + c) for c in range(columns - 2 * a)]
+            for node in range(n.count):
+                q, u = node * n.nq, node * n.nu
+                copies += [(to + a + u + i, from_ + a + q + i) for i in range(3)]
+                by_position += [(to + q + 3 + b, from_ + a + q + 3 + i, u + 3 + c, w) for i, c, b, w in self.spin]
+                by_velocity += [(to + a + u + 3 + c, from_ + a + q + 3 + i, q + 3 + b, w) for i, c, b, w in self.spin]
+        at = np.array(copies).T
+        self.move(found + at[0], K + at[1], size, rows * columns)
+        steps = (size, rows * columns, self.inputs)
+        self.products(found, K, self.e + a, by_position, steps)
+        self.products(found, K, self.e, by_velocity, steps)
+        return found, wide
+
+    def _placed(self, K: int, rows: int, columns: int, covector: int) -> int:
+        """Rows of positions as those of forces and moments, with the derivative of the moments at constant covectors."""
+        kernel, n = self.kernel, self.nodes
+        places = kernel._places
+        count, a = len(places[0]), self.a
+        found = self.room(count)
+        copies, moments, geometric = [], [], []
+        for k, (o, i) in enumerate(zip(*(p.tolist() for p in places), strict=True)):
+            node, r = divmod(o, n.nu)
+            if o >= self.nu:
+                copies.append((k, (o - self.nu + a) * columns + i))
+            elif r < 3:
+                copies.append((k, (node * n.nq + r) * columns + i))
+            else:
+                first = node * n.nq + 3
+                moments += [(k, (first + x) * columns + i, first + b, w) for x, c, b, w in self.spin if c == r - 3]
+                if i < a and i // n.nq == node and i % n.nq >= 3:
+                    geometric += [(k, first + x, w) for x, c, b, w in self.spin if c == r - 3 and b == i % n.nq - 3]
+        if copies:
+            to, from_ = np.array(copies).T
+            self.move(found + to, K + from_, count, rows * columns)
+        self.products(found, K, self.e, moments, (count, rows * columns, self.inputs))
+        if geometric:
+            at, by, weight = zip(*geometric, strict=True)
+            self.part.add(found + np.array(at), covector + np.array(by), np.array(weight), self.elements, count, a)
+        return found
