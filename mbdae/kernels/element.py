@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,10 +39,6 @@ class ElementKernel(ABC):
     def __call__(self, x: Array, out: Array) -> None:
         out[:] = self.values(x)
 
-    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call bound to two arrays."""
-        return partial(self, x, out)
-
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
         """Append the kernel to a native program; the slot of the first value."""
         return part.call_back(self, gather, self.width)
@@ -73,14 +68,6 @@ class ElementKernel(ABC):
         """(N, places) derivatives."""
         return self.full_jacobian(x)[:, *self._places]
 
-    def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call of `jacobian` bound to two arrays."""
-
-        def evaluate() -> None:
-            out[:] = self.jacobian(x)
-
-        return evaluate
-
 
 class ElementJacobian:
     """The derivatives of an element kernel, called like a kernel."""
@@ -90,10 +77,6 @@ class ElementJacobian:
 
     def __call__(self, x: Array, out: Array) -> None:
         out[:] = self.kernel.jacobian(x)
-
-    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call bound to two arrays."""
-        return self.kernel.bound_jacobian(x, out)
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
         """Append the derivatives to a native program; the slot of the first value."""

@@ -5,8 +5,8 @@ All elements share one table of shape functions; numbers of an element are kept 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, lru_cache, partial
+from collections.abc import Mapping, Sequence
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,6 @@ from mbdae.native.program import Operations
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-
-SMALL = 20_000  #: entries of a dense operator from derivatives at points to those of an element; above, sparse is faster
 
 
 class LineKernel(ElementKernel):
@@ -76,62 +74,6 @@ class LineKernel(ElementKernel):
         duals, rows = self._split(_evaluated(self.point, X), len(x))
         forces = self.nodes.forces(q, self._covector(duals))
         return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
-
-    def __call__(self, x: Array, out: Array) -> None:
-        self.bound(x, out)()
-
-    def bound(self, x: Array, out: Array) -> Callable[[], Any]:
-        """The call bound to two arrays; in the plane products of preallocated matrices."""
-        if not self.nodes.flat or self.given:
-            return partial(self._write, x, out)
-        scatter = self._operators[2]
-        gather, values = self._gathering(x, self.point)
-        rows = values.reshape(len(x), -1)
-
-        def evaluate() -> None:
-            gather()
-            np.matmul(rows, scatter, out=out)
-
-        return evaluate
-
-    def _write(self, x: Array, out: Array) -> None:
-        out[:] = self.values(x)
-
-    def _gathering(self, x: Array, kernel: Kernel) -> tuple[Callable[[], None], Array]:
-        """A call that evaluates a kernel at all points of elements in the plane, and its values (N * points, width)."""
-        gather, base, _ = self._operators
-        X = self._buffer(len(x), False)
-        inputs, unknowns = X[:, :, : base.shape[2]], np.empty((len(x), gather.shape[1]))
-        shaped = unknowns.reshape(len(x), *base.shape[1:])
-        shift = np.tile(base, (len(x) // len(base), 1, 1)) if np.any(base) else None
-        values = np.empty((len(x) * self.points, kernel.width))
-        point = kernel.bound(X.reshape(len(values), -1), values)
-
-        def evaluate() -> None:
-            np.matmul(x, gather, out=unknowns)
-            if shift is None:
-                inputs[...] = shaped
-            else:
-                np.add(shaped, shift, out=inputs)
-            point()
-
-        return evaluate, values
-
-    @cached_property
-    def _operators(self) -> tuple[Array, Array, Array]:
-        """Matrices of planar elements: from inputs to the law's variables at all points, with the constant that rigid corners add
-        per element and point, and from the law's values to outputs. Found by evaluating these linear maps on unit vectors."""
-        variables, m, count = len(self.derived.variables), self.elements, len(self.inputs)
-
-        def gathered(x: Array) -> Array:
-            return self._gather(x)[2].reshape(len(x), self.points, -1)[:, :, :variables].copy()
-
-        base = gathered(np.zeros((m, count)))
-        units = [gathered(np.tile(unit, (m, 1)))[0] - base[0] for unit in np.eye(count)]
-        size = self.points * self.point.width
-        duals, rows = self._split(np.eye(size).reshape(size * self.points, -1), size)
-        scatter = np.concatenate([self._covector(duals).reshape(size, -1), rows], axis=1)
-        return np.array(units).reshape(count, -1), base, np.ascontiguousarray(scatter)
 
     def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
         return LineProgram(self, part, gather).values()
@@ -221,28 +163,6 @@ class LineKernel(ElementKernel):
         forces = n.force_rows(n.turn_rows(K[:a]), q)
         forces[:, :a] += n.geometric(covector)
         return np.concatenate([forces, K[a:]]).transpose(2, 0, 1)
-
-    def bound_jacobian(self, x: Array, out: Array) -> Callable[[], Any]:
-        """In the plane one product with a constant matrix, as long as it is small: larger ones are mostly zeros."""
-        width = self.points * self.point_jacobian.width
-        if not self.nodes.flat or self.given or width * len(self.jacobian_places) > SMALL:
-            return super().bound_jacobian(x, out)
-        gather, values = self._gathering(x, self.point_jacobian)
-        rows, operator = values.reshape(len(x), -1), self._derivative_operator
-
-        def evaluate() -> None:
-            gather()
-            np.matmul(rows, operator, out=out)
-
-        return evaluate
-
-    @cached_property
-    def _derivative_operator(self) -> Array:
-        """(points * width, places) of `_assembled` in the plane, found by evaluating it on unit vectors."""
-        count, n = self.points * self.point_jacobian.width, self.nodes
-        units = np.eye(count).reshape(count, self.points, -1)
-        found = self._assembled(units, np.zeros((count, n.count, n.nq)), np.zeros((count, n.count, n.nu)))
-        return np.ascontiguousarray(found[:, *self._places])
 
 
 def merged(kernels: Sequence[LineKernel]) -> LineKernel:

@@ -7,7 +7,8 @@ for forces. The derivatives of an element pass through the same maps on both sid
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,24 +18,24 @@ from mbdae.kernels.compile import Kernel
 from mbdae.kernels.line_nodes import kinematic_tensor
 from mbdae.native.program import Operations
 
-if TYPE_CHECKING:
-    from mbdae.kernels.line import LineKernel
-
 Index = NDArray[np.intp]
 Array = NDArray[Any]
-Entries = list[tuple[int, ...]]
+Entries = Sequence[tuple[Any, ...]]  #: terms: places, and a factor where there is one
 
 
 class LineProgram:
-    """The elements of a line kernel in a part of a program; slots below are those of the first element."""
+    """The elements of a line kernel in a part of a program; slots below are those of the first element.
 
-    def __init__(self, kernel: LineKernel, part: Operations, gather: Index) -> None:
+    kernel: a `LineKernel`; gather: slots of its inputs (elements, inputs)."""
+
+    def __init__(self, kernel: Any, part: Operations, gather: Index) -> None:
         self.kernel, self.part, self.nodes = kernel, part, kernel.nodes
         n = kernel.nodes
         self.a, self.nu = n.count * n.nq, n.count * n.nu
         self.elements, self.inputs = gather.shape
         #: (a, c, b, H_acb) of all entries of the kinematic tensor
-        self.spin = [] if n.flat else [(*at, float(kinematic_tensor()[at])) for at in zip(*np.nonzero(kinematic_tensor()), strict=True)]
+        H = kinematic_tensor()
+        self.spin: Entries = [] if n.flat else [(*at, float(H[at])) for at in zip(*np.nonzero(H), strict=True)]
         self.e = part.slots(gather.size)
         part.set(self.e + np.arange(gather.size), gather)
 
@@ -159,7 +160,8 @@ class LineProgram:
             self.products(found, covector, self.e, entries, (out, self.a, self.inputs))
         rows = len(kernel.derived.rows)
         if rows:
-            place = np.array([(self.nu + g * rows + j, g * width + duals + j) for g in range(kernel.points) for j in range(rows)]).T
+            at = [(g, j) for g in range(kernel.points) for j in range(rows)]
+            place = np.array([(self.nu + g * rows + j, g * width + duals + j) for g, j in at]).T
             self.move(found + place[0], values + place[1], out, kernel.points * width)
         return found
 
@@ -176,8 +178,8 @@ class LineProgram:
         K, size = self.room(rows * columns), rows * columns
         found = sp.coo_matrix(spread)
         each = width - duals
-        self.part.add(K + found.row, values + found.col // each * width + duals + found.col % each, found.data, self.elements, size,
-                      kernel.points * width)  # fmt: skip
+        at = values + found.col // each * width + duals + found.col % each
+        self.part.add(K + found.row, at, found.data, self.elements, size, kernel.points * width)
         if self.nodes.T is not None:
             blocks = [0, a] if kernel.derived.damped else [0]
             K = self._turned_derivatives(K, rows, columns, blocks)
@@ -202,14 +204,16 @@ class LineProgram:
         turned = {block + first + i for block in blocks for _, first in rotations for i in range(4)}
         plain = [r * columns + c for r in range(rows) for c in range(columns) if c not in turned]
         self.move(by_nodes + np.array(plain), K + np.array(plain), size, size)
-        self._turn(by_nodes, K, [(r * columns + block + first + j, r * columns + block + first + i, node, i, j) for r in range(rows)
-                                 for block in blocks for node, first in rotations for i in range(4) for j in range(4)], size, size)  # fmt: skip
+        pairs = [(i, j) for i in range(4) for j in range(4)]
+        at = [(r * columns + block + first, node) for r in range(rows) for block in blocks for node, first in rotations]
+        self._turn(by_nodes, K, [(start + j, start + i, node, i, j) for start, node in at for i, j in pairs], size, size)
         found = self.room(size)
         turned = {first + i for _, first in rotations for i in range(4)}
         plain = [r * columns + c for r in range(rows) if r not in turned or r >= a for c in range(columns)]
         self.move(found + np.array(plain), by_nodes + np.array(plain), size, size)
-        self._turn(found, by_nodes, [((first + j) * columns + c, (first + i) * columns + c, node, i, j) for node, first in rotations
-                                     for i in range(4) for j in range(4) for c in range(columns)], size, size)  # fmt: skip
+        at = [(first * columns + c, node) for node, first in rotations for c in range(columns)]
+        turned_rows = [(start + j * columns, start + i * columns, node, i, j) for start, node in at for i, j in pairs]
+        self._turn(found, by_nodes, turned_rows, size, size)
         return found
 
     def _by_velocities(self, K: int, rows: int, columns: int) -> tuple[int, int]:

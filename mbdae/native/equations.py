@@ -63,7 +63,7 @@ def called(system: Any) -> Equations:
         def call(_: Any, *args: Any) -> int:
             try:
                 function(*args)
-            except BaseException as error:  # noqa: BLE001: SUNDIALS and C cannot pass it on; `raise_error` does
+            except BaseException as error:  # C cannot pass it on; `raise_error` does
                 made.error = made.error or error
                 return RAISED
             return 0

@@ -100,7 +100,8 @@ class Operations:
         """Copy slots; with `times`, once for every instance, whose slots are a step further."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
-    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0, from_step: int = 0) -> None:
+    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0,
+            from_step: int = 0) -> None:  # fmt: skip
         """W[to] += weight * W[from]. weight (entries,), or (times, entries)."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
 
@@ -111,8 +112,8 @@ class Operations:
                   by_step=by_step)  # fmt: skip
 
     def cholesky(self, n: int, width: int, matrix: int, right: int) -> None:
-        """Solve with the symmetric band matrix at slot `matrix`, n rows of `width` entries that end on the diagonal, for the right
-        side at slot `right`, in place."""
+        """Solve with the symmetric band matrix at slot `matrix`, n rows of `width` entries that end on the diagonal, for the
+        right side at slot `right`, in place."""
         self._add(CHOLESKY, {}, (matrix, n * width), (right, n), times=1, count=n, inputs=width, first=matrix, outputs=right)
 
     def solve(self, n: int, width: int, matrix: int, right: int, times: int) -> None:
@@ -160,7 +161,9 @@ class Operations:
                     if f["kind"] in (CALL, CALL_BACK)), default=0)  # fmt: skip
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
-        """The operations as C reads them, and what has to be kept alive; raises ValueError where one leaves an array of `size`."""
+        """The operations as C reads them, and what has to be kept alive.
+
+        Raises ValueError where one leaves an array of `size` numbers."""
         made = (Operation * max(len(self._list), 1))()
         kept: list[Any] = [made, *self._kept]
         for operation, (fields, tables, (low, high)) in zip(made, self._list, strict=False):
@@ -207,9 +210,10 @@ class Scene(ctypes.Structure):
     """`Scene` of evaluation.c."""
 
     _fields_ = (
-        ("W", Pointer), ("x", Pointer), ("n", Whole), ("dotted", Whole), ("nnz", Whole), ("rows", Whole), ("fy", Whole), ("fyp", Whole),
-        ("rates", Whole), ("at", Whole), ("bad", Whole), ("read", Pointer), ("t", Number), ("side", Number),
-        ("clock", Part), ("residual", Part), ("jacobian", Part), ("of_rates", Part),
+        ("W", Pointer), ("x", Pointer),
+        *((name, Whole) for name in ("n", "dotted", "nnz", "rows", "fy", "fyp", "rates", "at", "bad")),
+        ("read", Pointer), ("t", Number), ("side", Number),
+        *((name, Part) for name in ("clock", "residual", "jacobian", "of_rates")),
     )  # fmt: skip
 
 

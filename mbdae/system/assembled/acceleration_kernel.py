@@ -24,7 +24,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.evaluation import Workspace, narrow_order
+from mbdae.system.assembled.workspace import Workspace, narrow_order
 from mbdae.system.base import Array
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
@@ -96,7 +96,8 @@ class AccelerationKernel(Workspace):
             if p.targets and active:
                 first = p.kernel.emit(part, nb.gather(g, p.all_inputs, active))
                 found.append(first + np.arange(len(active) * len(p.targets)))
-                to += [(0, row_of(t, g, i)) if t[0] != "G" else (1, _entry(full, t, g, i, entries)) for i in active for t in p.targets]
+                to += [(0, row_of(t, g, i)) if t[0] != "G" else (1, _entry(full, t, g, i, entries))
+                       for i in active for t in p.targets]  # fmt: skip
         self._G = self.operations.slots(len(entries))
         part.load(self._G, np.zeros(len(entries)))
         kind, number = np.array(to, dtype=np.intp).reshape(-1, 2).T

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbdae.kernels import plan
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.evaluation import Values
+from mbdae.system.assembled.workspace import Values
 from mbdae.system.base import Array
 from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics

@@ -1,25 +1,19 @@
-"""The equations of a scene as a native program: which kernels read which slots of the workspace, and where their values belong."""
+"""The equations of a scene as a native program: kernels, the slots they read, and where their values belong."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from mbdae.kernels.tree_plan import Piece
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import Operations, Part, Scene, address_of, core
+from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
+from mbdae.system.assembled.workspace import Index, Loaded, Workspace, band_factors, narrow_order
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
-
-Index = NDArray[np.intp]
-BANDED_FROM = 64  #: rows from which an order with a narrow band is looked for
-Loaded = Sequence[tuple[Piece, Index, Index]]  #: kernels of trees, the slots they read, the places of their values
 
 
 class Scatter:
@@ -54,79 +48,6 @@ class Scatter:
             part.add(first + places, values + np.arange(places.size), np.ones(places.size))
 
 
-class Workspace:
-    """The workspace of a numbering with its clock (values prescribed in time) and the motion of loaded nodes (kernels of trees)."""
-
-    def __init__(self, numbering: Numbering, motion: Loaded = ()) -> None:
-        self.numbering, self.n = numbering, numbering.n
-        self.operations = Operations(numbering.width)
-        self.at = self.operations.slots(2)
-        self.clock = self.operations.part()
-        if numbering.clock.expressions:
-            numbering.clock.emit(self.clock, np.array([[self.at, self.at + 1]]), numbering.first_input)
-        self.motion = self.operations.part()
-        for piece, gather, places in motion:
-            values = piece.kernel.emit(self.motion, gather)
-            self.motion.set(places, values + np.arange(places.size))
-
-    def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
-               unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
-        """Make the tables of C and the workspace. unknowns: how many of them are given, by default all; slots: `rows`, `fy`, `fyp`
-        and `rates`, as in `Scene`."""
-        size, nb = self.operations.size, self.numbering
-        self.W = np.zeros(size)
-        self.W[: nb.width] = nb.workspace(1)[0]
-        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
-        self._x = np.zeros(max((p.widest for p in parts.values() if p is not None), default=0) + 1)
-        self._kept: list[Any] = [nb]
-        tables = {name: self.table(part) for name, part in parts.items() if part is not None}
-        self.scene = Scene(rates=rates_at, W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns, dotted=self.n,
-                           at=self.at, bad=-1,
-                           read=nb.model.conditions.read.ctypes.data, t=np.nan, side=np.nan, **tables, **slots)  # fmt: skip
-        self.address = ctypes.addressof(self.scene)
-
-    def table(self, part: Operations) -> Part:
-        """The operations of a part as C reads them."""
-        if part.widest >= len(self._x):
-            raise ValueError(f"a kernel reads {part.widest} numbers, room is for {len(self._x)}")
-        made, kept = part.table(len(self.W))
-        self._kept.append(kept)
-        return made
-
-    def check(self, code: int) -> None:
-        """Raise what a function of Python raised in a native call."""
-        if code < 0 and self.operations.errors:
-            error = self.operations.errors[0]
-            self.operations.errors.clear()
-            raise error
-
-
-class Values(Workspace):
-    """Values of kernels at states, such as the gaps of contacts: at(t, y) of every state in rows."""
-
-    def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
-        super().__init__(numbering, motion)
-        part = self.operations.part(self.motion)
-        pieces = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
-                  for gather, kernel in zip(gathers, kernels, strict=True)]  # fmt: skip
-        at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
-        self.width, first = len(at), self.operations.slots(len(at))
-        part.set(first + np.arange(len(at)), at)
-        self.finish(part)
-        self._values = self.W[first : first + len(at)]
-        self._unknowns, self._call = np.zeros(self.n), core().scene_part
-        self._part = ctypes.addressof(self.scene) + Scene.residual.offset
-
-    def at_states(self, t: Array, y: Array) -> Array:
-        """(k, values) at times (k,) and unknowns y (k, n or more)."""
-        out = np.empty((len(t), self.width))
-        for k, time in enumerate(t.tolist()):
-            self._unknowns[:] = y[k, : self.n]
-            self.check(self._call(self.address, self._part, time, self._unknowns.ctypes.data, None))
-            out[k] = self._values
-        return out
-
-
 class EquationsOfScene(Workspace):
     """Residual, Jacobian and, where nothing is constrained, right-hand side of the equations of a scene.
 
@@ -145,6 +66,8 @@ class EquationsOfScene(Workspace):
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
+        self._steady: tuple[int, Array] | None = None  # slot and factors of a mass matrix that does not vary
+        self._massless = -1  # a velocity for which this matrix has no factors
 
     def _residual(self) -> Operations:
         part, first, nb = self.operations.part(self.motion), self.rows, self.numbering
@@ -225,7 +148,9 @@ class EquationsOfScene(Workspace):
         lower = place[i] >= place[j]
         if constant is not None:
             np.add.at(values, cell(i, j)[lower] - matrix, constant[i[lower], j[lower]])
-        part.load(matrix, values)
+        steady = constant is not None and not mass.kernels
+        if not steady:
+            part.load(matrix, values)
         if constant is None:
             entries = self.fy + self.nnz + np.flatnonzero(inside)
             part.add(cell(i, j)[lower], entries[lower], np.ones(int(lower.sum())))
@@ -236,13 +161,24 @@ class EquationsOfScene(Workspace):
                 kept = place[a] >= place[b]
                 part.add(cell(a[kept], b[kept]), found[kept], np.ones(int(kept.sum())))
         part.set(right + place, first + nq + np.arange(nu))
-        part.cholesky(nu, width, matrix, right)
+        if steady:
+            band = values.reshape(nu, width)
+            factors = band_factors(band)
+            self._steady = matrix, factors
+            if np.isnan(factors).any():
+                self._massless = int(self.order[np.argmin(np.abs(band[:, -1]))])
+            part.solve(nu, width, matrix, right, 1)
+        else:
+            part.cholesky(nu, width, matrix, right)
         part.set(first + nq + np.arange(nu), right + place)
 
     def compile(self) -> None:
         """Make the tables; nothing is added afterwards."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
+        if self._steady is not None:
+            first, factors = self._steady
+            self.W[first : first + factors.size] = factors.ravel()
         found = core()
         self._call = found.scene_residual, found.scene_residuals, found.scene_jacobian, found.scene_rates
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
@@ -279,17 +215,4 @@ class EquationsOfScene(Workspace):
         code = self._call[3](self.address, t, y.ctypes.data, found.ctypes.data)
         self.check(code)
         out[:] = found
-        return int(self.order[self.scene.bad]) if code > 0 else -1
-
-
-def narrow_order(graph: sp.csr_matrix) -> tuple[Index, Index]:
-    """An order of rows in which a symmetric pattern has a narrow band, and the place of each row in it."""
-    n = graph.shape[0]
-    order = np.arange(n)
-    if n >= BANDED_FROM:
-        from scipy.sparse.csgraph import reverse_cuthill_mckee  # not needed by small scenes
-
-        order = reverse_cuthill_mckee(graph.tocsr(), symmetric_mode=True).astype(np.intp)
-    place = np.empty(n, dtype=np.intp)
-    place[order] = np.arange(n)
-    return order, place
+        return int(self.order[self.scene.bad]) if code > 0 else self._massless
