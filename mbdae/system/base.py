@@ -88,6 +88,8 @@ class System:
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
     partition: Any = None
+    #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
+    native: Any = None
     displaced: Callable[[Array, Array], Array] | None = None  #: (q, displacements) -> q moved; None: they add
     #: contacts: (t, y) -> (gap, gap rate, duration), each (nc,): gap in m (> 0 apart, < 0 penetrating), its time derivative in
     #: m/s, and the duration in s of an impact at the present approach speed (> 0; inf: no impact). Adaptive solvers keep

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
@@ -76,6 +77,11 @@ class SceneSystem(System):
 
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return self.assembly.jacobian_values(t, y, yp)
+
+    @property
+    def native(self) -> Equations | None:
+        """These equations as native methods call them."""
+        return self.assembly.evaluation.equations
 
     # -- breaks of inputs of time
 

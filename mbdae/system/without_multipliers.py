@@ -18,6 +18,7 @@ from typing import Self
 import numpy as np
 
 from mbdae.errors import AccuracyWarning
+from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
@@ -73,6 +74,12 @@ class WithoutMultipliers(SceneSystem):
         begun = self.strictly(other.strict).starting(t, *self.restarted(t, y), other.longest_step)
         begun._warned, begun._seen = other._warned, UNSEEN
         return begun
+
+    @property
+    def native(self) -> Equations | None:
+        """y' = f(t, y) as native methods call it; None where it is solved for in Python."""
+        kernel = self._rates.kernel
+        return None if kernel is None else kernel.equations
 
     @property
     def multipliers(self) -> Array:
