@@ -17,7 +17,7 @@ ROOT = Path(mbdae.__file__).parent
 LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit"}, {"reports", "compare"},
     {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"results"}, {"integrators"}, {"formulations"}, {"system"},
-    {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"notation", "errors", "threads", "ties"},
+    {"kernels"}, {"native"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"notation", "errors", "threads", "ties"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says
 SYSTEM = ["base", "partition", "dae", "model", "motion", "start", "rank", "assembled", "prepare", "distance", "scene_system",
@@ -25,7 +25,7 @@ SYSTEM = ["base", "partition", "dae", "model", "motion", "start", "rank", "assem
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts"}
-ALONE = {"sksundae": {"integrators/sundials/ida.py", "integrators/sundials/cvode.py"},
+ALONE = {"sksundae": {"integrators/sundials/python.py"},
          "matplotlib": {"show", "compare", "reports"}}  # fmt: skip
 MOST_FILES, MOST_LINES = 25, 350
 
