@@ -26,7 +26,7 @@ SYSTEM = ["base", "partition", "dae", "model", "motion", "start", "rank", "assem
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
 KERNELS_CALLED_BY = {"system", "results", "run", "contracts"}
-ALONE = {"sksundae": {"integrators/sundials/ida.py", "integrators/sundials/cvode.py"},
+ALONE = {"sksundae": {"integrators/sundials/python.py"},
          "matplotlib": {"show", "compare", "reports"}}  # fmt: skip
 MOST_FILES, MOST_LINES = 25, 350
 

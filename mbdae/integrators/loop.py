@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Callable
 from math import inf
 from typing import Any, Self
@@ -31,6 +32,10 @@ class _Rows:
             self._blocks.append(np.array(self.tail))
             self.tail = []
         self.tail.append(row)
+
+    def extend(self, rows: Array) -> None:
+        """Add rows (m, n)."""
+        self._blocks, self.tail = [*self._blocks, np.array(self.tail), rows[:-1]], [rows[-1]]
 
     def array(self, count: int) -> Array:
         """The first `count` rows (count, n)."""
@@ -64,7 +69,7 @@ class StepLoop:
         self._begin = begin
         self._progress = progress
         self._next_progress = 0.0
-        self._t = [float(system.t0)]
+        self._t = array("d", [float(system.t0)])
         self._y = _Rows(np.array(system.y0, dtype=float))
         self._yp = _Rows(np.array(system.yp0, dtype=float))
         self._pieces: list[Any] = []
@@ -128,6 +133,27 @@ class StepLoop:
         self._renewed = self.system.renewed(t, y)
         self.guard()
         return t < self.t_end and self._renewed is None
+
+    def accept_many(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> bool:
+        """Keep steps t (m,), y and yp (m, n) of a system that does not look at them one by one (`System.looks_at_steps`); arrays
+        are kept, not copied. False when the loop has to end."""
+        stats, widths = self.stats, np.diff(t, prepend=self.t)
+        counted = widths if stats.steps == 0 and len(t) == 1 else widths[t < self.t_end]
+        if len(counted):
+            stats.h_min = min(stats.h_min, float(counted.min())) if stats.steps else float(counted.min())
+            stats.h_max = max(stats.h_max, float(counted.max()))
+        stats.steps += len(t)
+        self._t.frombytes(t.tobytes())
+        self._y.extend(y)
+        self._yp.extend(yp)
+        self._pieces += pieces
+        self.guard()
+        return self.t < self.t_end
+
+    @property
+    def evaluations_left(self) -> float:
+        """Evaluations until the budget is used up."""
+        return self._max_residuals - self.stats.residuals
 
     def renew(self) -> bool:
         """Continue with other equations where constraints are about to depend on each other; returns whether that is so."""

@@ -1,14 +1,18 @@
 """Equations as the native methods of integration call them: those of a scene by address, those of a user's DAE by call back.
 
-A call back that raises keeps its exception in `error`; what called it ends with a negative code, and Python raises it then.
+A call back that raises keeps its exception; what called it ends with a negative code, and `raise_error` raises it then. A method
+lets signals wait while it runs (`Signals`) and gives them to `Caught`: a call back is the next place where they are noticed.
 """
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+from mbdae.native.signals import Signals
 
 Pointer, Number, Whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
 RESIDUAL = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
@@ -16,6 +20,10 @@ JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
 NOT_FINITE, SINGULAR, RAISED = 1, 2, -1
+#: addresses of which a call back keeps arrays: a method works with few
+MOST_SEEN = 64
+#: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
+RateJacobian = Callable[[Any, float, Any, Any], Any]
 
 
 class Table(ctypes.Structure):
@@ -25,12 +33,24 @@ class Table(ctypes.Structure):
                 ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
 
 
-class Equations:
-    """The table of a system and what it refers to. error: what a call back raised, None otherwise."""
+class Caught:
+    """What call backs raise, and the signals they notice. error: what one raised, None otherwise."""
 
-    def __init__(self, table: Table, *kept: Any) -> None:
-        self.table, self._kept = table, kept
+    def __init__(self) -> None:
         self.error: BaseException | None = None
+        self.signals: Signals | None = None
+
+
+class Equations:
+    """The table of a system and what it refers to; caught: by its call backs."""
+
+    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None) -> None:
+        self.table, self._kept, self.caught = table, kept, caught or Caught()
+
+    @property
+    def error(self) -> BaseException | None:
+        """What a call back raised, None otherwise."""
+        return self.caught.error
 
     @property
     def address(self) -> int:
@@ -39,55 +59,109 @@ class Equations:
 
     def raise_error(self) -> None:
         """Raise what a call back raised, if one did."""
-        error, self.error = self.error, None
+        error, self.caught.error = self.caught.error, None
         if error is not None:
             raise error
 
 
-def equations_of(system: Any) -> Equations:
-    """The equations of a System: those of its own native evaluation where it has one, else by call back."""
+def equations_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
+    """The equations of a System: those of its own native evaluation where it has one, else by call back.
+
+    rate_jacobian: called where the equations have rates, but no Jacobian of them."""
     own = getattr(system, "native", None)
-    return own if own is not None else called(system)
+    if own is None:
+        return called(system, rate_jacobian)
+    if rate_jacobian is None or not own.table.rates or own.table.rate_jacobian:
+        return own  # type: ignore[no-any-return]
+    call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
+    table = Table.from_buffer_copy(own.table)
+    table.rate_jacobian = ctypes.cast(call, Pointer).value
+    return Equations(table, call, own, caught=own.caught)
 
 
-def called(system: Any) -> Equations:
+def called(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
     """The equations of a System that is evaluated in Python."""
-    n = system.n
-    pattern = system.sparsity
-    nnz = n * n if pattern is None else pattern.nnz
-    made = Equations(Table(None, n, nnz, None, None, None, None))
+    caught, parts = Caught(), [_Residual(system), _Jacobian(system)]
+    if system.rhs is not None:
+        parts.append(_Rates(system))
+        parts += [] if rate_jacobian is None else [_RateJacobian(system, rate_jacobian)]
+    calls = [part.guarded(caught) for part in parts]
+    addresses = [ctypes.cast(call, Pointer).value for call in calls]
+    table = Table(None, system.n, parts[0].nnz, *addresses, *[None] * (4 - len(addresses)))
+    return Equations(table, calls, system, caught=caught)
 
-    def guarded(kind: Any, function: Any) -> Any:
+
+class _Call:
+    """A function of a System as C calls it. Arrays are copies where a user's function could keep or change them."""
+
+    kind: Any
+
+    def __init__(self, system: Any) -> None:
+        self.system, self.n = system, system.n
+        self.nnz = system.n**2 if system.sparsity is None else system.sparsity.nnz
+        self._seen: dict[tuple[int, int], Any] = {}
+
+    def __call__(self, *args: Any) -> None:
+        raise NotImplementedError
+
+    def at(self, address: int, size: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """`seen`, kept: it takes longer than a small residual."""
+        key = address, self.n if size is None else size
+        found = self._seen.get(key)
+        if found is None:
+            if len(self._seen) >= MOST_SEEN:
+                self._seen.clear()
+            found = self._seen[key] = seen(*key)
+        return found
+
+    def guarded(self, caught: Caught) -> Any:
         """The function as a call back that keeps what it raises."""
 
         def call(_: Any, *args: Any) -> int:
             try:
-                function(*args)
+                if caught.signals is not None and caught.signals.waiting:
+                    caught.signals.deliver()
+                self(*args)
             except BaseException as error:  # C cannot pass it on; `raise_error` does
-                made.error = made.error or error
+                caught.error = caught.error or error
                 return RAISED
             return 0
 
-        return kind(call)
+        return self.kind(call)
 
-    def residual(t: float, y: int, yp: int, out: int) -> None:
-        system.residual(t, seen(y, n).copy(), seen(yp, n).copy(), seen(out, n))
 
-    def jacobian(t: float, y: int, yp: int, fy: int, fyp: int) -> None:
-        by_y, by_yp = system.jacobian_parts(t, seen(y, n).copy(), seen(yp, n).copy())
-        seen(fy, nnz)[:], seen(fyp, nnz)[:] = by_y.ravel(order="F"), by_yp.ravel(order="F")
+class _Residual(_Call):
+    kind = RESIDUAL
 
-    def rates(t: float, y: int, out: int) -> None:
-        system.rhs(t, seen(y, n).copy(), seen(out, n))
+    def __call__(self, t: float, y: int, yp: int, out: int) -> None:
+        self.system.residual(t, self.at(y).copy(), self.at(yp).copy(), self.at(out))
 
-    calls = [guarded(RESIDUAL, residual), guarded(JACOBIAN, jacobian)]
-    if system.rhs is not None:
-        calls.append(guarded(RATES, rates))
-    addresses = [ctypes.cast(call, Pointer).value for call in calls]
-    made.table.residual, made.table.jacobian = addresses[0], addresses[1]
-    made.table.rates = addresses[2] if len(addresses) > 2 else None
-    made._kept = (calls, system)
-    return made
+
+class _Jacobian(_Call):
+    kind = JACOBIAN
+
+    def __call__(self, t: float, y: int, yp: int, fy: int, fyp: int) -> None:
+        by_y, by_yp = self.system.jacobian_parts(t, self.at(y).copy(), self.at(yp).copy())
+        self.at(fy, self.nnz)[:], self.at(fyp, self.nnz)[:] = by_y.ravel(order="F"), by_yp.ravel(order="F")
+
+
+class _Rates(_Call):
+    kind = RATES
+
+    def __call__(self, t: float, y: int, out: int) -> None:
+        self.system.rhs(t, self.at(y).copy(), self.at(out))
+
+
+class _RateJacobian(_Call):
+    kind = RATE_JACOBIAN
+
+    def __init__(self, system: Any, function: RateJacobian) -> None:
+        super().__init__(system)
+        self.function = function
+
+    def __call__(self, t: float, y: int, yp: int, out: int) -> None:
+        full = self.function(self.system, t, self.at(y).copy(), self.at(yp).copy())
+        self.at(out, self.n**2)[:] = full.ravel(order="F")
 
 
 def seen(address: int, size: int) -> np.ndarray[Any, np.dtype[np.float64]]:

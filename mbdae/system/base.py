@@ -124,6 +124,12 @@ class System:
         other; None: go on with this one. Asked after every accepted step."""
         return None
 
+    @property
+    def looks_at_steps(self) -> bool:
+        """Whether `accept` or `renewed` is more than here: steps that are made many at a time are then made one by one."""
+        found = (getattr(getattr(self, name), "__func__", None) is not getattr(System, name) for name in ("accept", "renewed"))
+        return any(found)
+
     def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
         """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs (t < 1 and the like) are evaluated
         at the time `side`, inside the next part of the run, from now on."""

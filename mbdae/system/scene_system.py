@@ -129,6 +129,10 @@ class SceneSystem(System):
             self._others[rows] = type(self)(self._prepared.with_rows(list(rows), state), *self._asked, self._others)
         return self._others[rows].taking_over(self, t, y)
 
+    @property
+    def looks_at_steps(self) -> bool:
+        return self._choice is not None or type(self).accept is not System.accept
+
     def taking_over(self, other: SceneSystem, t: float, y: Array) -> SceneSystem:
         """These equations from a state y (n,) of another system of the same scene and form."""
         return self.starting(t, *self.restarted(t, y), other.longest_step)

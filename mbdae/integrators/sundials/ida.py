@@ -1,8 +1,7 @@
-"""IDA of SUNDIALS (variable-order BDF) through scikit-sundae, for systems of index at most 1."""
+"""IDA of SUNDIALS (variable-order BDF) for systems of index at most 1."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,7 +13,9 @@ from mbdae.integrators.dense import Hermite
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Interpolant
-from mbdae.integrators.sundials.shared import SundialsRun
+from mbdae.integrators.sundials.shared import Method, SundialsRun
+from mbdae.native import sundials as native
+from mbdae.native.equations import equations_of
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole
@@ -80,55 +81,33 @@ class IDA(Solver):
 class _Run(SundialsRun):
     """A run with IDA, which calls the residual and its Jacobian."""
 
-    def __init__(self, solver: IDA, loop: StepLoop, h0: float | None) -> None:
-        super().__init__(solver, loop, h0)
-        self.cj, self.yp = 1.0, np.array(self.system.yp0)
+    def create(self) -> Method:
+        system, order, start = self.system, self.solver.max_order, (self.loop.t, *self.loop.state)
+        if native.why_not():
+            from mbdae.integrators.sundials.python import IdaByPython
 
-    def create(self, **options: Any) -> Any:
-        import sksundae.ida  # 0.4 s: only when it is used
-
-        options |= {"max_order": self.solver.max_order, "linsolver": "dense"}
-        if self.system.sparsity is not None:
-            options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
-            return sksundae.ida.IDA(self.residual, jacfn=self.jacobian, **options)
-
-    def begin(self, t: float, y: Array, yp: Array) -> None:
-        self.method.init_step(t, y, yp)
-
-    def slope(self, result: Any) -> Array:
-        return np.asarray(result.yp)
-
-    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
-        """Residual for IDA."""
-        with self:
-            self.evaluated(t)
-            self.system.residual(t, y, yp, out)
-            self.y[:], self.yp[:], self.values[:] = y, yp, out
-
-    def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
-        """Jacobian for IDA."""
-        with self:
-            self.cj = cj
-            self.system.jacobian(t, y, yp, cj, out)
+            return IdaByPython(system, self.settings(order), start)
+        sparse = system.sparsity is not None
+        return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
+                          pattern=system.sparsity if sparse else system.pattern)  # fmt: skip
 
     def diagnosis(self, message: str) -> SolverError:
-        weights, correction = 1 / self.tolerance(self.y), self._newton_correction()
+        last, correction = self.last, self._newton_correction()
+        weights = 1 / self.tolerance(last.y)
         if correction is None:
-            worst = largest(np.abs(self.values))
+            worst = largest(np.abs(last.values))
             return self.loop.failure(f"{message}; the iteration matrix is singular", self.system.equations[worst])
         if np.max(np.abs(correction) * weights) < 1.0:  # Newton is not what fails: the error test is
             y, yp = self.loop.state
-            correction = self.y - y - (self.t - self.loop.t) * yp
+            correction = last.y - y - (last.t - self.loop.t) * yp
         return self.loop.failure(message, self.system.names[largest(np.abs(correction) * weights)])
 
     def _newton_correction(self) -> Array | None:
         """Correction (n,) of one more Newton iteration at the last point, None where the matrix is singular."""
-        system = self.system
+        system, last = self.system, self.last
         data = np.zeros((system.n, system.n) if system.sparsity is None else (system.sparsity.nnz,))
-        system.jacobian(self.t, self.y, self.yp, self.cj, data)
+        system.jacobian(last.t, last.y, last.yp, last.cj, data)
         matrix = data if system.sparsity is None else as_csc(system, data).toarray()
         if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < system.n:
             return None
-        return np.asarray(np.linalg.solve(matrix, self.values))
+        return np.asarray(np.linalg.solve(matrix, last.values))

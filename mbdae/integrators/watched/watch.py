@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -85,10 +85,7 @@ class StepWatch:
 
 
 class SundialsWatch(StepWatch):
-    """The watch of a run with SUNDIALS, which takes a stop time before a step, and is restarted to repeat a step.
-
-    jacobians  evaluations before the last restart, at which SUNDIALS counts from 0 again
-    """
+    """The watch of a run with SUNDIALS, which takes a stop time before a step, and is restarted to repeat a step."""
 
     #: with a tolerance too coarse for an impact 0.2 loses 45 % of its speed, 0.1 28 %; a body coming to rest made 250 contacts at
     #: 0.2, 28 at 0.1 (37 are right, rtol 1e-3). With finer tolerances both cost the same
@@ -96,7 +93,7 @@ class SundialsWatch(StepWatch):
 
     def __init__(self, loop: StepLoop, tolerance: Tolerance) -> None:
         super().__init__(loop, tolerance)
-        self.jacobians, self._until = 0, -inf
+        self._until = -inf
 
     def stop(self) -> float:
         """Time (s) the next step must not pass."""
@@ -104,10 +101,9 @@ class SundialsWatch(StepWatch):
         until = self._until if self._until - loop.t > ROUND * abs(self._until) else inf
         return float(min(loop.t_end, loop.t + self.bound(), until))
 
-    def refuses(self, result: Any, yp: Array) -> bool:
-        """Whether the last step (yp: y' at its end) has to be repeated; the next ones then end at what it hid."""
-        t, h = float(result.t), float(result.t) - self.loop.t
-        self.look(t, result.y, cubic_of_step(h, self.loop.state, (result.y, yp)))
+    def refuses(self, t: float, y: Array, yp: Array) -> bool:
+        """Whether the last step, which ends with these values, has to be repeated; the next ones then end at what it hid."""
+        self.look(t, y, cubic_of_step(t - self.loop.t, self.loop.state, (y, yp)))
         hidden = None if self.contacts is None else self.contacts.hidden()
         shorter = None if self.switching is None else self.switching.shorter()
         times = [time for time in (hidden, None if shorter is None else self.loop.t + shorter) if time is not None]
@@ -115,7 +111,6 @@ class SundialsWatch(StepWatch):
             self.keep()
             return False
         self._until = min(times)
-        self.jacobians += int(result.njev)
         return True
 
 

@@ -1,0 +1,223 @@
+"""IDA and CVODE through the Python interface of scikit-sundae, one step in a call: where its libraries cannot be opened."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import warnings
+from abc import ABC, abstractmethod
+from contextlib import redirect_stdout
+from typing import Any, Self
+
+import numpy as np
+
+from mbdae.integrators.dense import cubic
+from mbdae.integrators.rates import rate_jacobian
+from mbdae.native.sundials import STUCK, Settings, Steps
+from mbdae.system.base import Array, System
+
+#: how scikit-sundae begins a report: the function of SUNDIALS and its error code
+REPORT = re.compile(r"\s*\[\w+, Error: -?\d+\]")
+
+
+class PythonMethod(ABC):
+    """What `native.sundials.Method` does; functions that SUNDIALS calls do it `with self`, which keeps an exception."""
+
+    def __init__(self, system: System, settings: Settings, start: tuple[float, Array, Array]) -> None:
+        self.system, self.settings, self.error = system, settings, None
+        self.t, self.cj, self._message, self._newest = -np.inf, 1.0, "", None
+        self.y, self.yp, self.values = np.array(start[1]), np.array(start[2]), np.zeros(system.n)
+        self._residuals = self._rejected = self._jacobians = 0
+        self._method = self.create(rtol=settings.rtol, atol=settings.atol, first_step=settings.first_step,
+                                   max_num_steps=10**9, max_order=settings.order)  # fmt: skip
+        self.begin(*start)
+
+    error: BaseException | None
+    _newest: tuple[float, Array] | None
+
+    @abstractmethod
+    def create(self, **options: Any) -> Any:
+        """The object of scikit-sundae."""
+
+    @abstractmethod
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        """Start, or start again."""
+
+    @abstractmethod
+    def slope(self, result: Any) -> Array:
+        """y' (n,) at the end of a step."""
+
+    def piece(self, start: tuple[float, Array, Array], last_step: float, end: tuple[float, Array, Array]) -> Array | None:
+        """What the interpolant needs of a step."""
+        return None
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Evaluations, rejected steps, and Jacobians so far."""
+        return self._residuals, self._rejected, self._jacobians
+
+    def newest(self) -> tuple[float, Array] | None:
+        """Where the Jacobian was evaluated since this was asked last."""
+        found, self._newest = self._newest, None
+        return found
+
+    def renew(self) -> None:
+        """Have the next step begin with a new Jacobian."""
+
+    def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = 1,
+                left: float = np.inf) -> Steps:  # fmt: skip
+        """One step, whatever `rows` and `left` allow."""
+        none = np.empty((0, self.system.n))
+        try:
+            with redirect_stdout(_WithoutReports(sys.stdout)):
+                result = self._method.step(toward, method="onestep", tstop=stop)
+        except Exception:
+            if self.error is None:
+                raise
+        if self.error is not None:
+            return Steps(np.empty(0), none, none, [], -1)
+        self._message = str(result.message).rstrip(".")
+        if not result.success or not result.t > start[0]:
+            return Steps(np.empty(0), none, none, [], STUCK if result.success else int(result.status))
+        end = float(result.t), np.asarray(result.y), self.slope(result)
+        return Steps(np.array([end[0]]), end[1][None], end[2][None], [self.piece(start, last_step, end)], 0)
+
+    def reason(self, code: int) -> str:
+        """What a code of the last step says."""
+        return "the step fell below the round-off of the time" if code == STUCK else self._message
+
+    def raise_error(self) -> None:
+        """Raise what a function that SUNDIALS calls raised."""
+        if self.error is not None:
+            raise self.error
+
+    def evaluated(self, t: float) -> None:
+        """Count an evaluation at t; one nearer than the last: that attempt was rejected."""
+        self._rejected += t < self.t
+        self.t = t
+        self._residuals += 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None = None, trace: Any = None) -> None:
+        if error is not None:
+            self.error = error
+
+
+class IdaByPython(PythonMethod):
+    """IDA for F(t, y, y') = 0."""
+
+    def create(self, **options: Any) -> Any:
+        import sksundae.ida  # 0.4 s: only when it is used
+
+        options |= {"linsolver": "dense"}
+        if self.system.sparsity is not None:
+            options |= {"linsolver": "sparse", "sparsity": self.system.sparsity}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # sparse warns that the given Jacobian replaces its own
+            return sksundae.ida.IDA(self.residual, jacfn=self.jacobian, **options)
+
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        self._method.init_step(t, y, yp)
+
+    def slope(self, result: Any) -> Array:
+        return np.asarray(result.yp)
+
+    def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """Residual for IDA."""
+        with self:
+            self.evaluated(t)
+            self.system.residual(t, y, yp, out)
+            self.y[:], self.yp[:], self.values[:] = y, yp, out
+
+    def jacobian(self, t: float, y: Array, yp: Array, res: Array, cj: float, out: Array) -> None:
+        """Jacobian for IDA."""
+        with self:
+            self.cj = cj
+            self._jacobians += 1
+            self.system.jacobian(t, y, yp, cj, out)
+
+
+class CvodeByPython(PythonMethod):
+    """CVODE for y' = f(t, y); nodes and tame as in `native.sundials.Cvode`."""
+
+    def __init__(self, *args: Any, method: str, nodes: Array, tame: float) -> None:
+        self._multistep, self._nodes, self._tame = method, nodes, tame
+        self._choosing, self._renew, self._renewing = True, False, False
+        super().__init__(*args)
+
+    def create(self, **options: Any) -> Any:
+        import sksundae.cvode  # 0.4 s: only when it is used
+
+        return sksundae.cvode.CVODE(self.rate, jacfn=self.jacobian, method=self._multistep, **options)
+
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        self._method.init_step(t, y)
+        self._choosing = True
+
+    def slope(self, result: Any) -> Array:
+        return self.values.copy()
+
+    def renew(self) -> None:
+        self._renew = True
+
+    def piece(self, start: tuple[float, Array, Array], last_step: float, end: tuple[float, Array, Array]) -> Array | None:
+        (t0, y0, yp0), (t, y, yp) = start, end
+        if self._tame and t - t0 <= self._tame * last_step:
+            return None
+        step = self._method.step  # brought back to t, or the next internal step would only return to it
+        own = np.array([step(t0 + c * (t - t0), method="normal").y - y0 for c in self._nodes])
+        step(t, method="normal")
+        ends = cubic(len(self._nodes) + 1, t - t0, (y0, yp0), (y, yp))
+        return ends if (np.abs(own - ends) <= self.settings.rtol * np.abs(y) + self.settings.atol).all() else own
+
+    def evaluated(self, t: float) -> None:
+        """Those that choose the first step are no attempts, so none of them is rejected."""
+        self.t = min(self.t, t) if self._choosing else self.t
+        super().evaluated(t)
+
+    def rate(self, t: float, y: Array, out: Array) -> None:
+        """y' for CVODE, not a number where a new Jacobian is wanted: see `cvode_rates` of native/sundials.c."""
+        with self:
+            if self._renew or (self._renewing and np.isnan(y[0])):
+                self._renew, self._renewing = False, True
+                out[:] = np.nan
+                return
+            self._renewing = False
+            self.evaluated(t)
+            self.system.rhs(t, y, out)
+            self.y[:], self.values[:] = y, out
+
+    def jacobian(self, t: float, y: Array, yp: Array, out: Array) -> None:
+        """df/dy for CVODE; asked for first in the first attempt."""
+        with self:
+            self._choosing = False
+            self._jacobians += 1
+            self._newest = t, y.copy()
+            out[...] = rate_jacobian(self.system, t, y, yp)
+
+
+class _WithoutReports(io.TextIOBase):
+    """Standard output without the lines scikit-sundae prints there on a failure: the SolverError says the same."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__()
+        self._stream, self._dropped = stream, False
+
+    def write(self, text: str) -> int:
+        """Pass text on, except a report and the newline that ends it."""
+        report = REPORT.match(text) is not None
+        if not report and not (self._dropped and text == "\n"):
+            self._stream.write(text)
+        self._dropped = report
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream behind."""
+        self._stream.flush()
+
+    def isatty(self) -> bool:
+        """Whether the stream behind is a terminal."""
+        return bool(self._stream.isatty())

@@ -1,0 +1,176 @@
+/* What IDA and CVODE of SUNDIALS call over `Equations`, and the loop over their internal steps.
+   SUNDIALS comes as addresses of its functions, which sundials.py fills in; its objects stay closed. */
+#include "core.h"
+#include <time.h>
+
+typedef void *Closed; /* vector, matrix or memory of SUNDIALS: only its own functions look inside */
+
+enum { INNER = 4, ONE_STEP = 2 }; /* nodes of Radau IIA with 5 stages inside a step; IDA_ONE_STEP and CV_ONE_STEP */
+enum { STUCK = 1000 };            /* result of `sundials_steps`: the step fell below the round-off of the time */
+
+/* One run; `Run` of sundials.py has the same members. */
+typedef struct {
+  const Equations *e;
+  double *(*array)(Closed vector);
+  double *(*data)(Closed matrix);
+  void *(*columns)(Closed matrix), *(*rows)(Closed matrix);                    /* of a sparse matrix, else NULL */
+  int (*ida)(Closed, double toward, double *t, Closed y, Closed yp, int task); /* IDASolve, NULL with CVODE */
+  int (*cvode)(Closed, double toward, Closed y, double *t, int task);          /* CVode, NULL with IDA */
+  int (*until)(Closed, double stop);                                           /* IDASetStopTime or CVodeSetStopTime */
+  int (*interpolant)(Closed, double t, int derivative, Closed y);              /* CVodeGetDky, NULL with IDA */
+  Closed memory, y_vector, yp_vector, inner_vector;
+  const char *own_columns, *own_rows; I columns_bytes, rows_bytes; /* pattern; SUNDIALS wipes that of its matrix */
+  const I *place;                                 /* (nnz,) where entries of a pattern belong in a dense matrix, or NULL */
+  double *fy, *fyp;                               /* (nnz,) */
+  const double *nodes, *atol; double rtol;        /* (INNER,), (n,) */
+  double tame; I smooth;                          /* see `piece` */
+  double most, toward;                            /* evaluations after which the loop ends; end of the run, s */
+  I evaluations, rejected, jacobians;
+  I choosing, renew, renewing, fresh;             /* fresh: jacobian_t and jacobian_y are of a new Jacobian */
+  double t, cj, *y, *yp, *values;                 /* the last point, and what was computed there */
+  double jacobian_t, *jacobian_y;                 /* where the newest Jacobian was evaluated */
+  double from_t, last_step; const double *from_y, *from_yp; /* the last accepted point and the step that led to it */
+  double *inner; I pieces;                        /* pieces (INNER, n) one behind the other, and how many there are */
+} Run;
+
+/* An evaluation nearer than the last one: that attempt was rejected. Those that choose the first step are no attempts. */
+static void counted(Run *r, double t) {
+  if (t < r->t && !r->choosing) r->rejected++;
+  r->t = t;
+  r->evaluations++;
+}
+
+static int outcome(int code, const double *out, I n) { return code < 0 ? RAISED : code > 0 || !all_finite(out, n); }
+
+API int ida_residual(double t, Closed y, Closed yp, Closed out, void *user) {
+  Run *r = user;
+  const Equations *e = r->e;
+  const double *at = r->array(y), *slope = r->array(yp);
+  double *F = r->array(out);
+  size_t size = sizeof(double) * (size_t)e->n;
+  counted(r, t);
+  int code = e->residual(e->self, t, at, slope, F);
+  memcpy(r->y, at, size);
+  memcpy(r->yp, slope, size);
+  memcpy(r->values, F, size);
+  return outcome(code, F, e->n);
+}
+
+API int ida_jacobian(double t, double cj, Closed y, Closed yp, Closed F, Closed J, void *user, Closed a, Closed b, Closed c) {
+  Run *r = user;
+  const Equations *e = r->e;
+  double *out = r->data(J);
+  (void)F, (void)a, (void)b, (void)c;
+  r->jacobians++;
+  r->cj = cj;
+  int code = e->jacobian(e->self, t, r->array(y), r->array(yp), r->fy, r->fyp);
+  if (code) return code;
+  if (r->columns) {
+    memcpy(r->columns(J), r->own_columns, (size_t)r->columns_bytes);
+    memcpy(r->rows(J), r->own_rows, (size_t)r->rows_bytes);
+  } else
+    memset(out, 0, sizeof(double) * (size_t)(e->n * e->n));
+  for (I k = 0; k < e->nnz; k++) out[r->place ? r->place[k] : k] = r->fy[k] + cj * r->fyp[k];
+  return DONE;
+}
+
+/* With `renew` the rate is not a number once, and wherever CVODE then asks for it at what is not a number: the only way to make
+   CVODE ask for a new Jacobian before its Newton iteration fails; it then repeats the same step. A code > 0 would shorten it. */
+API int cvode_rates(double t, Closed y, Closed out, void *user) {
+  Run *r = user;
+  const Equations *e = r->e;
+  const double *at = r->array(y);
+  double *rate = r->array(out);
+  if (r->renew || (r->renewing && isnan(at[0]))) {
+    r->renew = 0;
+    r->renewing = 1;
+    for (I i = 0; i < e->n; i++) rate[i] = NAN;
+    return DONE;
+  }
+  r->renewing = 0;
+  counted(r, t);
+  int code = e->rates(e->self, t, at, rate);
+  memcpy(r->y, at, sizeof(double) * (size_t)e->n);
+  memcpy(r->values, rate, sizeof(double) * (size_t)e->n);
+  return outcome(code, rate, e->n);
+}
+
+API int cvode_jacobian(double t, Closed y, Closed rate, Closed J, void *user, Closed a, Closed b, Closed c) {
+  Run *r = user;
+  const double *at = r->array(y);
+  (void)a, (void)b, (void)c;
+  r->jacobians++;
+  r->choosing = 0;
+  r->fresh = 1;
+  r->jacobian_t = t;
+  memcpy(r->jacobian_y, at, sizeof(double) * (size_t)r->e->n);
+  return r->e->rate_jacobian(r->e->self, t, at, r->array(rate), r->data(J));
+}
+
+/* Increment at part c of a step of h, of the cubic with y and y' at both its ends. */
+static double cubic(double c, double h, double y0, double rate0, double y1, double rate1) {
+  return c * c * (3 - 2 * c) * (y1 - y0) + h * c * (1 - c) * ((1 - c) * rate0 - c * rate1);
+}
+
+/* Store the increments at the inner nodes of a step that ends at t: those of the cubic where CVODE's own interpolant agrees with
+   it to the tolerance, else of the latter. Where steps of a smooth run grow by no more than `tame` nothing is stored.
+   1: stored, 0: not needed, or the negative code of CVODE. */
+static int piece(Run *r, double t, const double *y, const double *yp) {
+  I n = r->e->n;
+  double h = t - r->from_t, *out = r->inner + r->pieces * INNER * n;
+  if (r->smooth && h <= r->tame * r->last_step) return 0;
+  int agree = 1;
+  for (I k = 0; k < INNER; k++) {
+    double c = r->nodes[k];
+    int code = r->interpolant(r->memory, r->from_t + c * h, 0, r->inner_vector);
+    if (code < 0) return code;
+    const double *own = r->array(r->inner_vector);
+    for (I i = 0; i < n; i++) {
+      double by_ends = cubic(c, h, r->from_y[i], r->from_yp[i], y[i], yp[i]);
+      out[k * n + i] = own[i] - r->from_y[i];
+      agree &= fabs(out[k * n + i] - by_ends) <= r->rtol * fabs(y[i]) + r->atol[i];
+    }
+  }
+  for (I k = 0; agree && k < INNER; k++)
+    for (I i = 0; i < n; i++) out[k * n + i] = cubic(r->nodes[k], h, r->from_y[i], r->from_yp[i], y[i], yp[i]);
+  r->pieces++;
+  return 1;
+}
+
+static double clock_s(void) {
+  struct timespec now;
+  timespec_get(&now, TIME_UTC);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Internal steps until `stop`, or until there is no room for more, the evaluations are used up, or `seconds` are over.
+   Row m of t, Y, Yp and stored (whether there is a piece, with CVODE) belongs to step m; *made: how many there are.
+   Returns 0, the negative code of SUNDIALS, or STUCK. */
+API int sundials_steps(Run *r, double stop, double seconds, I room, double *t, double *Y, double *Yp, I *stored, I *made) {
+  I n = r->e->n;
+  size_t size = sizeof(double) * (size_t)n;
+  double begin = clock_s();
+  int code = r->until(r->memory, stop);
+  for (*made = 0; code >= 0 && *made < room;) {
+    double now = r->from_t, *y = Y + *made * n, *yp = Yp + *made * n;
+    code = r->ida ? r->ida(r->memory, r->toward, &now, r->y_vector, r->yp_vector, ONE_STEP)
+                  : r->cvode(r->memory, r->toward, r->y_vector, &now, ONE_STEP);
+    if (code < 0) break;
+    if (!(now > r->from_t)) return STUCK;
+    memcpy(y, r->array(r->y_vector), size);
+    memcpy(yp, r->ida ? r->array(r->yp_vector) : r->values, size); /* CVODE: f at the last iterate */
+    if (r->cvode) {
+      code = piece(r, now, y, yp);
+      if (code < 0) break;
+      stored[*made] = code;
+    }
+    t[(*made)++] = now;
+    r->last_step = now - r->from_t;
+    r->from_t = now;
+    r->from_y = y;
+    r->from_yp = yp;
+    double passed = clock_s() - begin;
+    if (now >= stop || (double)r->evaluations > r->most || passed > seconds || passed < 0) break;
+  }
+  return code < 0 ? code : DONE;
+}

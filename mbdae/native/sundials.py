@@ -1,0 +1,388 @@
+"""IDA and CVODE in the shared libraries that scikit-sundae brings, over `Equations`.
+
+Only functions of SUNDIALS are used, no layouts of its structures: these differ between releases, the functions of 7.x do not.
+Its linear solvers come with it: dense, and SuperLU_MT for matrices with a pattern.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
+from mbdae.native.library import library
+from mbdae.native.signals import Signals
+from mbdae.native.sundials_library import Unavailable, sundials
+
+Array = NDArray[np.float64]
+
+#: a call of the loop returns after so long (s), so that Ctrl-C, limits and progress are looked at
+SLICE = 0.05
+#: rows of a block of steps, at most, and what a block may take, bytes
+MOST_ROWS, BLOCK_BYTES = 4096, 2**22
+STUCK = 1000
+CSC = 0  #: of SUNSparseMatrix
+ADAMS, BDF = 1, 2
+SAID = {
+    "ERR_FAIL": "the error test failed too many times", "CONV_FAIL": "Newton's iteration failed too many times",
+    "TOO_MUCH_ACC": "the tolerance is below the round-off", "REP_RES_ERR": "the equations are not finite wherever it was tried",
+    "REPTD_RHSFUNC_ERR": "the equations are not finite wherever it was tried",
+}  # fmt: skip
+
+
+class Run(ctypes.Structure):
+    """`Run` of sundials.c."""
+
+    _fields_ = (
+        ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),
+        ("cvode", Pointer), ("until", Pointer), ("interpolant", Pointer), ("memory", Pointer), ("y_vector", Pointer),
+        ("yp_vector", Pointer), ("inner_vector", Pointer), ("own_columns", Pointer), ("own_rows", Pointer),
+        ("columns_bytes", Whole), ("rows_bytes", Whole), ("place", Pointer), ("fy", Pointer), ("fyp", Pointer),
+        ("nodes", Pointer), ("atol", Pointer), ("rtol", Number), ("tame", Number), ("smooth", Whole), ("most", Number),
+        ("toward", Number), ("evaluations", Whole), ("rejected", Whole), ("jacobians", Whole), ("choosing", Whole), ("renew", Whole),
+        ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
+        ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
+        ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What both methods are told: tolerances (atol (n,)), highest order, first step (s; 0: chosen)."""
+
+    rtol: float
+    atol: Array
+    order: int
+    first_step: float = 0.0
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps made in one call: ends t (m,), y and yp (m, n), and what an interpolant needs of each (None: nothing).
+
+    code: negative or STUCK where the method could not go on after them"""
+
+    t: Array
+    y: Array
+    yp: Array
+    pieces: list[Any]
+    code: int
+
+
+class _Block:
+    """Room for steps that are not made yet; arrays of finished steps are views of it."""
+
+    def __init__(self, n: int, inner: int) -> None:
+        self.room = max(1, min(MOST_ROWS, BLOCK_BYTES // (8 * n * (2 + inner))))
+        self.t, self.y, self.yp = np.empty(self.room), np.empty((self.room, n)), np.empty((self.room, n))
+        self.stored = np.zeros(self.room, dtype=np.int64)
+        self.inner = np.empty((self.room, inner, n))
+        self.made = 0
+        self._addresses = [(a.ctypes.data, a.strides[0]) for a in (self.t, self.y, self.yp, self.stored)]
+
+    def addresses(self) -> list[int]:
+        """Addresses of the next row of t, y, yp and stored."""
+        return [first + self.made * stride for first, stride in self._addresses]
+
+
+class Method:
+    """A method of SUNDIALS with its memory, which `close` frees; also a context. What is public follows the last call.
+
+    y, yp, values  (n,) the last point that was evaluated, and what was computed there; t, cj are there too
+    """
+
+    inner = 0  #: nodes inside a step of which `Steps.pieces` tells
+    prefix: str  #: of names in SUNDIALS
+
+    def __init__(self, equations: Equations, settings: Settings, start: tuple[float, Array, Array]) -> None:
+        self.equations, self.settings, self.signals = equations, settings, Signals()
+        self.S, self.C, self.run = sundials(), core(), Run()
+        self.n = n = int(equations.table.n)
+        t, y, yp = start
+        self.y, self.yp, self.values, self._jacobian_y = np.array(y), np.array(yp), np.zeros(n), np.zeros(n)
+        self._atol = np.array(settings.atol, dtype=float)
+        self._kept: list[Any] = []
+        self._block: _Block | None = None
+        self._free = ExitStack()
+        with ExitStack() as failed:
+            failed.callback(self.close)
+            self._context = self._silent_context()
+            self._y, self._yp, self._own = self._vector(y), self._vector(yp), self._vector(y)
+            self._tolerances = self._vector(self._atol)
+            self._fill(equations)
+            matrix, solver = self._linear_solver()
+            self.memory = self._create()
+            self.run.memory = self.memory
+            free = Pointer(self.memory)
+            self._free.callback(lambda: self._call("Free", ctypes.byref(free), checked=False))
+            self._set_up(t, matrix, solver)
+            failed.pop_all()
+
+    def __enter__(self) -> Self:
+        self.equations.caught.signals = self.signals.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.equations.caught.signals = None
+        self.close()
+        self.signals.__exit__(*error)
+
+    def close(self) -> None:
+        """Free what SUNDIALS allocated."""
+        self._free.close()
+
+    def _create(self) -> int:
+        """The memory of the method."""
+        raise NotImplementedError
+
+    def _initialise(self, t: float) -> None:
+        """Give the memory its start and the functions it calls."""
+        raise NotImplementedError
+
+    # -- counts and the last point
+
+    @property
+    def t(self) -> float:
+        """Time of the last point, s."""
+        return float(self.run.t)
+
+    @property
+    def cj(self) -> float:
+        """Factor of dF/dy' in the newest Jacobian."""
+        return float(self.run.cj)
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Evaluations, rejected steps, and Jacobians so far."""
+        return self.run.evaluations, self.run.rejected, self.run.jacobians
+
+    def newest(self) -> tuple[float, Array] | None:
+        """Where the Jacobian was evaluated since this was asked last, None: nowhere."""
+        fresh, self.run.fresh = self.run.fresh, 0
+        return (self.run.jacobian_t, self._jacobian_y.copy()) if fresh else None
+
+    def renew(self) -> None:
+        """Have the next step begin with a new Jacobian."""
+        self.run.renew = 1
+
+    # -- steps
+
+    def begin(self, t: float, y: Array, yp: Array) -> None:
+        """Start again."""
+        self._view(self._y)[:], self._view(self._yp)[:] = y, yp
+        self.run.choosing = int(self.prefix == "CVode")
+        self._call("ReInit", t, *self._start_vectors())
+
+    def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = MOST_ROWS,
+                left: float = np.inf) -> Steps:  # fmt: skip
+        """Steps from `start`, the last accepted point, no further than `stop`: at most so many rows, until more evaluations than
+        are left are made or a slice of time is over. toward: end of the run, s. What was raised waits for `raise_error`."""
+        block, run = self._block, self.run
+        if block is None or block.made == block.room:
+            block = self._block = _Block(self.n, self.inner)
+            run.inner, run.pieces = block.inner.ctypes.data, 0
+        y, yp = (np.ascontiguousarray(a, dtype=float) for a in start[1:])
+        run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
+        run.most = run.evaluations + left
+        if self.inner:
+            run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
+        made, room = Whole(0), min(rows, block.room - block.made)
+        self.signals.inside = True
+        try:
+            code = self.C.sundials_steps(ctypes.byref(run), stop, SLICE, room, *block.addresses(), ctypes.byref(made))
+        finally:
+            self.signals.inside = False
+        part = slice(block.made, block.made + made.value)
+        block.made = part.stop
+        pieces: list[Any] = [None] * made.value
+        if run.pieces > first_piece:
+            stored = np.flatnonzero(block.stored[part]).tolist()
+            for step, piece in zip(stored, block.inner[first_piece : first_piece + len(stored)], strict=True):
+                pieces[step] = piece
+        return Steps(block.t[part], block.y[part], block.yp[part], pieces, code)
+
+    def raise_error(self) -> None:
+        """Raise what a call back raised, then call the handlers of signals that came meanwhile."""
+        self.equations.raise_error()
+        self.signals.deliver()
+
+    def reason(self, code: int) -> str:
+        """What a code says."""
+        if code == STUCK:
+            return "the step fell below the round-off of the time"
+        name = _flag_name(self.prefix, code)
+        word = name.partition("_")[2].replace("FAILURE", "FAIL")
+        return f"{SAID[word]} ({name})" if word in SAID else name
+
+    # -- what it is made of
+
+    def _call(self, name: str, *args: Any, checked: bool = True) -> Any:
+        """A function of the method on its memory, by default one that returns 0."""
+        function = getattr(self.S, self.prefix + name)
+        code = function(*args) if name == "Free" else function(self.memory, *args)
+        if checked and code < 0:
+            raise RuntimeError(f"{self.prefix}{name} of SUNDIALS returned {self.reason(code)}")
+        return code
+
+    def _owned(self, made: int | None, free: Callable[..., Any]) -> int:
+        """What SUNDIALS made, freed at the end."""
+        if not made:
+            raise MemoryError("SUNDIALS could not allocate its memory")
+        self._free.callback(free, made)
+        return made
+
+    def _silent_context(self) -> int:
+        """A context that prints nothing: neither errors nor warnings."""
+        S, context, logger = self.S, Pointer(), Pointer()
+        S.SUNContext_Create(0, ctypes.byref(context))
+        self._free.callback(lambda: S.SUNContext_Free(ctypes.byref(context)))
+        S.SUNContext_ClearErrHandlers(context)
+        S.SUNContext_GetLogger(context, ctypes.byref(logger))
+        for name in ("Error", "Warning"):
+            getattr(S, f"SUNLogger_Set{name}Filename")(logger, os.devnull.encode())
+        return context.value or 0
+
+    def _vector(self, values: Array) -> int:
+        made = self._owned(self.S.N_VNew_Serial(self.n, self._context), self.S.N_VDestroy)
+        self._view(made)[:] = values
+        return made
+
+    def _view(self, vector: int) -> Array:
+        return seen(self.S.N_VGetArrayPointer(vector), self.n)
+
+    def _address(self, array: NDArray[Any]) -> int:
+        """Address of an array that is kept."""
+        self._kept.append(array)
+        return array.ctypes.data
+
+    def _fill(self, equations: Equations) -> None:
+        run, S, at, nnz = self.run, self.S, self._address, int(equations.table.nnz)
+        run.e, run.array, run.data = equations.address, _pointer(S.N_VGetArrayPointer), _pointer(S.SUNDenseMatrix_Data)
+        run.y_vector, run.yp_vector, run.inner_vector = self._y, self._yp, self._own
+        run.fy, run.fyp = at(np.zeros(nnz)), at(np.zeros(nnz))
+        run.atol, run.rtol = at(self._atol), self.settings.rtol
+        run.y, run.yp, run.values, run.jacobian_y = map(at, (self.y, self.yp, self.values, self._jacobian_y))
+        run.t, run.cj, run.most = -np.inf, 1.0, np.inf
+
+    def _set_up(self, t: float, matrix: int, solver: int) -> None:
+        settings, user = self.settings, ctypes.addressof(self.run)
+        self._initialise(t)
+        self._call("SVtolerances", settings.rtol, self._tolerances)
+        self._call("SetUserData", user)
+        self._call("SetLinearSolver", solver, matrix)
+        self._call("SetJacFn", getattr(self.C, f"{self.prefix.lower()}_jacobian"))
+        self._call("SetMaxOrd", settings.order)
+        self._call("SetInitStep", settings.first_step)
+        self._call("SetMaxNumSteps", -1)  # no limit
+
+    def _start_vectors(self) -> tuple[int, ...]:
+        return (self._y,)
+
+    def _linear_solver(self) -> tuple[int, int]:
+        """A matrix and what solves with it: dense."""
+        S, n = self.S, self.n
+        matrix = self._owned(S.SUNDenseMatrix(n, n, self._context), S.SUNMatDestroy)
+        return matrix, self._owned(S.SUNLinSol_Dense(self._y, matrix, self._context), S.SUNLinSolFree)
+
+
+class Ida(Method):
+    """IDA: variable-order BDF for F(t, y, y') = 0.
+
+    pattern: CSC pattern of the Jacobian's entries, None where it has all; sparse: whether equations are solved as sparse ones"""
+
+    prefix = "IDA"
+
+    def __init__(self, *args: Any, pattern: Any = None, sparse: bool = False) -> None:
+        self._pattern, self._sparse = pattern, sparse
+        super().__init__(*args)
+
+    def _linear_solver(self) -> tuple[int, int]:
+        """Dense, or SuperLU_MT with a matrix of the pattern."""
+        S, n, run, pattern, nnz = self.S, self.n, self.run, self._pattern, int(self.equations.table.nnz)
+        if not self._sparse:
+            if nnz != n * n:  # entries of a pattern, in a dense matrix
+                run.place = self._address(pattern.indices + n * np.repeat(np.arange(n, dtype=np.int64), np.diff(pattern.indptr)))
+            return super()._linear_solver()
+        matrix = self._owned(S.SUNSparseMatrix(n, n, nnz, CSC, self._context), S.SUNMatDestroy)
+        columns, rows = (np.array(a, dtype=S.index) for a in (pattern.indptr, pattern.indices))
+        run.own_columns, run.columns_bytes, run.own_rows, run.rows_bytes = (
+            self._address(columns), columns.nbytes, self._address(rows), rows.nbytes)  # fmt: skip
+        run.data = _pointer(S.SUNSparseMatrix_Data)
+        run.columns, run.rows = _pointer(S.SUNSparseMatrix_IndexPointers), _pointer(S.SUNSparseMatrix_IndexValues)
+        made = S.SUNLinSol_SuperLUMT(self._y, matrix, 1, self._context)
+        return matrix, self._owned(made, S.SUNLinSolFree)
+
+    def _create(self) -> int:
+        return int(self.S.IDACreate(self._context))
+
+    def _initialise(self, t: float) -> None:
+        self.run.ida, self.run.until = _pointer(self.S.IDASolve), _pointer(self.S.IDASetStopTime)
+        self._call("Init", self.C.ida_residual, t, self._y, self._yp)
+
+    def _start_vectors(self) -> tuple[int, ...]:
+        return self._y, self._yp
+
+
+class Cvode(Method):
+    """CVODE: variable-order Adams or BDF for y' = f(t, y).
+
+    nodes: parts of a step at which `pieces` tells of CVODE's own interpolant; a step no longer than `tame` times the one before
+    it needs none where tame > 0"""
+
+    prefix, inner = "CVode", 4
+
+    def __init__(self, *args: Any, multistep: int, nodes: Array, tame: float = 0.0) -> None:
+        self._multistep, self._nodes, self._tame = multistep, np.array(nodes), tame
+        super().__init__(*args)
+
+    def _create(self) -> int:
+        return int(self.S.CVodeCreate(self._multistep, self._context))
+
+    def _initialise(self, t: float) -> None:
+        run, S = self.run, self.S
+        run.cvode, run.until, run.interpolant = map(_pointer, (S.CVode, S.CVodeSetStopTime, S.CVodeGetDky))
+        run.nodes, run.tame, run.smooth, run.choosing = self._address(self._nodes), self._tame, int(self._tame > 0), 1
+        self._call("Init", self.C.cvode_rates, t, self._y)
+
+
+def why_not() -> str:
+    """Why the libraries cannot be used here; "": they can. MBDAE_SUNDIALS=python keeps them from being used."""
+    if os.environ.get("MBDAE_SUNDIALS") == "python":
+        return "MBDAE_SUNDIALS=python"
+    try:
+        sundials()
+        core()
+    except Unavailable as why:
+        return str(why)
+    return ""
+
+
+@cache
+def core() -> Any:
+    """The functions of sundials.c."""
+    try:
+        found = library()
+    except Exception as error:
+        raise Unavailable(f"the native core could not be built: {error}") from error
+    found.sundials_steps.argtypes = [Pointer, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer]
+    return found
+
+
+@cache
+def _flag_name(prefix: str, code: int) -> str:
+    """Name of a code, such as IDA_ERR_FAIL; cached: SUNDIALS allocates it every time and leaves it to the caller."""
+    name = getattr(sundials(), f"{prefix}GetReturnFlagName")(code)
+    return name.decode() if name else str(code)
+
+
+def _pointer(function: Any) -> int:
+    """Address of a function."""
+    return ctypes.cast(function, Pointer).value or 0

@@ -1,0 +1,128 @@
+"""The shared libraries of SUNDIALS that scikit-sundae brings, opened without importing it: that takes half a second."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from ctypes import c_char_p, c_double, c_int, c_int64, c_long, c_void_p
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MAJOR = 7  #: release whose functions are declared here
+#: folders of the libraries beside the package and in it: wheels of Linux and Windows, of macOS
+BESIDE, WITHIN = "scikit_sundae.libs", ".dylibs"
+
+_P, _I, _N, _D = c_void_p, c_int, c_int64, c_double  # an index is passed in a register, whose lower half is read where it is int
+_OWN = {
+    "SUNDIALSGetVersionNumber": (_I, _P, _P, _P, c_char_p, _I), "SUNContext_Create": (_I, _I, _P), "SUNContext_Free": (_I, _P),
+    "SUNContext_ClearErrHandlers": (_I, _P), "SUNContext_GetLogger": (_I, _P, _P), "N_VGetArrayPointer": (_P, _P),
+    "SUNLogger_SetErrorFilename": (_I, _P, c_char_p), "SUNLogger_SetWarningFilename": (_I, _P, c_char_p),
+    "N_VDestroy": (None, _P), "SUNMatDestroy": (None, _P), "SUNLinSolFree": (_I, _P),
+}  # fmt: skip
+#: vectors, matrices and the dense solver are in the library of each method too
+_IDA = {
+    "N_VNew_Serial": (_P, _N, _P), "SUNDenseMatrix": (_P, _N, _N, _P), "SUNDenseMatrix_Data": (_P, _P),
+    "SUNLinSol_Dense": (_P, _P, _P, _P), "SUNSparseMatrix": (_P, _N, _N, _N, _I, _P), "SUNSparseMatrix_Data": (_P, _P),
+    "SUNSparseMatrix_IndexPointers": (_P, _P), "SUNSparseMatrix_IndexValues": (_P, _P),
+    "SUNSparseFromDenseMatrix": (_P, _P, _D, _I), "IDACreate": (_P, _P), "IDAInit": (_I, _P, _P, _D, _P, _P),
+    "IDAReInit": (_I, _P, _D, _P, _P), "IDASolve": (_I, _P, _D, _P, _P, _P, _I),
+}  # fmt: skip
+_CVODE = {
+    "CVodeCreate": (_P, _I, _P), "CVodeInit": (_I, _P, _P, _D, _P), "CVodeReInit": (_I, _P, _D, _P),
+    "CVode": (_I, _P, _D, _P, _P, _I), "CVodeGetDky": (_I, _P, _D, _I, _P),
+}  # fmt: skip
+_BOTH = {
+    "SVtolerances": (_I, _P, _D, _P), "SetUserData": (_I, _P, _P), "SetLinearSolver": (_I, _P, _P, _P), "SetJacFn": (_I, _P, _P),
+    "SetMaxOrd": (_I, _P, _I), "SetInitStep": (_I, _P, _D), "SetMaxNumSteps": (_I, _P, c_long), "SetStopTime": (_I, _P, _D),
+    "GetReturnFlagName": (c_char_p, c_long), "Free": (None, _P),
+}  # fmt: skip
+_SPARSE = {"SUNLinSol_SuperLUMT": (_P, _P, _P, _I, _P)}
+FUNCTIONS = {
+    "core": _OWN, "ida": _IDA | {"IDA" + name: kind for name, kind in _BOTH.items()},
+    "cvode": _CVODE | {"CVode" + name: kind for name, kind in _BOTH.items()}, "sunlinsolsuperlumt": _SPARSE,
+}  # fmt: skip
+
+
+class Unavailable(Exception):
+    """The libraries cannot be used here."""
+
+
+class Functions:
+    """The functions of SUNDIALS as attributes; index: type of its indices. The sparse solver is opened when it is asked for: it
+    brings a BLAS library of its own."""
+
+    def __init__(self, files: dict[str, Path]) -> None:
+        self._files = files
+        for name in ("core", "ida", "cvode"):
+            self._open(name)
+        self._check_version()
+        self.index = self._index()
+
+    def __getattr__(self, name: str) -> Any:
+        """A function of a library that is not open yet."""
+        for library, functions in FUNCTIONS.items():
+            if name in functions:
+                self._open(library)
+                return self.__dict__[name]
+        raise AttributeError(name)
+
+    def _open(self, name: str) -> None:
+        if name not in self._files:
+            raise Unavailable(f"scikit-sundae brings no library of SUNDIALS called {name}")
+        try:
+            opened = ctypes.CDLL(str(self._files[name]))
+            for key, (result, *arguments) in FUNCTIONS[name].items():
+                function = getattr(opened, key)
+                function.restype, function.argtypes = result, arguments
+                self.__dict__[key] = function
+        except (OSError, AttributeError) as error:
+            raise Unavailable(f"{self._files[name].name} of scikit-sundae cannot be used: {error}") from error
+
+    def _check_version(self) -> None:
+        major, minor, patch = c_int(), c_int(), c_int()
+        label = ctypes.create_string_buffer(64)
+        self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
+        if major.value != MAJOR:
+            raise Unavailable(f"SUNDIALS {major.value}.{minor.value}.{patch.value} is not of release {MAJOR}")
+
+    def _index(self) -> type[np.signedinteger[Any]]:
+        """Type of indices in this build. The first index pointers of a sparse identity are 0, 1 as int32 or 0, (0, 1) as int64."""
+        context = c_void_p()
+        self.SUNContext_Create(0, ctypes.byref(context))
+        dense = self.SUNDenseMatrix(2, 2, context)
+        entries = np.ctypeslib.as_array((c_double * 4).from_address(self.SUNDenseMatrix_Data(dense)))
+        entries[:] = 1.0, 0.0, 0.0, 1.0
+        sparse = self.SUNSparseFromDenseMatrix(dense, 0.0, 0)
+        found = list((ctypes.c_int32 * 3).from_address(self.SUNSparseMatrix_IndexPointers(sparse)))
+        self.SUNMatDestroy(sparse)
+        self.SUNMatDestroy(dense)
+        self.SUNContext_Free(ctypes.byref(context))
+        kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
+        if tuple(found) not in kinds:
+            raise Unavailable(f"indices of this SUNDIALS are neither int32 nor int64: {found}")
+        return kinds[tuple(found)]
+
+
+@cache
+def sundials() -> Functions:
+    """The functions of SUNDIALS; raises Unavailable where there are none to use."""
+    return Functions(files())
+
+
+def files() -> dict[str, Path]:
+    """Libraries by what they are of ("core", "ida", ...)."""
+    spec = find_spec("sksundae")
+    if spec is None or spec.origin is None:
+        raise Unavailable("scikit-sundae is not installed")
+    package = Path(spec.origin).parent
+    found = {}
+    for folder in (package.parent / BESIDE, package / WITHIN):
+        for path in sorted(folder.glob("*sundials_*")):
+            name = re.match(r"(?:lib)?sundials_([a-z]+)", path.name)
+            if name is not None:
+                found[name[1]] = path
+    return found
