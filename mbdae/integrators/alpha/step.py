@@ -22,7 +22,8 @@ from scipy.sparse.linalg import splu
 
 from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.dense import cubic
-from mbdae.integrators.matrices.iteration import LapackFactors, SingularMatrixError, as_csc, inverse_or_one
+from mbdae.integrators.matrices.iteration import as_csc, inverse_or_one
+from mbdae.native.sparse import SingularMatrixError
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import cubic_of_step

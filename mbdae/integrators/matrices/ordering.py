@@ -17,6 +17,20 @@ THRESHOLD = 1e-8  #: a pivot stays on the diagonal unless it is smaller than thi
 #: stiff beam (0.24 s instead of 0.007 s for 1000 elements), because its compliances are small beside its strains
 
 
+def pivots(matrix: csc_matrix, again: bool, kinds: Sequence[str]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns (n,) of a matrix, real or complex, in the order of elimination; RuntimeError where it is singular.
+
+    again: the first order was bad; the largest pivots then matter more than few entries.
+    """
+    order = None if again else elimination_order(matrix, kinds)
+    if order is None:
+        factors, order = splu(matrix, permc_spec="COLAMD"), np.arange(matrix.shape[0])
+    else:
+        ordered = matrix[order][:, order].tocsc()
+        factors = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=THRESHOLD, options={"SymmetricMode": True})
+    return order[np.argsort(factors.perm_r)], order[np.argsort(factors.perm_c)]
+
+
 def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.intp] | None:
     """Stresses, positions, then the rest in an order that keeps what is left after them sparse; None where there is no such
     block, or where a strain is rigid (its stress is a multiplier)."""
