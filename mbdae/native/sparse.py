@@ -20,8 +20,6 @@ from mbdae.native.library import library
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-#: of a matrix with entries and whether an order from before was bad: rows and columns (n,) in the order of elimination
-Find = Callable[[csc_matrix, bool], tuple[NDArray[Any], NDArray[Any]]]
 
 MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
 #: dense factors of LAPACK are faster where sparse ones take more than this part of their multiplications
@@ -169,12 +167,16 @@ def filled(n: int, i: Index, j: Index) -> tuple[Index, Index]:
     return whole(np.cumsum([0, *map(len, found)])), whole(np.concatenate(found))
 
 
+#: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
+#: search finds none. The last one chooses the largest pivots of the present values; no searches: dense factors are meant
+Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
+
+
 class Orders:
     """The order of elimination that factors of matrices with the same entries share, found when it is needed first."""
 
-    def __init__(self, entries: Entries, find: Find | None) -> None:
-        """find: None where a dense matrix is meant."""
-        self.entries, self.find = entries, find
+    def __init__(self, entries: Entries, searches: Searches) -> None:
+        self.entries, self.searches = entries, searches
         self.present: Order | None = None
 
 
@@ -205,35 +207,23 @@ class Factors:
         """Find an order for the present values; SingularMatrixError where there is none."""
         if not np.isfinite(self.values).all():
             raise SingularMatrixError
-        n, bad = self.orders.entries.n, -1
-        for again in (None, False, True):
-            order = self._found(again)
-            if order is not None:
-                self._take(order, bool(again))
-                bad = functions().lu_factor(self._at)
-                if bad < 0:
-                    return
-        if n <= SMALL:
-            self._take(None, True)
-            bad = functions().lu_factor(self._at)
-            if bad < 0:
+        orders, n = self.orders, self.orders.entries.n
+        if orders.present is not None and orders.present is not self.order and self._begun(orders.present, False) < 0:
+            return
+        for search in orders.searches:
+            order = search(orders.entries, self.values)
+            if order is not None and self._begun(order, search is orders.searches[-1]) < 0:
+                orders.present = order
                 return
-        self._take(self.order, False)
-        self.table.lu = None
-        raise SingularMatrixError(int(bad) if bad < n else -1)
+        bad = self._begun(None, True) if n <= SMALL else n
+        if bad >= 0:
+            self.table.lu = None
+            raise SingularMatrixError(bad if bad < n else -1)
 
-    def _found(self, again: bool | None) -> Order | None:
-        """An order: that of others (None), one that keeps the factors sparse, one with the largest pivots (again)."""
-        if again is None:
-            return self.orders.present if self.orders.present is not self.order else None
-        if self.orders.find is None:
-            return None
-        entries = self.orders.entries
-        try:
-            self.orders.present = Order(entries, *self.orders.find(entries.matrix(self.values), again))
-        except RuntimeError:  # SuperLU reports exactly singular factors this way
-            return None
-        return self.orders.present
+    def _begun(self, order: Order | None, surely: bool) -> int:
+        """Result of `lu_factor` in an order."""
+        self._take(order, surely)
+        return int(functions().lu_factor(self._at))
 
     def _take(self, order: Order | None, surely: bool) -> None:
         """Use an order; LAPACK's dense factors where that is None, or costs more than they."""
@@ -265,7 +255,7 @@ class Matrix:
     `factors` solve for a right-hand side multiplied by `row`, in unknowns to be multiplied by `column`.
     """
 
-    def __init__(self, entries: Entries, scale: Any, power: Any, real: Any, pairs: Any, find: Find | None) -> None:
+    def __init__(self, entries: Entries, scale: Any, power: Any, real: Any, pairs: Any, searches: Searches) -> None:
         """scale, power (n,): unknowns are measured in scale * h^-power."""
         n, nnz = entries.n, entries.nnz
         self.entries = entries
@@ -276,7 +266,7 @@ class Matrix:
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
-        orders = Orders(entries, find)
+        orders = Orders(entries, searches)
         self.factors = [Factors(orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
         if not self.factors:
             raise ValueError("no lambda")

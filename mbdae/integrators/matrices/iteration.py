@@ -6,7 +6,6 @@ number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.linalg import splu
 
-from mbdae.integrators.matrices.ordering import pivots
+from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.sparse import Entries, Matrix, SingularMatrixError
 from mbdae.system.base import Array, System
 
@@ -25,8 +24,8 @@ class IterationMatrix(Matrix):
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern
         entries = Entries.full(system.n) if pattern is None else Entries(system.n, pattern.indptr, pattern.indices)
-        find = None if pattern is None else partial(pivots, kinds=system.kinds)
-        super().__init__(entries, system.scale, np.asarray(system.index) - 1.0, real, pairs, find)
+        super().__init__(entries, system.scale, np.asarray(system.index) - 1.0, real, pairs,
+                         () if pattern is None else searches(system.kinds))  # fmt: skip
         self.system = system
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
