@@ -63,6 +63,7 @@ static double NAME(defect)(const Factors *f) {
 }
 
 static I NAME(begin)(Factors *f) {
+  if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
   if (f->order) {
     double largest = 0;
     const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->most, &largest);

@@ -60,6 +60,8 @@ class Stages:
             raise ValueError(f"coefficients of {s} stages: {({name: array.shape for name, array in kept.items()})}")
         if reals + 2 * pairs != s or len(matrix.real) < reals or len(matrix.pairs) != pairs:
             raise ValueError(f"{reals} real and {pairs} complex eigenvalues for {s} stages, with {len(matrix.factors)} factors")
+        if not (np.array_equal(matrix.real[:reals], coefficients.real) and np.array_equal(matrix.pairs, coefficients.pairs)):
+            raise ValueError("the factors are not those of these eigenvalues")
         if equations.table.n != n or not equations.table.residual:
             raise ValueError(f"{equations.table.n} equations for {n} unknowns, or no residual")
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix

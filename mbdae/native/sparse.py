@@ -99,7 +99,8 @@ class Entries:
     def __init__(self, n: int, indptr: Any, indices: Any) -> None:
         self.n, self.indptr, self.row_of = int(n), whole(indptr), whole(indices)
         self.nnz = len(self.row_of)
-        if self.indptr.shape != (n + 1,) or self.indptr[0] != 0 or self.indptr[-1] != self.nnz or (np.diff(self.indptr) < 0).any():
+        ends = 0, self.nnz
+        if self.indptr.shape != (n + 1,) or (self.indptr[0], self.indptr[-1]) != ends or (np.diff(self.indptr) < 0).any():
             raise ValueError(f"indptr of {self.indptr.shape} does not divide {self.nnz} entries into {n} columns")
         if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
             raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
@@ -118,7 +119,10 @@ class Entries:
 
 
 class Order:
-    """Rows of L + U of matrices whose pivot i is in row rows[i] and column columns[i]. work: multiplications of a factorisation."""
+    """Rows of L + U of matrices whose pivot i is in row rows[i] and column columns[i].
+
+    work: multiplications that a factorisation takes; size: entries of L + U.
+    """
 
     def __init__(self, entries: Entries, rows: Any, columns: Any) -> None:
         n = entries.n
@@ -163,7 +167,8 @@ def filled(n: int, i: Index, j: Index) -> tuple[Index, Index]:
         rows[at] = row
         right.append(row & ~((left << 1) | 1))
     width = (n + 7) // 8
-    found = [np.flatnonzero(np.unpackbits(np.frombuffer(row.to_bytes(width, "little"), np.uint8), bitorder="little")) for row in rows]
+    bytes_of = (np.frombuffer(row.to_bytes(width, "little"), dtype=np.uint8) for row in rows)
+    found = [np.flatnonzero(np.unpackbits(part, bitorder="little")) for part in bytes_of]
     return whole(np.cumsum([0, *map(len, found)])), whole(np.concatenate(found))
 
 
@@ -222,16 +227,18 @@ class Factors:
 
     def _begun(self, order: Order | None, surely: bool) -> int:
         """Result of `lu_factor` in an order."""
-        self._take(order, surely)
-        return int(functions().lu_factor(self._at))
+        self._take(order)
+        self.table.surely = surely
+        bad = int(functions().lu_factor(self._at))
+        self.table.surely = False  # other values are checked
+        return bad
 
-    def _take(self, order: Order | None, surely: bool) -> None:
+    def _take(self, order: Order | None) -> None:
         """Use an order; LAPACK's dense factors where that is None, or costs more than they."""
         n = self.orders.entries.n
         self.order = order
         sparse = order is not None and order.work < DENSE * n**3 / 3
         self.table.order = ctypes.addressof(order.table) if order is not None and sparse else None
-        self.table.surely = surely
         size = order.size if order is not None and sparse else n * n
         if len(self._lu) != size:
             self._lu = np.zeros(size, self.dtype)
@@ -273,7 +280,8 @@ class Matrix:
         self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))
         kept = (entries.row_of, entries.column_of, self.scale, self.power, self._values, self.fy, self.fyp, self.row, self.column,
                 self._work)  # fmt: skip
-        self.table = MatrixTable(n, nnz, len(self.real), len(self.pairs), 0, *map(address, kept), ctypes.addressof(self._addresses))
+        self.table = MatrixTable(n, nnz, len(self.real), len(self.pairs), 0, *map(address, kept),
+                                 ctypes.addressof(self._addresses))  # fmt: skip
         self.address = ctypes.addressof(self.table)
         self._factor = functions().matrix_factor
 

@@ -169,7 +169,8 @@ class AlphaStep:
             values = np.bincount(at, A.data, entries.nnz)
         values *= column[entries.column_of]
         largest = np.zeros(entries.n)
-        np.maximum.at(largest, entries.row_of, np.abs(values))
+        with np.errstate(invalid="ignore"):  # what is not finite, the factorisation reports
+            np.maximum.at(largest, entries.row_of, np.abs(values))
         self._row = inverse_or_one(largest)
         np.multiply(values, self._row[entries.row_of], out=self._factors.values)
         self._factors.factor()

@@ -6,8 +6,6 @@ number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix
