@@ -18,14 +18,15 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.dense import cubic
-from mbdae.integrators.matrices.iteration import LapackFactors, SingularMatrixError, as_csc, inverse_or_one
+from mbdae.integrators.matrices.iteration import as_csc, inverse_or_one
+from mbdae.integrators.matrices.ordering import searches
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Stats
 from mbdae.integrators.watched.arguments import cubic_of_step
+from mbdae.native.sparse import Entries, Factors, Orders, Searches, SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
@@ -91,7 +92,7 @@ class AlphaStep:
         self._x = np.zeros(system.n - self.nq)
         self._factors: Any = None
         self._row, self._column = np.ones(len(self._x)), np.ones(len(self._x))
-        self._factored, self._correction = 0.0, np.zeros(len(self._x))
+        self._factored, self._by_s, self._correction = 0.0, 0.0, np.zeros(len(self._x))
         self._old: tuple[float, Array] | None = None
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
@@ -153,30 +154,52 @@ class AlphaStep:
 
     def _factor(self, h: float) -> None:
         """Scale and factorise dF/dx for the step h."""
-        fy, fyp, n = self._fy, self._fyp, self.nq
-        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi: q' = H u tells how displacements move positions
-        blocks = [fyp[n:, self.u] + self._by_u * fy[n:, self.u] + self._by_psi * D]
-        if self._states:
-            blocks.append(fyp[n:, self.s] + self._by_s * fy[n:, self.s])
-        blocks.append(fy[n:, self.algebraic])
-        if self.stabilised:
-            blocks.append(h * (D @ self._G.T))
         column = self._columns.copy()
         column[self.xe] /= h
         self._column = column
+        parts = self._blocks(self._fy, self._fyp, self._G, (self._by_u, self._by_psi, self._by_s, h))
+        if self._factors is None:
+            self._factors = Factors(Orders(*self._pattern()), float)
+        entries = self._factors.orders.entries
         if self.system.sparsity is None:
-            A = np.hstack(blocks) * column
-            self._row = inverse_or_one(np.abs(A).max(axis=1))
-            self._factors = LapackFactors(np.asfortranarray(A * self._row[:, None]))
-        else:
-            S = sp.hstack([sp.csc_matrix(b) for b in blocks], format="csc") @ sp.diags(column)
-            self._row = inverse_or_one(abs(S).max(axis=1).toarray().ravel())
-            try:
-                self._factors = splu((sp.diags(self._row) @ S).tocsc(), permc_spec="COLAMD")
-            except RuntimeError as error:
-                raise SingularMatrixError from error
+            values = np.hstack(parts)[entries.row_of, entries.column_of]
+        else:  # a product of sparse matrices may leave out what vanishes
+            A = sp.hstack([sp.coo_matrix(part) for part in parts], format="coo")
+            at = np.searchsorted(entries.column_of * entries.n + entries.row_of, A.col.astype(np.int64) * entries.n + A.row)
+            values = np.bincount(at, A.data, entries.nnz)
+        values *= column[entries.column_of]
+        largest = np.zeros(entries.n)
+        with np.errstate(invalid="ignore"):  # what is not finite, the factorisation reports
+            np.maximum.at(largest, entries.row_of, np.abs(values))
+        self._row = inverse_or_one(largest)
+        np.multiply(values, self._row[entries.row_of], out=self._factors.values)
+        self._factors.factor()
         self._factored = h
         self.stats.factorisations += 1
+
+    def _blocks(self, fy: Any, fyp: Any, G: Any, factors: tuple[float, ...]) -> list[Any]:
+        """dF/dx unscaled, by columns: of u', s', z and lambda, eta."""
+        n, (by_u, by_psi, by_s, h) = self.nq, factors
+        D = fy[n:, self.q] @ -fy[: self.nq, self.u]  # dF/dpsi: q' = H u tells how displacements move positions
+        blocks = [fyp[n:, self.u] + by_u * fy[n:, self.u] + by_psi * D]
+        if self._states:
+            blocks.append(fyp[n:, self.s] + by_s * fy[n:, self.s])
+        blocks.append(fy[n:, self.algebraic])
+        if self.stabilised:
+            blocks.append(h * (D @ G.T))
+        return blocks
+
+    def _pattern(self) -> tuple[Entries, Searches]:
+        """Which entries of dF/dx there are, whatever their values, and how pivots are sought."""
+        m, pattern = len(self._x), self.system.sparsity if self.system.pattern is None else self.system.pattern
+        if pattern is None:
+            return Entries.full(m), ()
+        ones = sp.csc_matrix((np.ones(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape)
+        G = ones[self._velocity_rows][:, self.u] if self.stabilised else None
+        blocks = self._blocks(-ones, -ones, G, (1.0, 1.0, 1.0, 1.0))  # signs by which nothing cancels
+        found = sp.hstack(blocks, format="csc")
+        found.sort_indices()
+        return Entries(m, found.indptr, found.indices), searches(self.system.kinds[self.nq :])
 
     # -- Newton's method
 

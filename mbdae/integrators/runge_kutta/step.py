@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 
 from mbdae.integrators.constant import StepFailedError
-from mbdae.integrators.matrices.factors import iteration_matrix
-from mbdae.integrators.matrices.iteration import SingularMatrixError
+from mbdae.integrators.matrices.iteration import IterationMatrix
 from mbdae.integrators.runge_kutta.newton import Outcome, StageNewton
 from mbdae.integrators.runge_kutta.tables import CollocationTable
 from mbdae.integrators.solution import Stats
+from mbdae.native.sparse import SingularMatrixError
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 
@@ -52,15 +51,13 @@ class CollocationStep:
         self.t, self.y, self.yp = float(system.t0), np.array(system.y0, float), np.array(system.yp0, float)
         self.iterations = 0
         real = np.array([1 / table.gamma0]) if estimate and not len(table.real) else table.real
-        self.matrix = iteration_matrix(system, real, table.pairs)
+        self.matrix = IterationMatrix(system, real, table.pairs)
         self.newton = StageNewton(system, table, self.matrix, stats)
         self._order = np.asarray(system.index) - 1.0
         self.factored_h = self._power_h = 0.0
         self._power: Array = np.ones(system.n)
         self._stale, self._fresh, self._at_start = True, False, False
         self._previous: tuple[float, Array] | None = None
-        self._ratio, self._extrapolation = 0.0, np.empty(0)
-        self._error = self._scaled_error = np.zeros(system.n)
         self._singular = -1
 
     def weights(self, h: float, y: Array) -> Array:
@@ -97,7 +94,7 @@ class CollocationStep:
             self._singular = error.unknown
             return Outcome(False, 0, np.inf, np.inf)
         self._predict(h)
-        return self.newton.solve(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
+        return self.newton.simplified(self.t, self.y, h, weights, self.demand.target, self.demand.limit)
 
     def _prepare(self, h: float) -> None:
         """Jacobian and factors for this step, reused as long as they serve."""
@@ -110,7 +107,7 @@ class CollocationStep:
             self.matrix.factor(h)
             self.stats.factorisations += 1
             self.factored_h = h
-            self.newton.matrix_changed()
+            self.newton.forget_rate()
 
     def _refresh(self, h: float) -> None:
         """Jacobian at a predicted stage: amid the steps it serves it serves more of them (a quarter to a half fewer were
@@ -127,16 +124,8 @@ class CollocationStep:
     def _predict(self, h: float) -> None:
         """Starting increments: the last collocation polynomial continued; a straight line at the start, and after a step that
         was much shorter, whose polynomial is useless so far away."""
-        if self._previous is None or h > FAR * self._previous[0]:
-            np.multiply.outer(self.table.c * h, self.yp, out=self.newton.Z)
-            return
-        last_h, last_Z = self._previous
-        ratio = h / last_h
-        if ratio != self._ratio:
-            self._ratio = ratio
-            self._extrapolation = self.table.values(1 + ratio * self.table.c)
-            self._extrapolation -= self.table.end
-        np.matmul(self._extrapolation, last_Z, out=self.newton.Z)
+        last_h, last = self._previous if self._previous is not None else (0.0, None)
+        self.newton.predict(self.yp, h, last_h if h <= FAR * last_h else 0.0, last)
 
     def advance(self, h: float, t1: float) -> tuple[float, Array, Array, Array | None]:
         """Move to t1 = t + h; returns (t1, y, yp, inner increments (s-1, n)); none where the last stage is not the end."""
@@ -165,31 +154,18 @@ class CollocationStep:
 
     def error(self, h: float, careful: bool) -> float:
         """Filtered embedded error in units of the tolerance; filtered once more where it matters."""
-        table, matrix = self.table, self.matrix
         weights = self.weights(h, np.maximum(np.abs(self.y), np.abs(self.reached())))
-        difference = table.gamma0 * h * self.yp + table.e @ self.newton.Z
-        rhs = matrix.mass(difference) / (h * table.gamma0)
-        norm = self._filter(rhs, weights)
-        if careful and norm >= 1.0:
-            shifted = np.empty_like(rhs)
-            self.system.residual(self.t, self.y + self._error, self.yp, shifted)
-            self.stats.residuals += 1
-            norm = self._filter(rhs - shifted, weights)
-        return norm
+        found = self.newton.estimate(self.t, self.y, self.yp, h, weights, careful)
+        self.stats.residuals += self.newton.table.residuals
+        return found
 
     def noise(self, h: float) -> float:
         """Largest norm that round-off alone can give to the error, in units of the tolerance."""
-        return self.newton.noise_floor(self.weights(h, self.y))
-
-    def _filter(self, rhs: Array, weights: Array) -> float:
-        self._error = self.matrix.solve_real(0, rhs * self.matrix.row) * self.matrix.column
-        scaled = self._error * weights
-        self._scaled_error = scaled
-        return sqrt(float(scaled @ scaled) / len(scaled))
+        return self.newton.noise(self.weights(h, self.y))
 
     def largest_error(self) -> str:
         """Name of the unknown that fails the error test most."""
-        return self.system.names[largest(np.abs(self._scaled_error))]
+        return self.system.names[largest(np.abs(self.newton.scaled))]
 
     def fastest(self) -> str:
         """Name of the unknown that changes most."""

@@ -1,0 +1,82 @@
+/* LU factors of numbers of type T, whose functions are called NAME(...); sparse.c takes it in once for real and once for
+   complex numbers. */
+
+/* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
+static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double most, double *largest) {
+  const I *col = p->col, *diag = p->diag;
+  double top = 0;
+  for (I i = 0; i < p->n; i++) {
+    const I b = p->ptr[i], e = p->ptr[i + 1];
+    for (I k = b; k < e; k++) w[col[k]] = p->from[k] < 0 ? NAME(of)(0) : a[p->from[k]];
+    for (I k = b; k < diag[i]; k++) {
+      const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
+      const T l = w[j] = NAME(times)(w[j], lu[diag[j]]);
+      const double size = NAME(size)(l);
+      if (!(size < most)) return j;
+      if (size > top) top = size;
+      if (size == 0 || diag[j] + 1 == end) continue;
+      for (I m = diag[j] + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
+      T *restrict x = w + col[r];
+      const T *restrict u = lu + r;
+      for (I m = 0; m < end - r; m++) NAME(less)(x + m, l, u[m]);
+    }
+    for (I k = b; k < e; k++) lu[k] = w[col[k]];
+    const double pivot = NAME(size)(lu[diag[i]]);
+    if (!(pivot > 0 && isfinite(pivot))) return i;
+    lu[diag[i]] = NAME(inverse)(lu[diag[i]]);
+  }
+  *largest = top;
+  return -1;
+}
+
+/* The solution in place of b. */
+static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
+  for (I i = 0; i < p->n; i++) {
+    T v = b[p->rows[i]];
+    for (I k = p->ptr[i]; k < p->diag[i]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);
+    w[i] = v;
+  }
+  for (I i = p->n; i-- > 0;) {
+    T v = w[i];
+    for (I k = p->diag[i] + 1; k < p->ptr[i + 1]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);
+    b[p->columns[i]] = w[i] = NAME(times)(v, lu[p->diag[i]]);
+  }
+}
+
+/* The largest residual of a solved system beside the terms of its row: how well the factors are those of the matrix. */
+static double NAME(defect)(const Factors *f) {
+  T *x = (T *)f->w + f->n, *r = f->w;
+  for (I i = 0; i < f->n; i++) x[i] = NAME(of)(i % 2 ? -1 : 1);
+  lu_solve(f, x);
+  for (I i = 0; i < f->n; i++) r[i] = NAME(of)(i % 2 ? -1 : 1), f->sums[i] = 1;
+  for (I k = 0; k < f->nnz; k++) {
+    const T a = ((T *)f->a)[k], v = x[f->column_of[k]];
+    NAME(less)(&r[f->row_of[k]], a, v);
+    f->sums[f->row_of[k]] += NAME(size)(a) * NAME(size)(v);
+  }
+  double worst = 0;
+  for (I i = 0; i < f->n; i++) {
+    const double part = NAME(size)(r[i]) / f->sums[i];
+    if (!(part <= worst)) worst = part;
+  }
+  return worst;
+}
+
+static I NAME(begin)(Factors *f) {
+  if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
+  if (f->order) {
+    double largest = 0;
+    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->most, &largest);
+    if (bad >= 0) return f->order->columns[bad];
+    return f->surely || largest < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
+  }
+  int n = (int)f->n, info = 0;
+  T *lu = f->lu;
+  memset(lu, 0, sizeof(T) * f->n * f->n);
+  for (I k = 0; k < f->nnz; k++) lu[f->column_of[k] * f->n + f->row_of[k]] = ((T *)f->a)[k];
+  f->getrf(&n, &n, lu, &n, f->swaps, &info);
+  if (info > 0) return info - 1;
+  return isfinite(NAME(size)(lu[f->n * f->n - 1])) ? -1 : f->n;
+}
+#undef T
+#undef NAME

@@ -1,0 +1,119 @@
+"""Newton's iteration on the stages of a collocation step, its starting values and its error: the table of radau.c."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mbdae.native.equations import Equations, Number, Pointer, Whole
+from mbdae.native.library import library
+from mbdae.native.sparse import Array, Matrix, address
+
+STAGNATION = 0.03  #: of radau.c: corrections that stopped shrinking do no harm below this part of the tolerance
+NAMES = ("c", "A_inv", "T", "T_inv", "V_inv", "end", "e")
+
+
+class Table(ctypes.Structure):
+    """`Radau` of radau.c."""
+
+    _fields_ = (("equations", Pointer), ("matrix", Pointer), ("s", Whole), ("n", Whole), ("reals", Whole), ("pairs", Whole),
+                *((name, Pointer) for name in NAMES), ("gamma0", Number),
+                *((name, Pointer) for name in ("Z", "Y", "Yp", "R", "D", "correction", "w", "error", "scaled")),
+                ("rate", Number), ("iterations", Whole), ("theta", Number), ("norm", Number), ("estimate", Number),
+                ("residuals", Whole))  # fmt: skip
+
+
+@cache
+def functions() -> ctypes.CDLL:
+    """The library with the functions of radau.c declared."""
+    found = library()
+    for name, result, arguments in (
+        ("radau_slopes", None, (Pointer, Number)),
+        ("radau_predict", None, (Pointer, Pointer, Number, Number, Pointer)),
+        ("radau_noise", Number, (Pointer, Pointer)),
+        ("radau_solve", ctypes.c_int, (Pointer, Number, Pointer, Number, Pointer, Number, Whole)),
+        ("radau_error", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Number, Pointer, Whole)),
+    ):
+        call = getattr(found, name)
+        call.restype, call.argtypes = result, arguments
+    return found
+
+
+class Stages:
+    """Solves F(t0 + c_i h, y0 + Z_i, sum_j A_inv[i, j] Z_j / h) = 0 for the increments Z (s, n).
+
+    Z, Y, Yp, R, correction (s, n): increments, stages, slopes, residuals and last correction; Z holds the starting values on
+    entry to `solve`. error, scaled (n,): the last estimate of the error, and the same in units of the tolerance.
+    coefficients: a `CollocationTable`; matrix: with its eigenvalues first, and at least one real one where `error` is asked for.
+    """
+
+    def __init__(self, equations: Equations, coefficients: Any, matrix: Matrix) -> None:
+        s, n = len(coefficients.c), matrix.entries.n
+        reals, pairs = len(coefficients.real), len(coefficients.pairs)
+        kept = {name: np.array(getattr(coefficients, name), dtype=float, order="C") for name in NAMES}
+        square = {"A_inv", "T", "T_inv", "V_inv"}
+        if any(array.shape != ((s, s) if name in square else (s,)) for name, array in kept.items()) or s < 1:
+            raise ValueError(f"coefficients of {s} stages: {({name: array.shape for name, array in kept.items()})}")
+        if reals + 2 * pairs != s or len(matrix.real) < reals or len(matrix.pairs) != pairs:
+            raise ValueError(f"{reals} real and {pairs} complex eigenvalues for {s} stages, with {len(matrix.factors)} factors")
+        if not (np.array_equal(matrix.real[:reals], coefficients.real) and np.array_equal(matrix.pairs, coefficients.pairs)):
+            raise ValueError("the factors are not those of these eigenvalues")
+        if equations.table.n != n or not equations.table.residual:
+            raise ValueError(f"{equations.table.n} equations for {n} unknowns, or no residual")
+        self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
+        self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
+        self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))
+        self._last, self._last_h = np.zeros((s, n)), 0.0
+        self._y, self._yp, self._weights = np.zeros((3, n))
+        self._inputs = address(self._y), address(self._yp), address(self._weights)
+        arrays = (self.Z, self.Y, self.Yp, self.R, self._D, self.correction, self._w, self.error, self.scaled)
+        self._kept = kept
+        self.table = Table(equations.address, matrix.address, s, n, reals, pairs, *map(address, kept.values()),
+                           coefficients.gamma0, *map(address, arrays), inf)  # fmt: skip
+        self._at, self._c = ctypes.addressof(self.table), functions()
+
+    def forget_rate(self) -> None:
+        """Ask for two iterations at least: with other factors the contraction is another one."""
+        self.table.rate = inf
+
+    def predict(self, yp: Array, h: float, last_h: float, last: Array | None) -> None:
+        """Starting increments: the last polynomial continued from its increments (s, n) over last_h; a straight line where
+        last_h is 0."""
+        self._yp[:] = yp
+        if last_h:
+            self._last[:] = last
+        self._c.radau_predict(self._at, self._inputs[1], h, last_h, address(self._last))
+
+    def slopes(self, h: float) -> None:
+        """Yp of the present Z."""
+        self._c.radau_slopes(self._at, h)
+
+    def solve(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> bool:
+        """Iterate with the present factors until the expected remaining correction is below target: whether it is.
+
+        weights (n,): one unit of the norm is one tolerance; limit: most iterations. The table then has the number of
+        `iterations`, `theta`, the last contraction, and `norm`, that of the last correction.
+        """
+        self._y[:], self._weights[:] = y0, weights
+        code = self._c.radau_solve(self._at, t0, self._inputs[0], h, self._inputs[2], target, limit)
+        if code < 0:
+            self.equations.raise_error()
+        return bool(code > 0)
+
+    def noise(self, weights: Array) -> float:
+        """Norm a correction can have from round-off alone."""
+        self._weights[:] = weights
+        return float(self._c.radau_noise(self._at, self._inputs[2]))
+
+    def estimate(self, t: float, y: Array, yp: Array, h: float, weights: Array, careful: bool) -> float:
+        """Filtered embedded error of the step from (t, y, yp) in units of the tolerance; filtered once more where it matters."""
+        if not len(self.matrix.real):
+            raise ValueError("an estimate of the error needs a real eigenvalue")
+        self._y[:], self._yp[:], self._weights[:] = y, yp, weights
+        if self._c.radau_error(self._at, t, *self._inputs[:2], h, self._inputs[2], careful) < 0:
+            self.equations.raise_error()
+        return float(self.table.estimate)

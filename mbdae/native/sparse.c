@@ -1,0 +1,113 @@
+/* LU in a fixed pattern, and iteration matrices: scaled, factorised, solved with. Python finds the order of the pivots. */
+#include "sparse.h"
+#include <float.h>
+
+enum { TAME = 1000 };                /* multipliers up to it lose few digits: such factors are not checked */
+static const double ACCURATE = 1e-10; /* factors that solve worse than this are those of a bad order */
+
+static inline double real_of(double x) { return x; }
+static inline double real_size(double x) { return fabs(x); }
+static inline double real_times(double x, double y) { return x * y; }
+static inline void real_less(double *w, double x, double y) { *w -= x * y; }
+static inline double real_inverse(double x) { return 1 / x; }
+
+static inline Pair pair_of(double x) { return (Pair){x, 0}; }
+static inline double pair_size(Pair z) { return fabs(z.re) + fabs(z.im); }
+static inline Pair pair_times(Pair x, Pair y) { return (Pair){x.re * y.re - x.im * y.im, x.re * y.im + x.im * y.re}; }
+static inline void pair_less(Pair *w, Pair x, Pair y) {
+  w->re -= x.re * y.re - x.im * y.im;
+  w->im -= x.re * y.im + x.im * y.re;
+}
+static inline Pair pair_inverse(Pair z) { /* without overflow of squares */
+  const double s = 1 / pair_size(z), a = z.re * s, b = z.im * s, q = s / (a * a + b * b);
+  return (Pair){a * q, -b * q};
+}
+
+#define T double
+#define NAME(what) real_##what
+#include "lu.h"
+#define T Pair
+#define NAME(what) pair_##what
+#include "lu.h"
+
+/* -1; the unknown whose pivot is bad; n where the factors are inaccurate or there are none yet */
+API I lu_factor(Factors *f) {
+  if (!f->lu) return f->n;
+  return f->complex ? pair_begin(f) : real_begin(f);
+}
+
+API void lu_solve(const Factors *f, void *b) {
+  if (f->order) {
+    if (f->complex) pair_solve(f->order, f->lu, b, f->w);
+    else real_solve(f->order, f->lu, b, f->w);
+    return;
+  }
+  int n = (int)f->n, one = 1, info = 0;
+  f->getrs("N", &n, &one, f->lu, &n, f->swaps, b, &n, &info);
+}
+
+static void scale(const Matrix *m, double h) {
+  for (I i = 0; i < m->n; i++) m->column[i] = m->scale[i] * pow(h, -m->power[i]), m->row[i] = 0;
+  for (I k = 0; k < m->nnz; k++) {
+    const double c = m->column[m->column_of[k]], size = fabs(m->fy[k] * c) + fabs(m->fyp[k] * (c / h));
+    double *r = &m->row[m->row_of[k]];
+    if (!(size <= *r)) *r = size;
+  }
+  for (I i = 0; i < m->n; i++) m->row[i] = m->row[i] > 0 && isfinite(m->row[i]) ? 1 / m->row[i] : 1;
+  for (I k = 0; k < m->nnz; k++) {
+    const double r = m->row[m->row_of[k]], c = m->column[m->column_of[k]], a = m->fy[k] * c * r, b = m->fyp[k] * (c / h) * r;
+    for (I j = 0; j < m->reals; j++) ((double *)m->factors[j]->a)[k] = a + m->lambda[j] * b;
+    for (I j = 0; j < m->pairs; j++) {
+      const double *z = m->lambda + m->reals + 2 * j;
+      ((Pair *)m->factors[m->reals + j]->a)[k] = (Pair){a + z[0] * b, z[1] * b};
+    }
+  }
+}
+
+/* Factors for the step h from number `first` on, scaled anew where that is 0: -1, or the number whose order is bad. */
+API I matrix_factor(Matrix *m, double h, I first) {
+  m->ready = 0;
+  if (first == 0) scale(m, h);
+  for (I j = first; j < m->reals + m->pairs; j++)
+    if (lu_factor(m->factors[j]) >= 0) return j;
+  m->ready = 1;
+  return -1;
+}
+
+/* out (n) = dF/dy' x */
+API void matrix_mass(const Matrix *m, const double *x, double *out) {
+  memset(out, 0, sizeof(double) * m->n);
+  for (I k = 0; k < m->nnz; k++) out[m->row_of[k]] += m->fyp[k] * x[m->column_of[k]];
+}
+
+/* b (n), equations, becomes unknowns: solved with the first factors; 0 without factors. */
+API void matrix_correct(const Matrix *m, double *b) {
+  const I n = m->n;
+  Pair *z = (Pair *)m->w;
+  if (!m->ready) {
+    memset(b, 0, sizeof(double) * n);
+    return;
+  }
+  for (I i = 0; i < n; i++) b[i] *= m->row[i];
+  if (m->reals) lu_solve(m->factors[0], b);
+  else {
+    for (I i = 0; i < n; i++) z[i] = (Pair){b[i], 0};
+    lu_solve(m->factors[0], z);
+    for (I i = 0; i < n; i++) b[i] = sqrt(z[i].re * z[i].re + z[i].im * z[i].im);
+  }
+  for (I i = 0; i < n; i++) b[i] *= m->column[i];
+}
+
+/* out (n): the increments that round-off of the residual alone can produce at (y, y'). It is of the size of the terms that a row
+   cancels; their signs are not known: once all equal, once alternating. */
+API void matrix_noise(const Matrix *m, const double *y, const double *yp, double *out) {
+  const I n = m->n;
+  double *other = m->w + 2 * n;
+  memset(out, 0, sizeof(double) * n);
+  for (I k = 0; k < m->nnz; k++)
+    out[m->row_of[k]] += DBL_EPSILON * (fabs(m->fy[k] * y[m->column_of[k]]) + fabs(m->fyp[k] * yp[m->column_of[k]]));
+  for (I i = 0; i < n; i++) other[i] = i % 2 ? -out[i] : out[i];
+  matrix_correct(m, out);
+  matrix_correct(m, other);
+  for (I i = 0; i < n; i++) out[i] = fmax(fabs(out[i]), fabs(other[i]));
+}

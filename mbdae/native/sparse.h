@@ -1,0 +1,43 @@
+/* LU factors of matrices whose entries lie in one pattern by columns, and the iteration matrices made of them: sparse.c. */
+#ifndef MBDAE_SPARSE_H
+#define MBDAE_SPARSE_H
+#include "core.h"
+typedef struct { double re, im; } Pair; /* a complex number */
+
+/* Rows of L + U in the order of elimination, pivots on the diagonal: column `col` of every entry, rising in each row, and the
+   entry of the matrix it begins with (`from`; -1: it fills in). From `run` on the columns of a row follow each other without a
+   gap. Pivot i is in row rows[i] and column columns[i] of the matrix. */
+typedef struct { I n; const I *ptr, *col, *diag, *run, *from, *rows, *columns; } Order;
+
+typedef void Getrf(int *m, int *n, void *a, int *lda, int *swaps, int *info);
+typedef void Getrs(char *trans, int *n, int *columns, void *a, int *lda, int *swaps, void *b, int *ldb, int *info);
+
+/* The factors of one matrix: in an order, else (swaps) dense ones of LAPACK, else none yet. Numbers are real or complex. */
+typedef struct {
+  I n, nnz, complex;
+  const I *row_of, *column_of;        /* (nnz) of the entries */
+  const Order *order;
+  I surely;                           /* no check of the factors: their order was found for these entries, with row exchanges */
+  double most;                        /* multipliers above it: the order has gone bad */
+  void *a, *lu, *w;                   /* (nnz) entries, the factors, (2, n) to work with */
+  double *sums;                       /* (n) */
+  int *swaps; Getrf *getrf; Getrs *getrs;
+} Factors;
+
+/* dF/dy + (lambda / h) dF/dy' for several lambda: real ones first, then complex ones. Unknowns enter multiplied by `column`,
+   equations by `row`. */
+typedef struct {
+  I n, nnz, reals, pairs, ready;        /* ready: the factors are those of the last step asked for */
+  const I *row_of, *column_of;
+  const double *scale, *power, *lambda; /* (n), (n), (reals + 2 pairs): real and imaginary parts behind each other */
+  double *fy, *fyp, *row, *column, *w;  /* (nnz), (nnz), (n), (n), (3, n) */
+  Factors *const *factors;
+} Matrix;
+
+API I lu_factor(Factors *f);
+API void lu_solve(const Factors *f, void *b);
+API I matrix_factor(Matrix *m, double h, I first);
+API void matrix_mass(const Matrix *m, const double *x, double *out);
+API void matrix_correct(const Matrix *m, double *b);
+API void matrix_noise(const Matrix *m, const double *y, const double *yp, double *out);
+#endif

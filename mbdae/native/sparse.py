@@ -1,0 +1,311 @@
+"""LU factors in a fixed pattern and the iteration matrices made of them: the tables of sparse.h.
+
+Whatever the C code goes by is checked here, where a table is made; a wrong one raises ValueError.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cython_lapack
+from scipy.sparse import csc_matrix
+
+from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.library import library
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
+#: dense factors of LAPACK are faster where sparse ones take more than this part of their multiplications
+DENSE = 0.25
+SMALL = 500  #: unknowns up to which LAPACK has the last word on a matrix whose pivots are bad in every order
+
+
+class SingularMatrixError(Exception):
+    """A matrix could not be factorised; `unknown` is the column at fault, or -1."""
+
+    def __init__(self, unknown: int = -1) -> None:
+        super().__init__("iteration matrix is singular or not finite")
+        self.unknown = unknown
+
+
+class OrderTable(ctypes.Structure):
+    """`Order` of sparse.h."""
+
+    _fields_ = (("n", Whole), *((name, Pointer) for name in ("ptr", "col", "diag", "run", "origin", "rows", "columns")))
+
+
+class FactorsTable(ctypes.Structure):
+    """`Factors` of sparse.h."""
+
+    _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
+                ("order", Pointer), ("surely", Whole), ("most", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("sums", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
+
+
+class MatrixTable(ctypes.Structure):
+    """`Matrix` of sparse.h."""
+
+    _fields_ = (("n", Whole), ("nnz", Whole), ("reals", Whole), ("pairs", Whole), ("ready", Whole),
+                *((name, Pointer) for name in ("row_of", "column_of", "scale", "power", "eigenvalues", "fy", "fyp", "row",
+                                               "column", "w", "factors")))  # fmt: skip
+
+
+@cache
+def functions() -> ctypes.CDLL:
+    """The library with the functions of sparse.h declared."""
+    found = library()
+    for name, result, arguments in (
+        ("lu_factor", Whole, (Pointer,)),
+        ("lu_solve", None, (Pointer, Pointer)),
+        ("matrix_factor", Whole, (Pointer, Number, Whole)),
+        ("matrix_mass", None, (Pointer, Pointer, Pointer)),
+        ("matrix_correct", None, (Pointer, Pointer)),
+        ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
+    ):
+        call = getattr(found, name)
+        call.restype, call.argtypes = result, arguments
+    return found
+
+
+@cache
+def lapack(name: str) -> int:
+    """Address of a function of LAPACK in the library that SciPy brings."""
+    capsule, api = cython_lapack.__pyx_capi__[name], ctypes.pythonapi
+    api.PyCapsule_GetName.restype, api.PyCapsule_GetName.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    api.PyCapsule_GetPointer.restype, api.PyCapsule_GetPointer.argtypes = Pointer, [ctypes.py_object, ctypes.c_char_p]
+    return int(api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule)))
+
+
+def address(array: NDArray[Any]) -> int:
+    """Where the numbers of an array begin."""
+    return int(array.ctypes.data)
+
+
+def whole(what: Any) -> Index:
+    """Whole numbers as C takes them."""
+    return np.ascontiguousarray(what, dtype=np.int64)
+
+
+class Entries:
+    """Where the entries (nnz,) of matrices (n, n) are, by columns: as `indptr` (n + 1,) and `indices` (nnz,) of SciPy."""
+
+    def __init__(self, n: int, indptr: Any, indices: Any) -> None:
+        self.n, self.indptr, self.row_of = int(n), whole(indptr), whole(indices)
+        self.nnz = len(self.row_of)
+        ends = 0, self.nnz
+        if self.indptr.shape != (n + 1,) or (self.indptr[0], self.indptr[-1]) != ends or (np.diff(self.indptr) < 0).any():
+            raise ValueError(f"indptr of {self.indptr.shape} does not divide {self.nnz} entries into {n} columns")
+        if n < 1 or self.row_of.ndim != 1 or not ((self.row_of >= 0) & (self.row_of < n)).all():
+            raise ValueError(f"indices are not rows of a matrix ({n}, {n})")
+        self.column_of = np.repeat(np.arange(n, dtype=np.int64), np.diff(self.indptr))
+        if len(np.unique(self.column_of * n + self.row_of)) != self.nnz:
+            raise ValueError("an entry is named twice")
+
+    @classmethod
+    def full(cls, n: int) -> Entries:
+        """All entries of a matrix (n, n), column by column."""
+        return cls(n, np.arange(n + 1) * n, np.tile(np.arange(n), n))
+
+    def matrix(self, values: NDArray[Any]) -> csc_matrix:
+        """The matrix (n, n) with these entries (nnz,)."""
+        return csc_matrix((values, self.row_of, self.indptr), shape=(self.n, self.n))
+
+
+class Order:
+    """Rows of L + U of matrices whose pivot i is in row rows[i] and column columns[i].
+
+    work: multiplications that a factorisation takes; size: entries of L + U.
+    """
+
+    def __init__(self, entries: Entries, rows: Any, columns: Any) -> None:
+        n = entries.n
+        self.rows, self.columns = whole(rows), whole(columns)
+        for order in (self.rows, self.columns):
+            if order.shape != (n,) or not np.array_equal(np.sort(order), np.arange(n)):
+                raise ValueError(f"an order of elimination is no permutation of {n}")
+        row_of, column_of = np.empty((2, n), dtype=np.int64)
+        row_of[self.rows] = column_of[self.columns] = np.arange(n)
+        i, j = row_of[entries.row_of], column_of[entries.column_of]
+        self.ptr, self.col = filled(n, i, j)
+        self.size = len(self.col)
+        row = np.repeat(np.arange(n), np.diff(self.ptr))
+        keys = row * n + self.col
+        self.diag = np.searchsorted(keys, np.arange(n) * (n + 1))
+        self.origin = np.full(self.size, -1)
+        self.origin[np.searchsorted(keys, i * n + j)] = np.arange(entries.nnz)
+        breaks = np.where(np.diff(keys, prepend=-2) != 1, np.arange(self.size), 0)
+        self.run = np.maximum(np.maximum.reduceat(breaks, self.ptr[:-1]), self.diag + 1)
+        self.work = int((self.ptr[1:] - self.diag)[self.col[self.col < row]].sum())
+        kept = [self.ptr, self.col, self.diag, self.run, self.origin, self.rows, self.columns]
+        self.table = OrderTable(n, *map(address, kept))
+
+
+def filled(n: int, i: Index, j: Index) -> tuple[Index, Index]:
+    """Where the rows of L + U begin (n + 1,), and the columns of their entries, rising, of a matrix with entries i, j.
+
+    A row is a whole number with a bit per column: eliminating with row k adds what row k has right of its pivot.
+    """
+    rows = [1 << k for k in range(n)]
+    for at, k in zip(i.tolist(), j.tolist(), strict=True):
+        rows[at] |= 1 << k
+    right: list[int] = []
+    for at, row in enumerate(rows):
+        left = (1 << at) - 1
+        pending = row & left
+        while pending:
+            lowest = pending & -pending
+            new = right[lowest.bit_length() - 1] & ~row
+            row |= new
+            pending = (pending ^ lowest) | (new & left)
+        rows[at] = row
+        right.append(row & ~((left << 1) | 1))
+    width = (n + 7) // 8
+    bytes_of = (np.frombuffer(row.to_bytes(width, "little"), dtype=np.uint8) for row in rows)
+    found = [np.flatnonzero(np.unpackbits(part, bitorder="little")) for part in bytes_of]
+    return whole(np.cumsum([0, *map(len, found)])), whole(np.concatenate(found))
+
+
+#: searches for an order of elimination, to be tried in turn: of a matrix (n, n), real or complex, the order, or None where the
+#: search finds none. The last one chooses the largest pivots of the present values; no searches: dense factors are meant
+Searches = tuple[Callable[[Entries, NDArray[Any]], Order | None], ...]
+
+
+class Orders:
+    """The order of elimination that factors of matrices with the same entries share, found when it is needed first."""
+
+    def __init__(self, entries: Entries, searches: Searches) -> None:
+        self.entries, self.searches = entries, searches
+        self.present: Order | None = None
+
+
+class Factors:
+    """LU factors of a matrix (n, n), real or complex, whose entries are written to `values` (nnz,)."""
+
+    def __init__(self, orders: Orders, dtype: Any) -> None:
+        entries, self.orders = orders.entries, orders
+        self.order: Order | None = None
+        self.dtype = np.dtype(dtype)
+        self.values = np.zeros(entries.nnz, self.dtype)
+        self._work, self._sums = np.zeros((2, entries.n), self.dtype), np.zeros(entries.n)
+        self._swaps = np.zeros(entries.n, dtype=np.intc)
+        self._lu = np.zeros(0, self.dtype)
+        letter = "z" if self.dtype.kind == "c" else "d"
+        self.table = FactorsTable(
+            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0, MOST,
+            address(self.values), None, address(self._work), address(self._sums), address(self._swaps),
+            lapack(letter + "getrf"), lapack(letter + "getrs"))  # fmt: skip
+        self._at = ctypes.addressof(self.table)
+
+    def factor(self) -> None:
+        """Factorise the present values, in a new order where that from before does not serve."""
+        if functions().lu_factor(self._at) >= 0:
+            self.renew()
+
+    def renew(self) -> None:
+        """Find an order for the present values; SingularMatrixError where there is none."""
+        if not np.isfinite(self.values).all():
+            raise SingularMatrixError
+        orders, n = self.orders, self.orders.entries.n
+        if orders.present is not None and orders.present is not self.order and self._begun(orders.present, False) < 0:
+            return
+        for search in orders.searches:
+            order = search(orders.entries, self.values)
+            if order is not None and self._begun(order, search is orders.searches[-1]) < 0:
+                orders.present = order
+                return
+        bad = self._begun(None, True) if n <= SMALL else n
+        if bad >= 0:
+            self.table.lu = None
+            raise SingularMatrixError(bad if bad < n else -1)
+
+    def _begun(self, order: Order | None, surely: bool) -> int:
+        """Result of `lu_factor` in an order."""
+        self._take(order)
+        self.table.surely = surely
+        bad = int(functions().lu_factor(self._at))
+        self.table.surely = False  # other values are checked
+        return bad
+
+    def _take(self, order: Order | None) -> None:
+        """Use an order; LAPACK's dense factors where that is None, or costs more than they."""
+        n = self.orders.entries.n
+        self.order = order
+        sparse = order is not None and order.work < DENSE * n**3 / 3
+        self.table.order = ctypes.addressof(order.table) if order is not None and sparse else None
+        size = order.size if order is not None and sparse else n * n
+        if len(self._lu) != size:
+            self._lu = np.zeros(size, self.dtype)
+        self.table.lu = address(self._lu)
+
+    def solve(self, b: NDArray[Any]) -> NDArray[Any]:
+        """Solution (n,) for a right-hand side (n,)."""
+        if not self.table.lu:
+            raise ValueError("nothing is factorised")
+        x = np.array(b, dtype=self.dtype)
+        if x.shape != (self.orders.entries.n,):
+            raise ValueError(f"a right-hand side of shape {x.shape} for {self.orders.entries.n} unknowns")
+        functions().lu_solve(self._at, address(x))
+        return x
+
+
+class Matrix:
+    """dF/dy + (lambda / h) dF/dy' for real and complex lambda: scaled, factorised, solved with.
+
+    fy, fyp (nnz,): entries of both parts, written by the caller; row, column (n,): the scaling of equations and unknowns.
+    `factors` solve for a right-hand side multiplied by `row`, in unknowns to be multiplied by `column`.
+    """
+
+    def __init__(self, entries: Entries, scale: Any, power: Any, real: Any, pairs: Any, searches: Searches) -> None:
+        """scale, power (n,): unknowns are measured in scale * h^-power."""
+        n, nnz = entries.n, entries.nnz
+        self.entries = entries
+        self.scale, self.power = np.array(scale, dtype=float), np.array(power, dtype=float)
+        self.real, self.pairs = np.array(real, dtype=float), np.array(pairs, dtype=complex)
+        if self.scale.shape != (n,) or self.power.shape != (n,) or self.real.ndim != 1 or self.pairs.ndim != 1:
+            raise ValueError(f"scale {self.scale.shape}, power {self.power.shape} for {n} unknowns")
+        self._values = np.concatenate([self.real, self.pairs.view(float)])
+        self.fy, self.fyp = np.zeros((2, nnz))
+        self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
+        orders = Orders(entries, searches)
+        self.factors = [Factors(orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
+        if not self.factors:
+            raise ValueError("no lambda")
+        self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))
+        kept = (entries.row_of, entries.column_of, self.scale, self.power, self._values, self.fy, self.fyp, self.row, self.column,
+                self._work)  # fmt: skip
+        self.table = MatrixTable(n, nnz, len(self.real), len(self.pairs), 0, *map(address, kept),
+                                 ctypes.addressof(self._addresses))  # fmt: skip
+        self.address = ctypes.addressof(self.table)
+        self._factor = functions().matrix_factor
+
+    def factor(self, h: float) -> None:
+        """Scale and factorise for the step h."""
+        bad = self._factor(self.address, h, 0)
+        while bad >= 0:
+            self.factors[bad].renew()
+            bad = self._factor(self.address, h, bad + 1)
+
+    def mass(self, x: Array) -> Array:
+        """dF/dy' x, shape (n,)."""
+        given, out = self._vector(x), np.empty(self.entries.n)
+        functions().matrix_mass(self.address, address(given), address(out))
+        return out
+
+    def noise(self, y: Array, yp: Array) -> Array:
+        """|increment| (n,) that round-off of the residual alone produces at (y, y')."""
+        given, out = (self._vector(y), self._vector(yp)), np.empty(self.entries.n)
+        functions().matrix_noise(self.address, *map(address, given), address(out))
+        return out
+
+    def _vector(self, x: Array) -> Array:
+        found = np.ascontiguousarray(x, dtype=float)
+        if found.shape != (self.entries.n,):
+            raise ValueError(f"shape {found.shape} for {self.entries.n} unknowns")
+        return found

@@ -1,0 +1,185 @@
+"""LU factors in a fixed pattern against NumPy, and tables that do not fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from mbdae.integrators.matrices.ordering import searches
+from mbdae.native.sparse import Entries, Factors, Matrix, Order, Orders, SingularMatrixError
+
+RNG = np.random.default_rng
+
+
+def pattern(n: int, density: float, rng: Any) -> Entries:
+    """Some entries, and those of a permutation: the matrix is not singular by its pattern."""
+    found = sp.random(n, n, density, random_state=rng, format="coo")
+    rows, columns = np.concatenate([found.row, rng.permutation(n)]), np.concatenate([found.col, np.arange(n)])
+    ones = sp.csc_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    ones.sort_indices()
+    return Entries(n, ones.indptr, ones.indices)
+
+
+def values(entries: Entries, kind: Any, rng: Any) -> Any:
+    found = rng.normal(size=entries.nnz)
+    return found + 1j * rng.normal(size=entries.nnz) if kind is complex else found
+
+
+def factorised(entries: Entries, a: Any, kind: Any, sought: Any = None) -> Factors:
+    factors = Factors(Orders(entries, searches(()) if sought is None else sought), kind)
+    factors.values[:] = a
+    factors.factor()
+    return factors
+
+
+def defect(factors: Factors, rng: Any) -> float:
+    """Largest residual of a solution beside the terms of its row."""
+    A = factors.orders.entries.matrix(factors.values)
+    b = rng.normal(size=A.shape[0])
+    x = factors.solve(b)
+    return float(np.max(np.abs(A @ x - b) / (abs(A) @ np.abs(x) + np.abs(b))))
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@pytest.mark.parametrize("density", [0.0, 0.02, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("n", [1, 2, 5, 30, 130])
+def test_solutions_are_those_of_numpy(n: int, density: float, kind: Any) -> None:
+    rng = RNG(n)
+    for _ in range(3):
+        entries = pattern(n, density, rng)
+        a = values(entries, kind, rng)
+        factors = factorised(entries, a, kind)
+        assert defect(factors, rng) < 1e-11
+        b = rng.normal(size=n)
+        dense = entries.matrix(a).toarray()
+        exact = np.linalg.solve(dense, b)
+        assert np.abs(factors.solve(b) - exact).max() <= 1e-13 * np.linalg.cond(dense) * np.abs(exact).max() + 1e-13
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_dense_factors_without_a_search(kind: Any) -> None:
+    rng = RNG(3)
+    factors = factorised(Entries.full(40), values(Entries.full(40), kind, rng), kind, ())
+    assert not factors.table.order
+    assert defect(factors, rng) < 1e-13
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+@pytest.mark.parametrize("small", [0.0, 1e-12, 1e-7])
+def test_an_order_whose_pivots_became_small_is_replaced(small: float, kind: Any) -> None:
+    """Random magnitudes over many decades, another time than the order was found for."""
+    rng = RNG(5)
+    for _ in range(20):
+        entries = pattern(40, 0.1, rng)
+        factors = factorised(entries, values(entries, kind, rng), kind)
+        shrunk = values(entries, kind, rng) * np.where(rng.random(entries.nnz) < 0.3, max(small, 1e-300), 1.0)
+        shrunk /= abs(entries.matrix(shrunk)).max(axis=1).toarray().ravel()[entries.row_of]
+        factors.values[:] = shrunk
+        dense, b = entries.matrix(shrunk).toarray(), rng.normal(size=40)
+        regular = np.linalg.cond(dense) < 1e12
+        try:
+            factors.factor()
+        except SingularMatrixError:
+            assert not regular
+            continue
+        x = factors.solve(b)
+        assert not regular or np.abs(dense @ x - b).max() < 1e-9 * (np.abs(x).max() + np.abs(b).max())
+
+
+def test_orders_are_shared_and_kept() -> None:
+    rng = RNG(2)
+    entries = pattern(30, 0.1, rng)
+    orders = Orders(entries, searches(()))
+    first, second = Factors(orders, float), Factors(orders, complex)
+    for factors in (first, second, first):
+        factors.values[:] = np.linspace(1, 2, entries.nnz) + 10 * (entries.row_of == entries.column_of)
+        factors.factor()
+    assert first.order is second.order is orders.present
+
+
+@pytest.mark.parametrize("n", [6, 700])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_singular_matrix_is_refused(kind: Any, n: int) -> None:
+    entries = Entries(n, np.arange(n + 1), np.arange(n))
+    factors = factorised(entries, np.ones(n), kind)
+    factors.values[4] = 0.0
+    with pytest.raises(SingularMatrixError) as raised:
+        factors.factor()
+    assert raised.value.unknown in ((4,) if n == 6 else (4, -1))
+    with pytest.raises(ValueError, match="nothing is factorised"):
+        factors.solve(np.ones(n))
+    factors.values[4] = 1.0
+    factors.factor()
+    assert factors.solve(np.arange(n)) == pytest.approx(np.arange(n))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, complex(0, np.nan)])
+def test_what_is_not_finite_is_refused(bad: complex) -> None:
+    rng = RNG(0)
+    entries = pattern(20, 0.2, rng)
+    kind = complex if isinstance(bad, complex) else float
+    factors = factorised(entries, values(entries, kind, rng), kind)
+    for k in range(0, entries.nnz, 3):
+        kept = factors.values[k]
+        factors.values[k] = bad
+        with pytest.raises(SingularMatrixError):
+            factors.factor()
+        factors.values[k] = kept
+
+
+def test_random_tables_are_right_or_refused() -> None:
+    """Nothing that is wrong reaches C: not the shape, not the range, not an entry twice, not an order that is no permutation."""
+    rng, refused = RNG(1), 0
+    for _ in range(400):
+        n = int(rng.integers(1, 6))
+        good = pattern(n, 0.4, rng)
+        indptr, indices, rows = good.indptr.copy(), good.row_of.copy(), rng.permutation(n)
+        for array in (indptr, indices, rows):
+            if rng.random() < 0.3:
+                array[rng.integers(len(array))] += rng.integers(-2, 3)
+        if rng.random() < 0.1:
+            indices = indices[:-1]
+        try:
+            entries = Entries(n, indptr, indices)
+            Order(entries, rows, rng.permutation(n + (rng.random() < 0.1)))
+        except ValueError:
+            refused += 1
+            continue
+        assert entries.matrix(np.ones(entries.nnz)).has_canonical_format or n > 0
+        try:
+            factors = factorised(entries, values(entries, float, rng), float)
+        except SingularMatrixError:
+            continue
+        assert defect(factors, rng) < 1e-9
+    assert 100 < refused < 390
+
+
+def test_matrices_of_another_size_are_refused() -> None:
+    entries = Entries.full(3)
+    for scale, power, real, pairs in ((np.ones(2), np.ones(3), [1.0], []), (np.ones(3), np.ones(4), [1.0], []),
+                                      (np.ones(3), np.ones(3), [], []), (np.ones(3), np.ones(3), [[1.0]], [])):  # fmt: skip
+        with pytest.raises(ValueError, match=r"power|lambda"):
+            Matrix(entries, scale, power, real, pairs, ())
+    matrix = Matrix(entries, np.ones(3), np.zeros(3), [1.0], [1j], ())
+    for call in (lambda: matrix.mass(np.ones(4)), lambda: matrix.noise(np.ones(3), np.ones(2))):
+        with pytest.raises(ValueError, match="3 unknowns"):
+            call()
+    assert not matrix.noise(np.ones(3), np.ones(3)).any()  # nothing is known before it is factorised
+
+
+def test_fill_is_found_once_for_any_values() -> None:
+    """The rows of L + U hold those of a factorisation by hand."""
+    rng = RNG(8)
+    entries = pattern(25, 0.1, rng)
+    rows = columns = rng.permutation(25)
+    order = Order(entries, rows, columns)
+    filled = entries.matrix(np.ones(entries.nnz)).toarray()[rows][:, columns] != 0
+    np.fill_diagonal(filled, True)
+    for k in range(25):
+        filled[k + 1 :, k + 1 :] |= np.outer(filled[k + 1 :, k], filled[k, k + 1 :])
+    assert np.array_equal(np.concatenate([np.flatnonzero(row) for row in filled]), order.col)
+    assert np.array_equal(order.col[order.diag], np.arange(25))
+    assert all((np.diff(order.col[a:b]) == 1).all() for a, b in zip(order.run, order.ptr[1:], strict=True) if b > a)
