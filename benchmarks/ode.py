@@ -25,7 +25,7 @@ from mbdae.system.prepare import Prepared, prepare
 RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 LEVEL = 1e-6  #: error at which evaluations are compared
-SOLVERS = (mb.CVODE(), mb.CVODE(method="BDF"), mb.IDA(), mb.RadauIIA(3))
+SOLVERS = (mb.CVODE(), mb.CVODE(method="BDF"), mb.DOP853(), mb.IDA(), mb.RadauIIA(3))
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
     from mbdae.integrators.one_step import OneStep
     from mbdae.integrators.orders import measure_order
+    from mbdae.integrators.runge_kutta.dop853 import DOP853
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.cvode import CVODE
     from mbdae.integrators.sundials.ida import IDA
@@ -64,7 +65,8 @@ __version__ = "0.1.0"
 _HOME = {
     "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction", "Coupling": "mbdae.symbolic.coupling",
-    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae", "Distance": "mbdae.laws.joints",
+    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae",
+    "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
     "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
     "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
@@ -82,12 +84,13 @@ _HOME = {
 }  # fmt: skip
 
 __all__ = [
-    "CVODE", "DAE", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb", "Coupling",
-    "Cylindrical", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Free", "Friction", "GeneralizedAlpha", "Hertz",
-    "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal", "OneStep", "OptionError", "Planar",
-    "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw",
-    "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop", "Switches", "Universal", "Weld", "audit",
-    "compare", "extremes", "load", "measure_order", "params", "report", "selftest", "sweep", "t",
+    "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb",
+    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Free", "Friction",
+    "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal",
+    "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute",
+    "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop",
+    "Switches", "Universal", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params", "report", "selftest",
+    "sweep", "t",
 ]  # fmt: skip
 
 

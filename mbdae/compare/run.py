@@ -91,11 +91,12 @@ def described(choice: Any, name: str) -> str:
 
 def default_runs(constrained: bool, system: System | None = None, others: Mapping[JointModel, bool] | None = None,
                  resolving: Form | None = None) -> list[Run]:  # fmt: skip
-    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1, CVODE where there
-    is a right-hand side.
+    """IDA and Radau side by side; index 3 for Radau where there are constraints, IDA only up to index 1, CVODE and
+    DOP853 where there is a right-hand side.
 
     others: joint models that are compared beside what the scene states, and whether they leave an ODE. resolving: for a scene
     with beams, the form that resolves their vibrations; BDF and Adams, which take very many steps for them, are left out."""
+    from mbdae.integrators.runge_kutta.dop853 import DOP853
     from mbdae.integrators.runge_kutta.radau import RadauIIA
     from mbdae.integrators.sundials.cvode import CVODE
     from mbdae.integrators.sundials.ida import IDA
@@ -108,10 +109,10 @@ def default_runs(constrained: bool, system: System | None = None, others: Mappin
     if constrained:
         runs.append(Run(RadauIIA(3), Index3()))
     elif resolving is None and (system is None or system.rhs is not None):
-        runs.append(Run(CVODE()))
+        runs += [Run(CVODE()), Run(DOP853())]
     for model, ordinary in (others or {}).items():
-        multistep = [IDA(), CVODE()] if ordinary and resolving is None else []
-        runs += [Run(solver, model=model) for solver in (RadauIIA(3), *multistep)]
+        others_too = [IDA(), CVODE(), DOP853()] if ordinary and resolving is None else []
+        runs += [Run(solver, model=model) for solver in (RadauIIA(3), *others_too)]
     return runs
 
 

@@ -9,6 +9,7 @@ from mbdae.compare.problem import Problem
 from mbdae.compare.run import Run, checked_runs
 from mbdae.formulations import GGL, ODE, Index1, Index3
 from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
+from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.cvode import CVODE
 from mbdae.integrators.sundials.ida import IDA
@@ -19,11 +20,11 @@ CONSTRAINED = (
     Run(IDA(), GGL()),
     Run(RadauIIA(2), GGL()), Run(RadauIIA(3), GGL()),
     Run(RadauIIA(2), Index3()), Run(RadauIIA(3), Index3()),
-    Run(IDA(), Index1()), Run(CVODE(), Index1()), Run(RadauIIA(3), Index1()),
+    Run(IDA(), Index1()), Run(CVODE(), Index1()), Run(DOP853(), Index1()), Run(RadauIIA(3), Index1()),
     Run(GeneralizedAlpha(), GGL()), Run(HHT(), GGL()),
 )  # fmt: skip
 FREE = (
-    Run(IDA(), ODE()), Run(CVODE(), ODE()),
+    Run(IDA(), ODE()), Run(CVODE(), ODE()), Run(DOP853(), ODE()),
     Run(RadauIIA(2), ODE()), Run(RadauIIA(3), ODE()),
     Run(GeneralizedAlpha(), ODE()), Run(HHT(), ODE()),
 )  # fmt: skip

@@ -7,12 +7,13 @@ from typing import Any
 
 from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
 from mbdae.integrators.base import Solver
+from mbdae.integrators.runge_kutta.dop853 import DOP853
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.sundials.cvode import CVODE
 from mbdae.integrators.sundials.ida import IDA
 from mbdae.values import instance, option, plain
 
-SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, RadauIIA, GeneralizedAlpha, HHT)
+SOLVERS: tuple[type[Solver], ...] = (IDA, CVODE, DOP853, RadauIIA, GeneralizedAlpha, HHT)
 REMEDY = "give a solver such as mb.IDA(), mb.RadauIIA(3) or 'radau3'"
 
 

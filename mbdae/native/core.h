@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
+#include <time.h>
 #if defined(_WIN32)
 #define API __declspec(dllexport)
 #else
@@ -32,5 +33,12 @@ static inline int all_finite(const double *x, I n) {
   for (I i = 0; i < n; i++)
     if (!isfinite(x[i])) return 0;
   return 1;
+}
+
+/* Wall time, s. */
+static inline double clock_s(void) {
+  struct timespec now;
+  timespec_get(&now, TIME_UTC);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 #endif

@@ -53,6 +53,11 @@ class Equations:
         return self.caught.error
 
     @property
+    def called(self) -> bool:
+        """Whether they are calls of Python."""
+        return not self.table.self
+
+    @property
     def address(self) -> int:
         """Address of the table."""
         return ctypes.addressof(self.table)

@@ -1,7 +1,6 @@
 /* What IDA and CVODE of SUNDIALS call over `Equations`, and the loop over their internal steps.
    SUNDIALS comes as addresses of its functions, which sundials.py fills in; its objects stay closed. */
 #include "core.h"
-#include <time.h>
 
 typedef void *Closed; /* vector, matrix or memory of SUNDIALS: only its own functions look inside */
 
@@ -135,12 +134,6 @@ static int piece(Run *r, double t, const double *y, const double *yp) {
     for (I i = 0; i < n; i++) out[k * n + i] = cubic(r->nodes[k], h, r->from_y[i], r->from_yp[i], y[i], yp[i]);
   r->pieces++;
   return 1;
-}
-
-static double clock_s(void) {
-  struct timespec now;
-  timespec_get(&now, TIME_UTC);
-  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
 /* Internal steps until `stop`, or until there is no room for more, the evaluations are used up, or `seconds` are over.

@@ -44,7 +44,8 @@ _START = ("q", "u", "s", "acceleration", "multipliers")
 _RANK = ("kept", "dropped", "singular_here", "not_unique")
 #: stored names of mbdae's solvers and their modules, of which only the one that a file names is imported
 SOLVERS = {
-    "mbdae:CVODE": "sundials.cvode", "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
+    "mbdae:CVODE": "sundials.cvode", "mbdae:DOP853": "runge_kutta.dop853",
+    "mbdae:GeneralizedAlpha": "alpha.generalized_alpha", "mbdae:HHT": "alpha.generalized_alpha",
     "mbdae:IDA": "sundials.ida", "mbdae:RadauIIA": "runge_kutta.radau",
 }  # fmt: skip
 LONGEST = 700  #: characters of an error that is repeated in the message of `load`
@@ -286,7 +287,8 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "joined", "points": [part.points for part in interpolant.parts],
                 "steps": [len(part.t) for part in interpolant.parts]}  # fmt: skip
     kind = type(interpolant).__name__
-    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA or mb.CVODE to save")
+    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA, mb.CVODE or mb.DOP853 "
+                      f"to save")
 
 
 def _arrays(interpolant: Interpolant) -> dict[str, Array]:

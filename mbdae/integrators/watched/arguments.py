@@ -113,6 +113,22 @@ class StepArguments:
             self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
+    def quiet(self, t: Array, y: Callable[[Array], Array], limit: float) -> tuple[Array, Array]:
+        """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of each: (m,) whether none of its arguments turns,
+        changes its sign or varies by more than a limit, and the largest rate of a PHI at its end, 1/s."""
+        h, states = np.diff(t), y(NODES)
+        m, _, n = states.shape
+        times = t[:-1, None] + NODES * h[:, None]
+        U = np.asarray(self.switches.arguments(times.ravel(), states.reshape(-1, n))).reshape(m, len(NODES), -1)
+        rise, size = TO_RISES @ U, np.abs(U).max(axis=1)
+        tail, ends = np.abs(TO_TAIL @ U).sum(axis=1), TO_ENDS @ U
+        stretched = self.stretched(ends.reshape(4 * m, -1)).reshape(ends.shape)
+        turns = (rise[:, :-1] * rise[:, 1:] <= 0) & (np.maximum(np.abs(rise[:, :-1]), np.abs(rise[:, 1:]))
+                                                     > ROUND_OFF * size[:, None])  # fmt: skip
+        loud = turns.any(axis=1) | (tail > POOR * np.ptp(U, axis=1) + ROUND_OFF * size)
+        loud |= (np.abs(stretched[:, 1] - stretched[:, 0]) > limit) | ((U[:, 0] < 0) != (U[:, -1] < 0))
+        return ~loud.any(axis=1), np.abs(stretched[:, 2] - stretched[:, 3]).max(axis=1) / (2 * SMALL * h)
+
     @property
     def fine(self) -> Array:
         """Arguments (33, na) at the fine points."""

@@ -1,0 +1,166 @@
+"""The explicit method of order 8 of Dormand and Prince (DOP853), for smooth systems with a right-hand side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
+from mbdae.integrators.dense import Collocation
+from mbdae.integrators.loop import StepLoop
+from mbdae.integrators.rates import check_rates
+from mbdae.integrators.runge_kutta.dop853_table import DENSE, FIFTH, STAGES, THIRD
+from mbdae.integrators.runge_kutta.tables import radau_table
+from mbdae.integrators.solution import Interpolant
+from mbdae.integrators.watched.watch import StepWatch
+from mbdae.native.equations import equations_of
+from mbdae.native.explicit import Explicit, Method, Steps
+from mbdae.system.base import Array, System
+from mbdae.ties import largest
+
+METHOD = Method(STAGES, tuple((0, *entry) for entry in FIFTH) + tuple((1, *entry) for entry in THIRD), DENSE)
+#: nodes of Radau IIA at which the interpolant is kept: its polynomial has degree 7, that through them and the start too
+NODES = 7
+ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
+
+
+@dataclass(frozen=True)
+class DOP853(Solver):
+    """Explicit Runge-Kutta method of order 8 with a dense output of order 7, for y' = f(t, y) that is smooth and not stiff.
+
+    rtol  tolerance of the local error relative to each unknown (and to its scale, unless atol is given)
+    atol  None, one number, or (n,)
+    """
+
+    rtol: float | None = None
+    atol: Any = None
+
+    factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 1e-2, "Index1": 1e-2, "DAE": 1e-2}}
+    error_fall: ClassVar[float] = 0.6
+    tightest: ClassVar[dict[str, float]] = {"": 1e-14}
+    highest_index: ClassVar[int] = 0
+    alternative: ClassVar[str] = ", or use RadauIIA(3)"
+
+    def __post_init__(self) -> None:
+        set_tolerances(self)
+
+    def check(self, system: System) -> None:
+        """Refuse a system without a right-hand side."""
+        check_rates(self.label, system)
+
+    def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
+        """Step from system.t0 to loop.t_end."""
+        with _Run(self, loop, h0) as run:
+            run.steps()
+
+    def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
+        """Polynomials of degree 7."""
+        return Collocation.of(NODES, t, y, pieces)
+
+
+class _Run:
+    """A run: blocks of steps where they are looked at together, else one step at a time."""
+
+    def __init__(self, solver: DOP853, loop: StepLoop, h0: float | None) -> None:
+        self.loop, self.system, rtol = loop, loop.system, solver.tolerance
+        self.atol = absolute_tolerance(self.system, rtol, solver.atol)
+        self.rtol, self.watch = rtol, StepWatch.of(loop, self._tolerance)
+        self.equations = equations_of(self.system)
+        self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
+        t, y = loop.t, loop.state[0]
+        rate = np.empty(self.system.n)
+        self.system.rhs(t, y, rate)
+        h = h0 if h0 is not None else _first_step(self.system, t, y, rate, self._tolerance(y), loop.t_end - t)
+        loop.stats.residuals += 2
+        self.method.begin(y, rate, h)
+
+    def __enter__(self) -> Self:
+        self.method.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.method.__exit__(*error)
+        del self.watch  # it refers to this object: it is freed at once, with all it refers to
+
+    def _tolerance(self, y: Array) -> Array:
+        return np.asarray(self.rtol * np.abs(y) + self.atol)
+
+    def steps(self) -> None:
+        """Step to the end. Of a block that is not quiet the quiet steps are kept; the next ones are made one at a time."""
+        loop, watch, bound = self.loop, self.watch, self.system.longest_step
+        blocks = bound is None and not self.system.looks_at_steps and (watch is None or watch.contacts is None)
+        rows, landing, going = FEW if watch is not None else ROWS, inf, True
+        while going:
+            longest = min(inf if bound is None else bound(loop.t), inf if watch is None else watch.bound(), landing)
+            made = self._made(rows if blocks else 1, longest)
+            kept = len(made.t)
+            if watch is not None and kept:
+                kept, landing = self._looked_at(watch, made, rows if blocks else 1)
+                rows = min(2 * rows, ROWS) if kept == len(made.t) else 1
+            if kept:
+                going = loop.accept_many(made.t[:kept], made.y[:kept], made.yp[:kept], list(made.inner[:kept]))
+            self.equations.raise_error()
+            if made.code and going:
+                raise self._failed()
+            if kept < len(made.t):
+                width = float(made.t[kept] - loop.t)
+                self.method.begin(*loop.state, width)
+            loop.guard()
+
+    def _made(self, rows: int, longest: float) -> Steps:
+        """Steps of the method; what they cost is counted."""
+        table, stats = self.method.table, self.loop.stats
+        before = table.evaluations, table.rejected
+        made = self.method.advance(self.loop.t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
+        stats.residuals += table.evaluations - before[0]
+        stats.rejected += table.rejected - before[1]
+        return made
+
+    def _looked_at(self, watch: StepWatch, made: Steps, rows: int) -> tuple[int, float]:
+        """How many of the steps may be kept, and the longest the next one may be because of what one hides, s."""
+        times = np.concatenate([[self.loop.t], made.t])
+        starts = np.concatenate([self.loop.state[0][None], made.y[:-1]])
+        ends = made.y - starts
+        table = radau_table(NODES)
+
+        def inside(parts: Array) -> Array:
+            """y (m, k, n) after parts (k,) of every step."""
+            weights = table.values(parts)
+            return np.asarray(starts[:, None] + weights[:, :-1] @ made.inner + weights[:, -1:] * ends[:, None])
+
+        if rows > 1:
+            assert watch.switching is not None
+            return watch.switching.quiet(times, inside), inf
+        h = float(made.t[0] - self.loop.t)
+        watch.look(float(made.t[0]), made.y[0], lambda parts: inside(np.atleast_1d(parts))[0])
+        shorter = watch.shorter(h, lambda parts: inside(np.atleast_1d(parts))[0] if np.ndim(parts) else inside(parts[None])[0, 0])
+        if shorter is None:
+            watch.keep()
+            return 1, inf
+        self.loop.stats.rejected += 1
+        return 0, shorter
+
+    def _failed(self) -> Exception:
+        """The failure of a step that fell below the round-off of the time."""
+        loop, (y, yp) = self.loop, self.loop.state
+        rate = np.empty(self.system.n)
+        self.system.rhs(loop.t, y, rate)  # raises where it is not determined
+        bad = np.flatnonzero(~np.isfinite(rate))
+        worst = int(bad[0]) if len(bad) else largest(np.abs(yp) / self._tolerance(y))
+        where = "" if self.watch is None else self.watch.nearest()
+        text = f"the step fell below the round-off of the time; where the motion is stiff, use mb.RadauIIA(3){where}"
+        return loop.failure(text, self.system.names[worst])
+
+
+def _first_step(system: System, t: float, y: Array, rate: Array, tolerance: Array, span: float) -> float:
+    """A first step (s) by the sizes of y, y' and a difference quotient of y' (Hairer, Norsett, Wanner, II.4)."""
+    sizes = [float(np.sqrt(np.mean((x / tolerance) ** 2))) for x in (y, rate)]
+    h = min(span, 0.01 * sizes[0] / sizes[1] if min(sizes) > 1e-5 else 1e-6 * span)
+    later = np.empty(system.n)
+    system.rhs(t + h, y + h * rate, later)
+    curved = float(np.sqrt(np.mean(((later - rate) / tolerance) ** 2))) / h
+    steepest = max(sizes[1], curved)
+    return float(min(100 * h, span, (0.01 / steepest) ** (1 / 8) if steepest > 1e-15 else max(1e-6 * span, 1e-3 * h)))

@@ -1,0 +1,122 @@
+"""Steps of an explicit Runge-Kutta method with its estimates and its interpolant: the table of explicit.c."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.native.equations import Equations, Number, Pointer, Whole
+from mbdae.native.library import library
+from mbdae.native.signals import Signals
+
+Array = NDArray[np.float64]
+STAGES, ALL, ORDER = 12, 16, 7
+SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
+STUCK = 1000
+
+
+class _Coefficients(ctypes.Structure):
+    _fields_ = (("row", Pointer), ("column", Pointer), ("value", Pointer))
+
+
+class Table(ctypes.Structure):
+    """`Explicit` of explicit.c."""
+
+    _fields_ = (("e", Pointer), *((name, _Coefficients) for name in ("stages", "errors", "dense")),
+                *((name, Pointer) for name in ("c", "nodes", "atol")), ("inner", Whole),
+                *((name, Number) for name in ("rtol", "h", "longest")),
+                *((name, Pointer) for name in ("K", "y", "next", "F")),
+                *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))  # fmt: skip
+
+
+class Method(NamedTuple):
+    """The coefficients as (row, column, value): of the stages, of the two estimates, of the interpolant."""
+
+    stages: Sequence[tuple[int, int, float]]
+    errors: Sequence[tuple[int, int, float]]
+    dense: Sequence[tuple[int, int, float]]
+
+
+class Steps(NamedTuple):
+    """Steps made: times (m,), values and slopes (m, n), increments at inner nodes (m, inner, n), and what ended them."""
+
+    t: Array
+    y: Array
+    yp: Array
+    inner: Array
+    code: int
+
+
+@cache
+def _steps() -> Any:
+    found = library().explicit_steps
+    found.restype = ctypes.c_int
+    found.argtypes = (Pointer, Number, Number, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)
+    return found
+
+
+class Explicit:
+    """A run of a method; nodes: parts of a step where the interpolant is kept."""
+
+    def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
+        n = int(equations.table.n)
+        if not equations.table.rates or atol.shape != (n,):
+            raise ValueError(f"{n} equations with rates, and as many tolerances: not {atol.shape}")
+        self.n, self.equations = n, equations
+        self._kept: list[Array] = []
+        kept = self._pointer
+        c = np.zeros(ALL)
+        np.add.at(c, [i for i, _, _ in method.stages], [a for _, _, a in method.stages])
+        self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
+        self.table = Table(
+            equations.address, self._rows(method.stages, ALL, ALL), self._rows(method.errors, 2, STAGES + 1),
+            self._rows(method.dense, 4, ALL), kept(c), kept(np.array(nodes, dtype=float)), kept(np.array(atol, dtype=float)),
+            len(nodes), rtol, 0.0, np.inf, *map(kept, (self._K, self._y, self._next, self._F)), 0, 0, 0,
+        )  # fmt: skip
+        self.inner = len(nodes)
+        self._signals: Signals | None = None
+
+    def _pointer(self, array: Any) -> int:
+        self._kept.append(array)
+        return int(array.ctypes.data)
+
+    def _rows(self, entries: Sequence[tuple[int, int, float]], rows: int, columns: int) -> _Coefficients:
+        """Coefficients row by row; ValueError where one has no place."""
+        i, j = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in (0, 1))
+        if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
+            raise ValueError(f"coefficients of {rows} rows and {columns} columns, in the order of rows")
+        starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
+        return _Coefficients(*map(self._pointer, (starts, j, np.array([v for *_, v in entries]))))
+
+    def __enter__(self) -> Self:
+        if self.equations.called:  # else no Python runs inside
+            self.equations.caught.signals = self._signals = Signals().__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        signals, self._signals, self.equations.caught.signals = self._signals, None, None
+        if signals is not None:
+            signals.__exit__(*error)
+
+    def begin(self, y: Array, rate: Array, h: float) -> None:
+        """Start from y (n,) with slope rate (n,) and a first step of h (s)."""
+        self._y[:], self._K[0], self.table.h, self.table.after_rejection = y, rate, h, 0
+
+    def advance(self, t: float, end: float, most: float, rows: int, longest: float = np.inf) -> Steps:
+        """Steps from t towards end, at most so many rows, until more than `most` evaluations were made, for a slice of time."""
+        times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
+        inner, made = np.empty((rows, self.inner, self.n)), Whole()
+        self.table.longest = longest
+        if self._signals is not None:
+            self._signals.inside = True
+        code = _steps()(ctypes.byref(self.table), t, end, self.table.evaluations + most, SLICE, rows, times.ctypes.data,
+                        y.ctypes.data, yp.ctypes.data, inner.ctypes.data, ctypes.byref(made))  # fmt: skip
+        if self._signals is not None:
+            self._signals.inside = False
+        m = made.value
+        return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
