@@ -122,7 +122,7 @@ class _Call:
                 if caught.signals is not None and caught.signals.waiting:
                     caught.signals.deliver()
                 self(*args)
-            except BaseException as error:  # noqa: BLE001: SUNDIALS and C cannot pass it on; `raise_error` does
+            except BaseException as error:  # C cannot pass it on; `raise_error` does
                 caught.error = caught.error or error
                 return RAISED
             return 0
