@@ -52,6 +52,8 @@ class Method:
         self._atol = np.array(settings.atol, dtype=float)
         self._kept: list[Any] = []
         self._block: Block | None = None
+        self._before: Block | None = None
+        self._start = [self.y]
         self._free = ExitStack()
         with ExitStack() as failed:
             failed.callback(self.close)
@@ -119,6 +121,7 @@ class Method:
     def begin(self, t: float, y: Array, yp: Array) -> None:
         """Start again."""
         self._view(self._y)[:], self._view(self._yp)[:] = y, yp
+        self.run.from_y = None
         self.run.choosing = int(self.prefix == "CVode")
         self._call("ReInit", t, *self._start_vectors())
 
@@ -128,13 +131,14 @@ class Method:
         are left are made or a slice of time is over. toward: end of the run, s. What was raised waits for `raise_error`."""
         block, run = self._block, self.run
         if block is None or block.made == block.room:
-            block = self._block = Block(self.n, self.inner)
+            self._before, self._block = block, Block(self.n, self.inner)  # the last step is in the block before
+            block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        y, yp = (np.ascontiguousarray(a, dtype=float) for a in start[1:])
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C has it from its last step
+            y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
+            run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
         run.most = run.evaluations + left
-        if self.inner:
-            run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         made, room = Whole(0), min(rows, block.room - block.made)
         self.signals.inside = True
         try:
