@@ -10,7 +10,6 @@ import ctypes
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Self
 
@@ -20,14 +19,11 @@ from numpy.typing import NDArray
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
 from mbdae.native.library import library
 from mbdae.native.signals import Signals
-from mbdae.native.sundials_library import Unavailable, sundials
-
-Array = NDArray[np.float64]
+from mbdae.native.sundials_library import UnavailableError, sundials
+from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
 
 #: a call of the loop returns after so long (s), so that Ctrl-C, limits and progress are looked at
 SLICE = 0.05
-#: rows of a block of steps, at most, and what a block may take, bytes
-MOST_ROWS, BLOCK_BYTES = 4096, 2**22
 STUCK = 1000
 CSC = 0  #: of SUNSparseMatrix
 ADAMS, BDF = 1, 2
@@ -36,61 +32,6 @@ SAID = {
     "TOO_MUCH_ACC": "the tolerance is below the round-off", "REP_RES_ERR": "the equations are not finite wherever it was tried",
     "REPTD_RHSFUNC_ERR": "the equations are not finite wherever it was tried",
 }  # fmt: skip
-
-
-class Run(ctypes.Structure):
-    """`Run` of sundials.c."""
-
-    _fields_ = (
-        ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),
-        ("cvode", Pointer), ("until", Pointer), ("interpolant", Pointer), ("memory", Pointer), ("y_vector", Pointer),
-        ("yp_vector", Pointer), ("inner_vector", Pointer), ("own_columns", Pointer), ("own_rows", Pointer),
-        ("columns_bytes", Whole), ("rows_bytes", Whole), ("place", Pointer), ("fy", Pointer), ("fyp", Pointer),
-        ("nodes", Pointer), ("atol", Pointer), ("rtol", Number), ("tame", Number), ("smooth", Whole), ("most", Number),
-        ("toward", Number), ("evaluations", Whole), ("rejected", Whole), ("jacobians", Whole), ("choosing", Whole), ("renew", Whole),
-        ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
-        ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
-        ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What both methods are told: tolerances (atol (n,)), highest order, first step (s; 0: chosen)."""
-
-    rtol: float
-    atol: Array
-    order: int
-    first_step: float = 0.0
-
-
-@dataclass(frozen=True)
-class Steps:
-    """Steps made in one call: ends t (m,), y and yp (m, n), and what an interpolant needs of each (None: nothing).
-
-    code: negative or STUCK where the method could not go on after them"""
-
-    t: Array
-    y: Array
-    yp: Array
-    pieces: list[Any]
-    code: int
-
-
-class _Block:
-    """Room for steps that are not made yet; arrays of finished steps are views of it."""
-
-    def __init__(self, n: int, inner: int) -> None:
-        self.room = max(1, min(MOST_ROWS, BLOCK_BYTES // (8 * n * (2 + inner))))
-        self.t, self.y, self.yp = np.empty(self.room), np.empty((self.room, n)), np.empty((self.room, n))
-        self.stored = np.zeros(self.room, dtype=np.int64)
-        self.inner = np.empty((self.room, inner, n))
-        self.made = 0
-        self._addresses = [(a.ctypes.data, a.strides[0]) for a in (self.t, self.y, self.yp, self.stored)]
-
-    def addresses(self) -> list[int]:
-        """Addresses of the next row of t, y, yp and stored."""
-        return [first + self.made * stride for first, stride in self._addresses]
 
 
 class Method:
@@ -110,7 +51,9 @@ class Method:
         self.y, self.yp, self.values, self._jacobian_y = np.array(y), np.array(yp), np.zeros(n), np.zeros(n)
         self._atol = np.array(settings.atol, dtype=float)
         self._kept: list[Any] = []
-        self._block: _Block | None = None
+        self._block: Block | None = None
+        self._before: Block | None = None
+        self._start = [self.y]
         self._free = ExitStack()
         with ExitStack() as failed:
             failed.callback(self.close)
@@ -178,6 +121,7 @@ class Method:
     def begin(self, t: float, y: Array, yp: Array) -> None:
         """Start again."""
         self._view(self._y)[:], self._view(self._yp)[:] = y, yp
+        self.run.from_y = None
         self.run.choosing = int(self.prefix == "CVode")
         self._call("ReInit", t, *self._start_vectors())
 
@@ -187,13 +131,14 @@ class Method:
         are left are made or a slice of time is over. toward: end of the run, s. What was raised waits for `raise_error`."""
         block, run = self._block, self.run
         if block is None or block.made == block.room:
-            block = self._block = _Block(self.n, self.inner)
+            self._before, self._block = block, Block(self.n, self.inner)  # the last step is in the block before
+            block = self._block
             run.inner, run.pieces = block.inner.ctypes.data, 0
-        y, yp = (np.ascontiguousarray(a, dtype=float) for a in start[1:])
+        if self.inner and (run.from_y is None or start[0] != run.from_t):  # else C has it from its last step
+            y, yp = self._start = [np.ascontiguousarray(a, dtype=float) for a in start[1:]]
+            run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         run.from_t, run.last_step, run.toward, first_piece = start[0], last_step, toward, run.pieces
         run.most = run.evaluations + left
-        if self.inner:
-            run.from_y, run.from_yp = y.ctypes.data, yp.ctypes.data
         made, room = Whole(0), min(rows, block.room - block.made)
         self.signals.inside = True
         try:
@@ -204,7 +149,7 @@ class Method:
         block.made = part.stop
         pieces: list[Any] = [None] * made.value
         if run.pieces > first_piece:
-            stored = np.flatnonzero(block.stored[part]).tolist()
+            stored = np.flatnonzero(block.stored[part]).tolist() if len(pieces) > 1 else [0]
             for step, piece in zip(stored, block.inner[first_piece : first_piece + len(stored)], strict=True):
                 pieces[step] = piece
         return Steps(block.t[part], block.y[part], block.yp[part], pieces, code)
@@ -353,14 +298,16 @@ class Cvode(Method):
         self._call("Init", self.C.cvode_rates, t, self._y)
 
 
-def why_not() -> str:
-    """Why the libraries cannot be used here; "": they can. MBDAE_SUNDIALS=python keeps them from being used."""
+def why_not(sparse: bool = False) -> str:
+    """Why the libraries cannot be used here, for sparse equations; "": they can. MBDAE_SUNDIALS=python forbids it."""
     if os.environ.get("MBDAE_SUNDIALS") == "python":
         return "MBDAE_SUNDIALS=python"
     try:
-        sundials()
         core()
-    except Unavailable as why:
+        if sparse:
+            assert sundials().SUNLinSol_SuperLUMT
+        sundials()
+    except UnavailableError as why:
         return str(why)
     return ""
 
@@ -371,7 +318,7 @@ def core() -> Any:
     try:
         found = library()
     except Exception as error:
-        raise Unavailable(f"the native core could not be built: {error}") from error
+        raise UnavailableError(f"the native core could not be built: {error}") from error
     found.sundials_steps.argtypes = [Pointer, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer]
     return found
 

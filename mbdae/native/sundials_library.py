@@ -41,13 +41,13 @@ _BOTH = {
     "GetReturnFlagName": (c_char_p, c_long), "Free": (None, _P),
 }  # fmt: skip
 _SPARSE = {"SUNLinSol_SuperLUMT": (_P, _P, _P, _I, _P)}
-FUNCTIONS = {
+FUNCTIONS: dict[str, dict[str, tuple[Any, ...]]] = {
     "core": _OWN, "ida": _IDA | {"IDA" + name: kind for name, kind in _BOTH.items()},
     "cvode": _CVODE | {"CVode" + name: kind for name, kind in _BOTH.items()}, "sunlinsolsuperlumt": _SPARSE,
 }  # fmt: skip
 
 
-class Unavailable(Exception):
+class UnavailableError(Exception):
     """The libraries cannot be used here."""
 
 
@@ -72,7 +72,7 @@ class Functions:
 
     def _open(self, name: str) -> None:
         if name not in self._files:
-            raise Unavailable(f"scikit-sundae brings no library of SUNDIALS called {name}")
+            raise UnavailableError(f"scikit-sundae brings no library of SUNDIALS called {name}")
         try:
             opened = ctypes.CDLL(str(self._files[name]))
             for key, (result, *arguments) in FUNCTIONS[name].items():
@@ -80,17 +80,18 @@ class Functions:
                 function.restype, function.argtypes = result, arguments
                 self.__dict__[key] = function
         except (OSError, AttributeError) as error:
-            raise Unavailable(f"{self._files[name].name} of scikit-sundae cannot be used: {error}") from error
+            raise UnavailableError(f"{self._files[name].name} of scikit-sundae cannot be used: {error}") from error
 
     def _check_version(self) -> None:
         major, minor, patch = c_int(), c_int(), c_int()
         label = ctypes.create_string_buffer(64)
         self.SUNDIALSGetVersionNumber(*map(ctypes.byref, (major, minor, patch)), label, len(label))
         if major.value != MAJOR:
-            raise Unavailable(f"SUNDIALS {major.value}.{minor.value}.{patch.value} is not of release {MAJOR}")
+            raise UnavailableError(f"SUNDIALS {major.value}.{minor.value}.{patch.value} is not of release {MAJOR}")
 
     def _index(self) -> type[np.signedinteger[Any]]:
-        """Type of indices in this build. The first index pointers of a sparse identity are 0, 1 as int32 or 0, (0, 1) as int64."""
+        """Type of indices in this build: pointers of a sparse identity begin with 0, 1, 2, read as int32 with 0, 0, 1 where they
+        are int64."""
         context = c_void_p()
         self.SUNContext_Create(0, ctypes.byref(context))
         dense = self.SUNDenseMatrix(2, 2, context)
@@ -103,13 +104,13 @@ class Functions:
         self.SUNContext_Free(ctypes.byref(context))
         kinds: dict[tuple[int, ...], type[np.signedinteger[Any]]] = {(0, 1, 2): np.int32, (0, 0, 1): np.int64}
         if tuple(found) not in kinds:
-            raise Unavailable(f"indices of this SUNDIALS are neither int32 nor int64: {found}")
+            raise UnavailableError(f"indices of this SUNDIALS are neither int32 nor int64: {found}")
         return kinds[tuple(found)]
 
 
 @cache
 def sundials() -> Functions:
-    """The functions of SUNDIALS; raises Unavailable where there are none to use."""
+    """The functions of SUNDIALS; raises UnavailableError where there are none to use."""
     return Functions(files())
 
 
@@ -117,7 +118,7 @@ def files() -> dict[str, Path]:
     """Libraries by what they are of ("core", "ida", ...)."""
     spec = find_spec("sksundae")
     if spec is None or spec.origin is None:
-        raise Unavailable("scikit-sundae is not installed")
+        raise UnavailableError("scikit-sundae is not installed")
     package = Path(spec.origin).parent
     found = {}
     for folder in (package.parent / BESIDE, package / WITHIN):

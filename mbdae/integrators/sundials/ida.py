@@ -83,11 +83,11 @@ class _Run(SundialsRun):
 
     def create(self) -> Method:
         system, order, start = self.system, self.solver.max_order, (self.loop.t, *self.loop.state)
-        if native.why_not():
+        sparse = system.sparsity is not None
+        if native.why_not(sparse):
             from mbdae.integrators.sundials.python import IdaByPython
 
             return IdaByPython(system, self.settings(order), start)
-        sparse = system.sparsity is not None
         return native.Ida(equations_of(system), self.settings(order), start, sparse=sparse,
                           pattern=system.sparsity if sparse else system.pattern)  # fmt: skip
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.rates import rate_jacobian
-from mbdae.native.sundials import STUCK, Settings, Steps
+from mbdae.native.sundials import STUCK
+from mbdae.native.sundials_steps import Settings, Steps
 from mbdae.system.base import Array, System
 
 #: how scikit-sundae begins a report: the function of SUNDIALS and its error code
@@ -64,6 +65,7 @@ class PythonMethod(ABC):
 
     def renew(self) -> None:
         """Have the next step begin with a new Jacobian."""
+        raise NotImplementedError
 
     def advance(self, start: tuple[float, Array, Array], last_step: float, stop: float, toward: float, rows: int = 1,
                 left: float = np.inf) -> Steps:  # fmt: skip
@@ -101,9 +103,9 @@ class PythonMethod(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: Any, error: BaseException | None = None, trace: Any = None) -> None:
-        if error is not None:
-            self.error = error
+    def __exit__(self, *error: object) -> None:
+        if isinstance(error[1], BaseException):
+            self.error = error[1]
 
 
 class IdaByPython(PythonMethod):

@@ -1,6 +1,6 @@
 """What the solvers of SUNDIALS share: their steps, and what stopped them.
 
-Their methods are those of `native.sundials`; where its libraries cannot be used, those of `python`, which do the same more slowly.
+Their methods are those of `native.sundials`; where its libraries cannot be used, those of `python`, which do the same slowly.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from mbdae.errors import SolverError
 from mbdae.integrators.base import absolute_tolerance
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import SundialsWatch, stop_time
-from mbdae.native.sundials import Settings, Steps
+from mbdae.native.sundials_steps import MOST_ROWS, Settings, Steps
 from mbdae.system.base import Array
 
 Point = tuple[float, Array, Array]  #: t, y and y'
-MOST_ROWS = 4096  #: steps in one call
 
 
 class Method(Protocol):
@@ -38,7 +37,7 @@ class Method(Protocol):
     def __enter__(self) -> Self: ...
     def __exit__(self, *error: object) -> None: ...
     def begin(self, t: float, y: Array, yp: Array) -> None: ...
-    def advance(self, start: Point, last_step: float, stop: float, toward: float, rows: int = ..., left: float = ...) -> Steps: ...
+    def advance(self, start: Point, last_step: float, stop: float, toward: float, rows: int, left: float) -> Steps: ...
     def newest(self) -> tuple[float, Array] | None: ...
     def renew(self) -> None: ...
     def raise_error(self) -> None: ...
@@ -68,6 +67,7 @@ class SundialsRun(ABC):
 
     def accepted(self, watch: SundialsWatch) -> None:
         """A step of a watched run is about to be kept."""
+        return
 
     def settings(self, order: int) -> Settings:
         """What both methods are told."""

@@ -1,0 +1,72 @@
+"""What goes to the loop over the steps of SUNDIALS, and what comes back."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.native.equations import Number, Pointer, Whole
+
+Array = NDArray[np.float64]
+
+#: rows of a block of steps, at most, and what a block may take, bytes
+MOST_ROWS, BLOCK_BYTES = 4096, 2**22
+
+
+class Run(ctypes.Structure):
+    """`Run` of sundials.c."""
+
+    _fields_ = (
+        ("e", Pointer), ("array", Pointer), ("data", Pointer), ("columns", Pointer), ("rows", Pointer), ("ida", Pointer),
+        ("cvode", Pointer), ("until", Pointer), ("interpolant", Pointer), ("memory", Pointer), ("y_vector", Pointer),
+        ("yp_vector", Pointer), ("inner_vector", Pointer), ("own_columns", Pointer), ("own_rows", Pointer),
+        ("columns_bytes", Whole), ("rows_bytes", Whole), ("place", Pointer), ("fy", Pointer), ("fyp", Pointer),
+        ("nodes", Pointer), ("atol", Pointer), ("rtol", Number), ("tame", Number), ("smooth", Whole), ("most", Number),
+        ("toward", Number), ("evaluations", Whole), ("rejected", Whole), ("jacobians", Whole), ("choosing", Whole),
+        ("renew", Whole), ("renewing", Whole), ("fresh", Whole), ("t", Number), ("cj", Number), ("y", Pointer), ("yp", Pointer),
+        ("values", Pointer), ("jacobian_t", Number), ("jacobian_y", Pointer), ("from_t", Number), ("last_step", Number),
+        ("from_y", Pointer), ("from_yp", Pointer), ("inner", Pointer), ("pieces", Whole),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What both methods are told: tolerances (atol (n,)), highest order, first step (s; 0: chosen)."""
+
+    rtol: float
+    atol: Array
+    order: int
+    first_step: float = 0.0
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps made in one call: ends t (m,), y and yp (m, n), and what an interpolant needs of each (None: nothing).
+
+    code: negative or STUCK where the method could not go on after them"""
+
+    t: Array
+    y: Array
+    yp: Array
+    pieces: list[Any]
+    code: int
+
+
+class Block:
+    """Room for steps that are not made yet; arrays of finished steps are views of it."""
+
+    def __init__(self, n: int, inner: int) -> None:
+        self.room = max(1, min(MOST_ROWS, BLOCK_BYTES // (8 * n * (2 + inner))))
+        self.t, self.y, self.yp = np.empty(self.room), np.empty((self.room, n)), np.empty((self.room, n))
+        self.stored = np.zeros(self.room, dtype=np.int64)
+        self.inner = np.empty((self.room, inner, n))
+        self.made = 0
+        self._addresses = [(a.ctypes.data, a.strides[0]) for a in (self.t, self.y, self.yp, self.stored)]
+
+    def addresses(self) -> list[int]:
+        """Addresses of the next row of t, y, yp and stored."""
+        return [first + self.made * stride for first, stride in self._addresses]
