@@ -1,8 +1,8 @@
-"""How the native core becomes a library: one compilation, at installation (hatch_build.py) and in a clone whose C has changed since
-(library.py).
+"""How the native core becomes a library: by one compilation, at installation (hatch_build.py) and again in a clone whose C has
+changed since (library.py).
 
-It imports nothing but Python's own modules, so that it runs before anything is installed; by hand, which prints the warnings of the
-compiler too::
+It imports nothing but Python's own modules, so that it runs before anything is installed. By hand, with the warnings of the
+compiler::
 
     python -m mbdae.native.build
 
@@ -37,8 +37,8 @@ ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch6
 #: the same numbers from every compiler: no product and sum in one rounding, nothing of -ffast-math, processors of the baseline
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
-REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install;\n"
-          f"anywhere: pip install '{ZIGLANG}'), or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
+REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
+          f"macOS: xcode-select --install; anywhere: pip install '{ZIGLANG}'), or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
 
 
 class BuildError(Exception):
@@ -146,33 +146,41 @@ def needs_ziglang() -> bool:
 def compile_library(command: list[str]) -> str:
     """Compile the library in place; returns what the compiler said, warnings.
 
-    Processes that do so at once do not disturb each other: each writes a file of its own, and renames it when it is complete.
+    Processes that do so at once do not disturb each other: each writes into a folder of its own, beside the library and readable
+    by this user only, and moves the library out of it when it is complete.
     """
     if not sources():
         raise BuildError(f"There are no C files in {HERE}: only a clone or a source archive of mbdae can be compiled.")
-    part = HERE / f"{LIBRARY.stem}.{os.getpid()}{SUFFIX}"
+    try:
+        with tempfile.TemporaryDirectory(prefix=f"{LIBRARY.stem}.", dir=HERE) as folder:
+            part = Path(folder, LIBRARY.name)
+            done = compiled(command, part.relative_to(HERE))
+            os.replace(part, LIBRARY)
+    except OSError as error:
+        raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and end "
+                         "other Pythons that have the library open (Windows does not replace an open one).") from error  # fmt: skip
+    return done.stdout
+
+
+def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]:
+    """The compiler's run that writes the library into a file, told by its path from here."""
     defined = f'-DMBDAE_SOURCES="{digest()}"'  # read before the files are: a change in between is found at the next use
     further = shlex.split(os.environ.get("MBDAE_CFLAGS", ""))
     names = [path.name for path in sources()]  # without folders: no path of this machine gets into the library
-    try:
-        whole = [*command, *flags(command), *further, defined, *names, "-o", part.name, "-lm"]
-        done = run(whole, HERE)
-        if done.returncode or not part.is_file():
-            raise BuildError(f"The native core of mbdae does not compile in {HERE}:\n{shlex.join(whole)}\n{done.stdout.strip()}\n{REMEDY}")
-        os.replace(part, LIBRARY)
-    except OSError as error:
-        raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and end other "
-                         "Pythons that have the library open (on Windows an open one cannot be replaced).") from error  # fmt: skip
-    finally:
-        part.unlink(missing_ok=True)
-    return done.stdout
+    whole = [*command, *flags(command), defined, *further, *names, "-o", str(part), "-lm"]
+    done = run(whole, HERE)
+    if done.returncode:
+        raise BuildError("\n".join([f"The native core of mbdae does not compile in {HERE}:", shlex.join(whole), done.stdout.strip(),
+                                    "Correct the C file or MBDAE_CFLAGS. Where this compiler alone refuses the file, name "
+                                    "another one in CC."]))  # fmt: skip
+    return done
 
 
 def wheel_platform(command: list[str]) -> str:
     """Platform in the name of a wheel: where else the library runs.
 
-    zig binds to glibc 2.17 at most whatever the machine has, which is what manylinux2014 promises. A compiler of the system binds to
-    the glibc of this machine: linux_x86_64 says no more than that, and the package index takes no such wheel.
+    zig binds to glibc 2.17 at most whatever the machine has, which is what manylinux2014 promises. A compiler of the system binds
+    to the glibc of this machine: linux_x86_64 says no more than that, and the package index takes no such wheel.
     """
     name, machine = platform_name(), platform.machine()
     if sys.platform == "darwin":

@@ -26,8 +26,8 @@ def library() -> ctypes.CDLL:
         opened = ctypes.CDLL(str(build.LIBRARY))
         found = opened.mbdae_interface()
     except (OSError, AttributeError) as error:
-        raise LibraryError(f"The native core of mbdae cannot be opened: {error}. Install mbdae again for this Python on this "
-                           "machine: pip install --force-reinstall --no-deps, with what it was installed from") from error  # fmt: skip
+        raise LibraryError(f"The native core of mbdae cannot be opened: {error}. Install mbdae again on this machine, as before "
+                           "and with the options --force-reinstall --no-deps of pip") from error  # fmt: skip
     if found != INTERFACE:
         raise LibraryError(f"{build.LIBRARY} has interface {found}, the Python files beside it need {INTERFACE}: they are of "
                            "different versions. Install mbdae again")  # fmt: skip
