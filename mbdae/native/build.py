@@ -38,7 +38,8 @@ ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch6
 FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
 TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
 REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
-          f"macOS: xcode-select --install; anywhere: pip install '{ZIGLANG}'), or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
+          f"macOS: xcode-select --install; anywhere: pip install '{ZIGLANG}'),\n"
+          "or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
 
 
 class BuildError(Exception):
@@ -157,8 +158,8 @@ def compile_library(command: list[str]) -> str:
             done = compiled(command, part.relative_to(HERE))
             os.replace(part, LIBRARY)
     except OSError as error:
-        raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and end "
-                         "other Pythons that have the library open (Windows does not replace an open one).") from error  # fmt: skip
+        raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and "
+                         "end other Pythons that have the library open (Windows does not replace an open one)") from error  # fmt: skip
     return done.stdout
 
 
@@ -170,7 +171,8 @@ def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]
     whole = [*command, *flags(command), defined, *further, *names, "-o", str(part), "-lm"]
     done = run(whole, HERE)
     if done.returncode:
-        raise BuildError("\n".join([f"The native core of mbdae does not compile in {HERE}:", shlex.join(whole), done.stdout.strip(),
+        said = done.stdout.strip()
+        raise BuildError("\n".join([f"The native core of mbdae does not compile in {HERE}:", shlex.join(whole), said,
                                     "Correct the C file or MBDAE_CFLAGS. Where this compiler alone refuses the file, name "
                                     "another one in CC."]))  # fmt: skip
     return done
