@@ -159,7 +159,7 @@ def compile_library(command: list[str]) -> str:
             os.replace(part, LIBRARY)
     except OSError as error:
         raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and "
-                         "end other Pythons that have the library open (Windows does not replace an open one)") from error  # fmt: skip
+                         "end other Pythons that have the library open (Windows keeps an open one)") from error  # fmt: skip
     return done.stdout
 
 
