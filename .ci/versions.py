@@ -5,9 +5,9 @@
     python3 .ci/versions.py 3.13 lowest       these environments alone
     python3 .ci/versions.py --keep FOLDER     environments and logs stay there; else they are removed at the end
 
-An environment is made as a user's would be: a source archive is built from this tree with setuptools, unpacked and installed as
+An environment is made as a user's would be: a source archive is built from this tree with hatchling, unpacked and installed as
 a wheel, and the tests of the archive run against what is installed. In `lowest`, every requirement of pyproject.toml that names
-a lowest release (setuptools and the extra `test` too) is installed in exactly that one, on the lowest Python stated. In `tools`
+a lowest release (hatchling and the extra `test` too) is installed in exactly that one, on the lowest Python stated. In `tools`
 ruff and mypy, in their lowest releases beside the newest of all else, look at the archive instead. A Python that is not there is
 named and left out. The exit code is 0 where all environments that ran passed and at least one ran, else 1; an
 environment asked for by its name has to run.
@@ -34,8 +34,10 @@ NEWEST = ("3.11", "3.12", "3.13", "3.14")
 LOWEST, TOOLS = "lowest", "tools"
 KNOWN = (*NEWEST, LOWEST, TOOLS)
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[(?P<extras>[\w, -]+)\])?\s*(>=\s*(?P<lowest>[\w.]+))?\s*$")
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv*", "*.egg-info", "__pycache__", ".*_cache", "build", "dist", "out")
-BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_sdist(sys.argv[1]))"
+LEFT_OUT = shutil.ignore_patterns(".git", ".venv*", "*.egg-info", "__pycache__", ".*_cache", "build", "dist", "out",
+                                  "mbdae.core.*")  # fmt: skip
+BUILD = "import sys; from hatchling import build; print(build.build_sdist(sys.argv[1]))"
+COMPILER = "from hatchling import build; print(*build.get_requires_for_build_wheel())"  # ziglang where no compiler works
 INSTALLED = """
 import importlib.metadata as m, json, pathlib, sys
 import mbdae
@@ -148,6 +150,8 @@ class Environment:
         pip = (self.python, "-m", "pip", "install", "--quiet")
         build = [parsed(text) for text in stated["build-system"]["requires"]]
         self.run(*pip, *(pinned(part["name"], part["lowest"], part["name"] in exact) for part in build))
+        if compiler := self.run(self.python, "-c", COMPILER, cwd=ROOT).split():
+            self.run(*pip, *compiler)
         shutil.copytree(ROOT, self.folder / "tree", ignore=LEFT_OUT)
         archive = self.run(self.python, "-c", BUILD, self.folder, cwd=self.folder / "tree").split()[-1]
         shutil.rmtree(self.folder / "tree")
@@ -190,10 +194,10 @@ def tried(name: str, folder: Path, whole: bool) -> Outcome:
         return outcome
     environment = Environment(folder / name)
     try:
-        extra, needed = ("dev" if name == TOOLS else "test"), {*requirements(stated), "setuptools"}
+        extra, needed = ("dev" if name == TOOLS else "test"), {*requirements(stated), "hatchling"}
         exact = {LOWEST: needed, TOOLS: set(requirements(stated, "dev")) - needed}.get(name, set())
         unpacked = environment.install(base, stated, extra, exact)
-        outcome.versions = environment.versions([*requirements(stated, extra), "setuptools"])
+        outcome.versions = environment.versions([*requirements(stated, extra), "hatchling"])
         if name == TOOLS:
             for tool in (("ruff", "check", "."), ("mypy",)):
                 environment.run(environment.python, "-P", "-m", *tool, cwd=unpacked)

@@ -11,7 +11,8 @@
     ├── SolverError         the integration stopped; with the time, the culprit and the solution so far
     │   └── WallClockError  its wall-clock time was used up
     ├── EquilibriumError    no state at rest was found; with the last one under a part of the loads, and its load factor
-    └── SteadyError         the linearised equations depend on time; with their coefficients at that instant
+    ├── SteadyError         the linearised equations depend on time; with their coefficients at that instant
+    └── LibraryError        the compiled part of the package cannot be opened, or not be compiled after a change of its C
     AccuracyWarning         a result does not, or may not, meet the accuracy asked for
 
 Ctrl-C raises KeyboardInterrupt out of every function. Its text says what was stopped, and its attribute `solution` is what
@@ -131,6 +132,10 @@ class SteadyError(MbdaeError):
     def __init__(self, message: str, frozen: Any = None) -> None:
         super().__init__(message)
         self.frozen = frozen
+
+
+class LibraryError(MbdaeError):
+    """The compiled part of the package cannot be opened, or, in a clone whose C files have changed, not be compiled."""
 
 
 class AccuracyWarning(UserWarning):

@@ -17,7 +17,7 @@ ROOT = Path(mbdae.__file__).parent
 LAYERS = [
     {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit"}, {"reports", "compare"},
     {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"results"}, {"integrators"}, {"formulations"}, {"system"},
-    {"kernels"}, {"native"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"},
+    {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
     {"notation", "errors", "threads", "ties"},
 ]  # fmt: skip
 #: parts of `system` from the bottom up, as its docstring says

@@ -7,6 +7,7 @@ import importlib.util
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 MODULES = sorted((ROOT / "mbdae").rglob("*.py"))
 LARGEST, FILE_LINES, FUNCTION_LINES = 200_000, 400, 60  # bytes, lines, lines
 GENERATED = re.compile(r"(^|/)(__pycache__|build|dist|out|\.venv[^/]*|[^/]*\.egg-info|\.(pytest|mypy|ruff)_cache)/|"
-                       r"\.(pyc|so|o|png|svg|gif|npz|whl|html|pdf)$")  # fmt: skip
+                       r"\.(pyc|so|dll|dylib|o|png|svg|gif|npz|whl|html|pdf)$")  # fmt: skip
 #: absolute paths of a home, a scratch or a work directory
 MACHINE = re.compile(r"(?<![\w.~/-])/(?:home|root|Users|work|tmp|mnt|var)/[\w.-]+|\b[A-Z]:\\\\?\w")
 
@@ -94,10 +95,10 @@ def test_continuous_integration_runs_what_the_readme_says() -> None:
 
 
 def test_source_archives_hold_everything() -> None:
-    """Setuptools takes the package and the files below by itself; MANIFEST.in names the others."""
-    named = set((ROOT / "MANIFEST.in").read_text(encoding="utf-8").split())
-    top = {path.relative_to(ROOT).parts[0] for path in kept_files()}
-    assert top - named <= {"mbdae", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"}
+    """hatchling takes some files by itself; pyproject.toml names the others."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]["sdist"]
+    by_itself = {"pyproject.toml", "hatch_build.py", "README.md", "LICENSE", ".gitignore"}
+    assert {path.relative_to(ROOT).parts[0] for path in kept_files()} == by_itself | set(settings["only-include"])
 
 
 def test_the_quick_part_names_tests_that_exist() -> None:

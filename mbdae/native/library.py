@@ -1,27 +1,45 @@
-"""The compiled library of the native core, opened once."""
+"""The compiled library of the native core, opened once.
+
+An installed wheel has it. A clone has it from its installation; where its C files, or MBDAE_CFLAGS, have changed since, it is
+compiled again in place before it is opened.
+"""
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
-import subprocess
-import tempfile
+import sys
 from functools import cache
-from pathlib import Path
 
-HERE = Path(__file__).parent
+from mbdae.errors import LibraryError
+from mbdae.native import build
+
+#: number of the interface between C and Python, `mbdae_interface` of version.c
+INTERFACE = 1
 
 
 @cache
 def library() -> ctypes.CDLL:
     """The library, whose functions others declare."""
-    sources = sorted(HERE.glob("*.c"))
-    key = hashlib.sha256(b"".join(p.read_bytes() for p in [*sources, *HERE.glob("*.h")])).hexdigest()[:16]
-    built = Path(tempfile.gettempdir()) / f"mbdae-core-{key}.so"
-    if not built.exists():
-        part = built.with_suffix(f".{os.getpid()}")
-        subprocess.run(["cc", "-O3", "-std=c11", "-shared", "-fPIC", "-Wall", "-Wextra", "-o", str(part),
-                        *map(str, sources), "-lm"], check=True)  # fmt: skip
-        os.replace(part, built)
-    return ctypes.CDLL(str(built))
+    if build.sources() and not build.is_current():
+        rebuild()
+    try:
+        opened = ctypes.CDLL(str(build.LIBRARY))
+        found = opened.mbdae_interface()
+    except (OSError, AttributeError) as error:
+        raise LibraryError(f"The native core of mbdae cannot be opened: {error}. Install mbdae again on this machine, as before "
+                           "and with the options --force-reinstall --no-deps of pip") from error  # fmt: skip
+    if found != INTERFACE:
+        raise LibraryError(f"{build.LIBRARY} has interface {found}, the Python files beside it need {INTERFACE}: they are of "
+                           "different versions. Install mbdae again")  # fmt: skip
+    return opened
+
+
+def rebuild() -> None:
+    """Compile the library of a clone again; warnings of the compiler go to standard error."""
+    try:
+        said = build.compile_library(build.compiler())
+    except build.BuildError as error:
+        state = "is older than its C files" if build.LIBRARY.is_file() else "was not compiled yet"
+        raise LibraryError(f"The native core of this clone of mbdae {state}, and compiling it failed.\n{error}") from error
+    if said:
+        print(said, file=sys.stderr, end="")

@@ -113,7 +113,7 @@ class StepArguments:
             self._rise[1:-1] = np.diff(self._fine, axis=0)
         self._ends = self.stretched(TO_ENDS @ self.at_nodes)
 
-    def quiet(self, t: Array, y: Callable[[Array], Array], limit: float) -> tuple[Array, Array]:
+    def quiet(self, t: Array, y: Callable[[Array], Array], limit: float) -> tuple[Any, Array]:
         """Of steps between times t (m+1,), with y (m, 8, n) at parts (8,) of each: (m,) whether none of its arguments turns,
         changes its sign or varies by more than a limit, and the largest rate of a PHI at its end, 1/s."""
         h, states = np.diff(t), y(NODES)

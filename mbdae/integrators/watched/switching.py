@@ -74,10 +74,10 @@ class SwitchingSteps:
     def quiet(self, t: Array, y: Callable[[Array], Array]) -> int:
         """Of steps between times t (m+1,), with y (m, k, n) at parts (k,) of each: how many of the first need no closer look.
         They count as accepted."""
-        quiet, rate = self.arguments.quiet(t, y, LIMIT)
+        calm, rate = self.arguments.quiet(t, y, LIMIT)
         h = np.diff(t)
-        quiet[1:] &= h[1:] * rate[:-1] <= REACH * (1 + 1e-9)
-        count = len(quiet) if quiet.all() else int(np.argmin(quiet))
+        calm[1:] = calm[1:] & (h[1:] * rate[:-1] <= REACH * (1 + 1e-9))
+        count = len(calm) if calm.all() else int(np.argmin(calm))
         if count:
             self._retries, self._reached, self._goal, self.crossed = 0, -1, -1, False
             self._bound = REACH / float(rate[count - 1]) if rate[count - 1] > 0 else inf

@@ -1,0 +1,207 @@
+"""How the native core becomes a library: by one compilation, at installation (hatch_build.py) and again in a clone whose C has
+changed since (library.py).
+
+It imports nothing but Python's own modules, so that it runs before anything is installed. By hand, with the warnings of the
+compiler::
+
+    python -m mbdae.native.build
+
+The compiler is the one of the system, or where there is none, zig from the package index (`ziglang`, a compiler in a wheel).
+`CC` names another one, such as `CC="ccache gcc"`; `MBDAE_CFLAGS` holds further flags, such as `-O0 -g`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+#: the library. A point in its stem keeps Python from taking it for an extension module; it belongs to no version of Python
+LIBRARY = HERE / f"mbdae.core{SUFFIX}"
+#: the requirement of an installation where no compiler of the system works
+ZIGLANG = "ziglang==0.17.1"
+#: what zig builds for. glibc 2.17 of 2014, so that the library opens on every Linux that NumPy and SciPy have wheels for
+ZIG_TARGETS = {"linux-x86_64": "x86_64-linux-gnu.2.17", "linux-aarch64": "aarch64-linux-gnu.2.17",
+               "win-amd64": "x86_64-windows-gnu", "win-arm64": "aarch64-windows-gnu",
+               "macosx-x86_64": "x86_64-macos.11.0", "macosx-arm64": "aarch64-macos.11.0"}  # fmt: skip
+#: the same numbers from every compiler: no product and sum in one rounding, nothing of -ffast-math, processors of the baseline
+FLAGS = ["-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-Wall", "-Wextra", "-shared"]
+TRIAL = "#include <math.h>\n#include <string.h>\ndouble trial(double x) { return sin(x); }\n"
+REMEDY = ("Install a C compiler (Debian, Ubuntu: apt install gcc libc6-dev; Fedora: dnf install gcc;\n"
+          f"macOS: xcode-select --install; anywhere: pip install '{ZIGLANG}'),\n"
+          "or set CC to the command of a compiler that takes the flags of gcc.")  # fmt: skip
+
+
+class BuildError(Exception):
+    """The library could not be compiled; the text says what was tried, what it said, and what to do."""
+
+
+# -- what the library is made of
+
+
+def sources() -> list[Path]:
+    """The C files; none in an installed wheel, which has the library alone."""
+    return sorted(HERE.glob("*.c"))
+
+
+def digest() -> str:
+    """What the library depends on, in a word: C files, headers, this file and MBDAE_CFLAGS."""
+    read = hashlib.sha256(os.environ.get("MBDAE_CFLAGS", "").encode())
+    for path in [*sources(), *sorted(HERE.glob("*.h")), HERE / "build.py"]:
+        read.update(path.name.encode() + b"\0" + path.read_bytes())
+    return f"mbdae-sources:{read.hexdigest()}"
+
+
+def is_current() -> bool:
+    """Whether the library was compiled from the sources beside it."""
+    return LIBRARY.is_file() and digest().encode() in LIBRARY.read_bytes()
+
+
+# -- the compiler
+
+
+def platform_name() -> str:
+    """System and processor, such as linux-x86_64, win-amd64 or macosx-arm64."""
+    return f"macosx-{platform.machine()}" if sys.platform == "darwin" else sysconfig.get_platform()
+
+
+def has_musl() -> bool:
+    """Whether Python stands on musl (Alpine) instead of glibc."""
+    return "musl" in str(sysconfig.get_config_var("SOABI"))
+
+
+def is_zig(command: list[str]) -> bool:
+    """Whether a command of a compiler is zig, which has to be told what to build for."""
+    return any(Path(part).stem in ("zig", "ziglang") for part in command)
+
+
+def flags(command: list[str]) -> list[str]:
+    """Flags of a shared library for this platform."""
+    chosen = [*FLAGS, *([] if sys.platform == "win32" else ["-fPIC"])]
+    if is_zig(command):
+        target = ZIG_TARGETS[platform_name()]
+        return [*chosen, "-target", target.replace("gnu.2.17", "musl") if has_musl() else target, "-mcpu=baseline"]
+    return [*chosen, *(["-mmacosx-version-min=11.0"] if sys.platform == "darwin" else [])]
+
+
+def refusal(command: list[str]) -> str:
+    """Why a command does not compile, empty where it does; tried on three lines of C in a folder of this process alone."""
+    if shutil.which(command[0]) is None:
+        return "not found"
+    with tempfile.TemporaryDirectory(prefix="mbdae-") as folder:  # readable by this user only
+        (Path(folder) / "trial.c").write_text(TRIAL, encoding="utf-8")
+        done = run([*command, *flags(command), "trial.c", "-o", f"trial{SUFFIX}", "-lm"], Path(folder))
+    return "" if done.returncode == 0 else f"does not compile:\n{done.stdout.strip()}"
+
+
+def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """A command with all it says. Libraries that are forced into this process (of a sanitizer) are not those of a compiler."""
+    env = {name: value for name, value in os.environ.items() if name not in ("LD_PRELOAD", "DYLD_INSERT_LIBRARIES")}
+    return subprocess.run(command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, encoding="utf-8", errors="replace")  # fmt: skip
+
+
+def system_compilers() -> list[list[str]]:
+    """Commands to try: the one of CC, which is never passed over, else those of the system. Windows has none of its own."""
+    if stated := os.environ.get("CC", "").strip():
+        return [shlex.split(stated, posix=sys.platform != "win32")]
+    return [] if sys.platform == "win32" else [["cc"], ["gcc"], ["clang"]]
+
+
+def compiler() -> list[str]:
+    """The command of a compiler that works: one of the system, else zig where `ziglang` is installed."""
+    tried = []
+    for command in system_compilers():
+        if not (said := refusal(command)):
+            return command
+        tried.append(f"{shlex.join(command)}: {said}")
+    if not os.environ.get("CC", "").strip():
+        if platform_name() not in ZIG_TARGETS:
+            tried.append(f"ziglang: builds nothing for {platform_name()}")
+        elif importlib.util.find_spec("ziglang") is not None:
+            return [sys.executable, "-m", "ziglang", "cc"]
+        else:
+            tried.append("ziglang: not installed")
+    raise BuildError("No C compiler works for the native core of mbdae. Tried:\n  " + "\n  ".join(tried) + f"\n{REMEDY}")
+
+
+def needs_ziglang() -> bool:
+    """Whether an installation has to fetch a compiler: none of the system works, and CC names none."""
+    return (not os.environ.get("CC", "").strip() and platform_name() in ZIG_TARGETS
+            and all(refusal(command) for command in system_compilers()))  # fmt: skip
+
+
+# -- the compilation
+
+
+def compile_library(command: list[str]) -> str:
+    """Compile the library in place; returns what the compiler said, warnings.
+
+    Processes that do so at once do not disturb each other: each writes into a folder of its own, beside the library and readable
+    by this user only, and moves the library out of it when it is complete.
+    """
+    if not sources():
+        raise BuildError(f"There are no C files in {HERE}: only a clone or a source archive of mbdae can be compiled.")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f"{LIBRARY.stem}.", dir=HERE) as folder:
+            part = Path(folder, LIBRARY.name)
+            done = compiled(command, part.relative_to(HERE))
+            os.replace(part, LIBRARY)
+    except OSError as error:
+        raise BuildError(f"The library of mbdae cannot be written: {error}.\nLet this user write to the folder, and "
+                         "end other Pythons that have the library open (Windows keeps an open one)") from error  # fmt: skip
+    return done.stdout
+
+
+def compiled(command: list[str], part: Path) -> subprocess.CompletedProcess[str]:
+    """The compiler's run that writes the library into a file, told by its path from here."""
+    defined = f'-DMBDAE_SOURCES="{digest()}"'  # read before the files are: a change in between is found at the next use
+    further = shlex.split(os.environ.get("MBDAE_CFLAGS", ""))
+    names = [path.name for path in sources()]  # without folders: no path of this machine gets into the library
+    whole = [*command, *flags(command), defined, *further, *names, "-o", str(part), "-lm"]
+    done = run(whole, HERE)
+    if done.returncode:
+        said = done.stdout.strip()
+        raise BuildError("\n".join([f"The native core of mbdae does not compile in {HERE}:", shlex.join(whole), said,
+                                    "Correct the C file or MBDAE_CFLAGS. Where this compiler alone refuses the file, name "
+                                    "another one in CC."]))  # fmt: skip
+    return done
+
+
+def wheel_platform(command: list[str]) -> str:
+    """Platform in the name of a wheel: where else the library runs.
+
+    zig binds to glibc 2.17 at most whatever the machine has, which is what manylinux2014 promises. A compiler of the system binds
+    to the glibc of this machine: linux_x86_64 says no more than that, and the package index takes no such wheel.
+    """
+    name, machine = platform_name(), platform.machine()
+    if sys.platform == "darwin":
+        return f"macosx_11_0_{machine}"
+    old = is_zig(command) and ZIG_TARGETS.get(name, "").endswith("gnu.2.17") and not has_musl()
+    return (name.replace("linux-", "manylinux2014-") if old else name).replace("-", "_").replace(".", "_")
+
+
+def main() -> int:
+    """Compile the library and print what was done."""
+    try:
+        command = compiler()
+        said = compile_library(command)
+    except BuildError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"{said}{LIBRARY}: compiled with {shlex.join(command)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
