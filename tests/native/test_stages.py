@@ -78,7 +78,7 @@ def reference(system: Any, table: Any, matrix: Any, Z: Any, h: float, weights: A
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: f"{len(table.c)} stages of order {table.order}")
 def test_the_iteration_is_that_of_python(table: Any) -> None:
-    """Short and long steps, loose tolerances and some below round-off, contraction known from before or not, few iterations or many."""
+    """Short and long steps, loose tolerances and some below round-off, few iterations and many, contraction known or not."""
     system, seen = vibration(), set()
     for h in (1e-3, 0.05, 0.3, 2.0):
         for rtol in (1e-3, 1e-9, 1e-17):
