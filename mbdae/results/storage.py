@@ -287,8 +287,8 @@ def _dense(interpolant: Interpolant) -> dict[str, Any]:
         return {"kind": "joined", "points": [part.points for part in interpolant.parts],
                 "steps": [len(part.t) for part in interpolant.parts]}  # fmt: skip
     kind = type(interpolant).__name__
-    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA, mb.CVODE or mb.DOP853 to "
-                      f"save")
+    raise OptionError(f"the dense output {kind} of this run cannot be stored; run with mb.IDA, mb.RadauIIA, mb.CVODE or "
+                      f"mb.DOP853 to save")
 
 
 def _arrays(interpolant: Interpolant) -> dict[str, Array]:

@@ -164,16 +164,17 @@ def test_beams_have_a_right_hand_side():
     assert np.abs(r.q - fine.q).max() < 1e-5
 
 
-def test_large_trees_have_sparse_factors(monkeypatch):
-    from mbdae.system.assembled import right_hand_side as explicit
+def test_large_trees_have_factors_in_a_narrow_band(monkeypatch):
+    from mbdae.system.assembled import workspace
 
-    dense = system_for(prepare(spring_chain()))
-    monkeypatch.setattr(explicit, "DENSE_TREES", 0)
-    sparse, rates = system_for(prepare(spring_chain())), np.empty((2, dense.n))
-    assert sparse.rhs.__func__ is Rates.solve
-    y = dense.y0 + 0.1 * np.sin(1.0 + np.arange(dense.n))
-    dense.rhs(0.1, y, rates[0])
-    sparse.rhs(0.1, y, rates[1])
+    full = system_for(prepare(spring_chain()))
+    rates = np.empty((2, full.n))
+    y = full.y0 + 0.1 * np.sin(1.0 + np.arange(full.n))
+    full.rhs(0.1, y, rates[0])
+    monkeypatch.setattr(workspace, "BANDED_FROM", 0)
+    narrow = system_for(prepare(spring_chain()))
+    narrow.rhs(0.1, y, rates[1])
+    assert not np.array_equal(narrow.assembly.evaluation.order, full.assembly.evaluation.order)
     assert rates[1] == pytest.approx(rates[0], rel=1e-9)
 
 
