@@ -9,7 +9,6 @@ from scenes import data, dzhanibekov
 import mbdae as mb
 from mbdae.formulations import system_for
 from mbdae.integrators.rates import rate_jacobian
-from mbdae.system.assembled.right_hand_side import Rates
 from mbdae.system.base import System
 from mbdae.system.prepare import prepare
 
