@@ -34,12 +34,30 @@ class Table(ctypes.Structure):
                 *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))  # fmt: skip
 
 
-class Method(NamedTuple):
-    """The coefficients as (row, column, value): of the stages, of the two estimates, of the interpolant."""
+Entries = Sequence[tuple[int, int, float]]
 
-    stages: Sequence[tuple[int, int, float]]
-    errors: Sequence[tuple[int, int, float]]
-    dense: Sequence[tuple[int, int, float]]
+
+class Method:
+    """Coefficients of a method as (row, column, value), row by row: of its stages, its two estimates and its interpolant.
+
+    Raises ValueError where one has no place."""
+
+    def __init__(self, stages: Entries, errors: Entries, dense: Entries) -> None:
+        self._kept: list[Any] = []
+        self.stages, self.errors = self._rows(stages, ALL, ALL), self._rows(errors, 2, STAGES + 1)
+        self.dense = self._rows(dense, 4, ALL)
+        self._c = np.zeros(ALL)
+        np.add.at(self._c, [i for i, _, _ in stages], [a for _, _, a in stages])
+        self.c = self._c.ctypes.data
+
+    def _rows(self, entries: Entries, rows: int, columns: int) -> _Coefficients:
+        i, j = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in (0, 1))
+        if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
+            raise ValueError(f"coefficients of {rows} rows and {columns} columns, in the order of rows")
+        starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
+        arrays = starts, j, np.array([v for *_, v in entries])
+        self._kept.append(arrays)
+        return _Coefficients(*(array.ctypes.data for array in arrays))
 
 
 class Steps(NamedTuple):
@@ -68,30 +86,14 @@ class Explicit:
         if not equations.table.rates or atol.shape != (n,):
             raise ValueError(f"{n} equations with rates, and as many tolerances: not {atol.shape}")
         self.n, self.equations = n, equations
-        self._kept: list[Array] = []
-        kept = self._pointer
-        c = np.zeros(ALL)
-        np.add.at(c, [i for i, _, _ in method.stages], [a for _, _, a in method.stages])
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
+        self._kept = method, np.array(nodes, dtype=float), np.array(atol, dtype=float)
         self.table = Table(
-            equations.address, self._rows(method.stages, ALL, ALL), self._rows(method.errors, 2, STAGES + 1),
-            self._rows(method.dense, 4, ALL), kept(c), kept(np.array(nodes, dtype=float)), kept(np.array(atol, dtype=float)),
-            len(nodes), rtol, 0.0, np.inf, *map(kept, (self._K, self._y, self._next, self._F)), 0, 0, 0,
+            equations.address, method.stages, method.errors, method.dense, method.c, *(a.ctypes.data for a in self._kept[1:]),
+            len(nodes), rtol, 0.0, np.inf, *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0, 0,
         )  # fmt: skip
         self.inner = len(nodes)
         self._signals: Signals | None = None
-
-    def _pointer(self, array: Any) -> int:
-        self._kept.append(array)
-        return int(array.ctypes.data)
-
-    def _rows(self, entries: Sequence[tuple[int, int, float]], rows: int, columns: int) -> _Coefficients:
-        """Coefficients row by row; ValueError where one has no place."""
-        i, j = (np.array([entry[k] for entry in entries], dtype=np.int64) for k in (0, 1))
-        if not (i.min() >= 0 and i.max() < rows and j.min() >= 0 and j.max() < columns and (np.diff(i) >= 0).all()):
-            raise ValueError(f"coefficients of {rows} rows and {columns} columns, in the order of rows")
-        starts = np.searchsorted(i, np.arange(rows + 1)).astype(np.int64)
-        return _Coefficients(*map(self._pointer, (starts, j, np.array([v for *_, v in entries]))))
 
     def __enter__(self) -> Self:
         if self.equations.called:  # else no Python runs inside
