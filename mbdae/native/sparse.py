@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
-#: dense factors of LAPACK are faster where sparse ones take more than this part of their multiplications
-DENSE = 0.25
+#: dense factors of LAPACK are faster where sparse ones take more than FEW multiplications, and more than this part of theirs
+#: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
+FEW, DENSE = 5000, 0.5
 SMALL = 500  #: unknowns up to which LAPACK has the last word on a matrix whose pivots are bad in every order
 
 
@@ -237,7 +238,7 @@ class Factors:
         """Use an order; LAPACK's dense factors where that is None, or costs more than they."""
         n = self.orders.entries.n
         self.order = order
-        sparse = order is not None and order.work < DENSE * n**3 / 3
+        sparse = order is not None and order.work < max(FEW, DENSE * n**3 / 3)
         self.table.order = ctypes.addressof(order.table) if order is not None and sparse else None
         size = order.size if order is not None and sparse else n * n
         if len(self._lu) != size:
