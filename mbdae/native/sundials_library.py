@@ -1,4 +1,5 @@
-"""The shared libraries of SUNDIALS that scikit-sundae brings, opened without importing it: that takes half a second."""
+"""The shared libraries of SUNDIALS that scikit-sundae brings, opened without importing it: that imports SciPy's optimisation,
+which takes up to half a second where nothing else needs it."""
 
 from __future__ import annotations
 
