@@ -58,7 +58,9 @@ def ladders(problem: Problem) -> Iterator[Ladder]:
         yield Ladder("IDA" + name, lambda v: mb.IDA(rtol=v), tolerances(3, 12), model=model)
         yield Ladder("RadauIIA(3)" + name, lambda v: mb.RadauIIA(3, rtol=v), tolerances(2, 10), model=model)
         yield Ladder("CVODE (Adams)" + name, lambda v: mb.CVODE(rtol=v), tolerances(4, 12), model=model)
+        yield Ladder("DOP853" + name, lambda v: mb.DOP853(rtol=v), tolerances(2, 12), model=model)
         if not isinstance(model, mb.Recursive):
+            yield Ladder("DOP853, index 1" + name, lambda v: mb.DOP853(rtol=v), tolerances(2, 12), mb.Index1(), model)
             yield Ladder("CVODE (Adams), index 1" + name, lambda v: mb.CVODE(rtol=v), tolerances(4, 12), mb.Index1(), model)
     yield from problem.more
 
