@@ -17,6 +17,7 @@ from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
+FEW = 8  #: rows that are kept one by one, not as a block of their own
 
 
 class _Rows:
@@ -35,6 +36,10 @@ class _Rows:
 
     def extend(self, rows: Array) -> None:
         """Add rows (m, n)."""
+        if len(rows) <= FEW:
+            for row in rows:
+                self.append(row)
+            return
         self._blocks, self.tail = [*self._blocks, np.array(self.tail), rows[:-1]], [rows[-1]]
 
     def array(self, count: int) -> Array:

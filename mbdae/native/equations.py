@@ -69,14 +69,18 @@ class Equations:
             raise error
 
 
-def equations_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
-    """The equations of a System: those of its own native evaluation where it has one, else by call back.
-
-    rate_jacobian: called where the equations have rates, but no Jacobian of them."""
+def equations_of(system: Any) -> Equations:
+    """F(t, y, y') = 0 of a System: its own native evaluation where it has one, else by call back."""
     own = getattr(system, "native", None)
-    if own is None:
+    return own if own is not None and own.table.residual else called(system)
+
+
+def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
+    """The same with y' = f(t, y). rate_jacobian: called where the equations have no Jacobian of the rates."""
+    own = getattr(system, "native", None)
+    if own is None or not own.table.rates:
         return called(system, rate_jacobian)
-    if rate_jacobian is None or not own.table.rates or own.table.rate_jacobian:
+    if rate_jacobian is None or own.table.rate_jacobian:
         return own  # type: ignore[no-any-return]
     call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
     table = Table.from_buffer_copy(own.table)

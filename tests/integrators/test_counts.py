@@ -103,6 +103,9 @@ COUNTS = {
     ("closing loop", "RadauIIA(5)", "GGL"): (25, 690, 27, 29), ("closing loop", "RadauIIA(5)", "Index3"): (30, 837, 32, 35),
     ("closing loop", "RadauIIA(5)", "Index1"): (26, 930, 42, 40), ("beam", "RadauIIA(5)", "ODE"): (9, 125, 3, 8),
     ("contact", "RadauIIA(5)", "ODE"): (81, 1634, 73, 132),
+    ("pendulum", "DOP853", "Index1"): (14, 272, 0, 0), ("four-bar", "DOP853", "Index1"): (21, 401, 0, 0),
+    ("Andrews", "DOP853", "Index1"): (31, 659, 0, 0), ("chain", "DOP853", "ODE"): (45, 905, 0, 0),
+    ("closing loop", "DOP853", "Index1"): (14, 272, 0, 0), ("contact", "DOP853", "ODE"): (58, 1343, 0, 0),
 }  # fmt: skip
 
 

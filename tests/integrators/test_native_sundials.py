@@ -22,8 +22,8 @@ import mbdae as mb
 from mbdae.errors import SolverError
 from mbdae.formulations import system_for
 from mbdae.native import sundials, sundials_library
+from mbdae.native.build import HERE
 from mbdae.native.equations import Equations, Pointer, Table
-from mbdae.native.library import HERE
 from mbdae.native.signals import Signals
 from mbdae.system.dae import DAE
 from mbdae.system.prepare import prepare

@@ -87,7 +87,7 @@ def test_states_of_a_users_law_are_handled_with_care_unless_it_says() -> None:
     careful, told = (sliding(law, **given).check(1e-6).choice for law in (Lag, SmoothLag))
     assert isinstance(careful.solver, mb.RadauIIA)
     assert careful.why == "internal states of 'load': bodies may stick by them, unless the class Lag says sticks = False"
-    assert isinstance(told.solver, mb.CVODE)
+    assert isinstance(told.solver, mb.DOP853)
     ends = [sliding(law, **given).simulate(2.0, accuracy=1e-8)["b"].position[-1, 0] for law in (Lag, SmoothLag)]
     assert ends[0] == pytest.approx(ends[1], abs=1e-7)
 
@@ -96,7 +96,7 @@ def test_states_of_a_users_law_are_handled_with_care_unless_it_says() -> None:
 def test_friction_is_seen_under_any_option(lining: mb.Friction, hard: bool) -> None:
     choice = sliding(Brake, lining=lining, load=1.0).check(1e-6).choice
     assert (choice.why == FRICTION) == hard
-    assert isinstance(choice.solver, mb.RadauIIA if hard else mb.CVODE)
+    assert isinstance(choice.solver, mb.RadauIIA if hard else mb.DOP853)
 
 
 def test_a_continued_run_keeps_its_turns_in_every_model() -> None:

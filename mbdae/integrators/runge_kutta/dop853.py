@@ -16,7 +16,7 @@ from mbdae.integrators.runge_kutta.dop853_table import DENSE, FIFTH, STAGES, THI
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.watched.watch import StepWatch
-from mbdae.native.equations import equations_of
+from mbdae.native.equations import rates_of
 from mbdae.native.explicit import Explicit, Method, Steps
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
@@ -38,7 +38,7 @@ class DOP853(Solver):
     rtol: float | None = None
     atol: Any = None
 
-    factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 1e-2, "Index1": 1e-2, "DAE": 1e-2}}
+    factors: ClassVar[dict[str, dict[str, float]]] = {"DOP853": {"ODE": 3e-3, "Index1": 3e-3, "DAE": 3e-3}}
     error_fall: ClassVar[float] = 0.6
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
@@ -68,7 +68,7 @@ class _Run:
         self.loop, self.system, rtol = loop, loop.system, solver.tolerance
         self.atol = absolute_tolerance(self.system, rtol, solver.atol)
         self.rtol, self.watch = rtol, StepWatch.of(loop, self._tolerance)
-        self.equations = equations_of(self.system)
+        self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         t, y = loop.t, loop.state[0]
         rate = np.empty(self.system.n)
@@ -100,7 +100,9 @@ class _Run:
             if watch is not None and kept:
                 kept, landing = self._looked_at(watch, made, rows if blocks else 1)
                 rows = min(2 * rows, ROWS) if kept == len(made.t) else 1
-            if kept:
+            if kept and not blocks:
+                going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], made.inner[0])
+            elif kept:
                 going = loop.accept_many(made.t[:kept], made.y[:kept], made.yp[:kept], list(made.inner[:kept]))
             self.equations.raise_error()
             if made.code and going:
@@ -146,13 +148,14 @@ class _Run:
     def _failed(self) -> Exception:
         """The failure of a step that fell below the round-off of the time."""
         loop, (y, yp) = self.loop, self.loop.state
-        rate = np.empty(self.system.n)
-        self.system.rhs(loop.t, y, rate)  # raises where it is not determined
-        bad = np.flatnonzero(~np.isfinite(rate))
-        worst = int(bad[0]) if len(bad) else largest(np.abs(yp) / self._tolerance(y))
-        where = "" if self.watch is None else self.watch.nearest()
+        where, F = "" if self.watch is None else self.watch.nearest(), np.empty(self.system.n)
         text = f"the step fell below the round-off of the time; where the motion is stiff, use mb.RadauIIA(3){where}"
-        return loop.failure(text, self.system.names[worst])
+        for h in (0.0, 1e-9 * (loop.run_end - float(loop.system.t0))):  # here, and just ahead
+            self.system.residual(loop.t + h, y + h * yp, yp, F)  # raises where accelerations are not determined
+            if not np.isfinite(F).all():
+                culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]
+                return loop.failure(f"{text}; equation {culprit} is not finite near t = {loop.t + h:.9g}", culprit)
+        return loop.failure(text, self.system.names[largest(np.abs(yp) / self._tolerance(y))])
 
 
 def _first_step(system: System, t: float, y: Array, rate: Array, tolerance: Array, span: float) -> float:

@@ -17,7 +17,7 @@ from mbdae.integrators.solution import Interpolant
 from mbdae.integrators.sundials.shared import Method, SundialsRun
 from mbdae.integrators.watched.watch import SundialsWatch
 from mbdae.native import sundials as native
-from mbdae.native.equations import equations_of
+from mbdae.native.equations import rates_of
 from mbdae.system.base import Array, System
 from mbdae.ties import largest
 from mbdae.values import set_option, whole, word
@@ -107,7 +107,7 @@ class _Run(SundialsRun):
 
             return CvodeByPython(system, settings, start, method=solver.method, nodes=nodes, tame=tame)
         multistep = native.ADAMS if solver.method == "Adams" else native.BDF
-        return native.Cvode(equations_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes, tame=tame)
+        return native.Cvode(rates_of(system, rate_jacobian), settings, start, multistep=multistep, nodes=nodes, tame=tame)
 
     def accepted(self, watch: SundialsWatch) -> None:
         """Ask for a new Jacobian where that in use is of other contacts; CVODE evaluates it at predicted states."""
