@@ -201,6 +201,7 @@ INTEGRATE = "mbdae.integrators.base.StepLoop"
 
 CALLS: dict[str, Call] = {
     "IDA": Call(lambda: mb.IDA, lambda: TOLERANCES | {"max_order": 5}),
+    "DOP853": Call(lambda: mb.DOP853, lambda: TOLERANCES),
     "CVODE": Call(lambda: mb.CVODE, lambda: TOLERANCES | {"method": "Adams", "max_order": None}),
     "RadauIIA": Call(lambda: mb.RadauIIA, lambda: {"stages": 3, **TOLERANCES, "step": 0.1, "newton": 1e-6}),
     "GeneralizedAlpha": Call(lambda: mb.GeneralizedAlpha, lambda: {"rho": 0.7, "step": None, "accuracy": None}),
@@ -292,7 +293,8 @@ LISTS = {"a list", "a nested list", "a range", "an array", "one entry", "a matri
 ANY = "any text may be a name"
 #: (callable, option) -> hostile values that are legitimate there, and why
 LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
-    **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown") for c in ("IDA", "CVODE", "RadauIIA")},
+    **{(c, "atol"): ({"a list", "one entry", "a matrix"}, "one number per unknown")
+       for c in ("IDA", "CVODE", "DOP853", "RadauIIA")},
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
@@ -314,7 +316,7 @@ NUMBERS = {"zero", "minus one", "numpy's minus one", "a half", "much"}
 #: values of `hostile.SIGNS` -> options that take them
 SIZES: list[tuple[set[str], str]] = [
     ({"a half", "much"},
-     "IDA.atol CVODE.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
+     "IDA.atol CVODE.atol DOP853.atol RadauIIA.atol RadauIIA.step GeneralizedAlpha.step HHT.step OneStep.step "
      "Solver.solve.t_end Solver.solve.max_wall measure_order.t_end "
      "Solver.solve.h0 Solver.solve.max_residuals DAE.scale Scene.floquet.period Scene.simulate.t_end "
      "Scene.simulate.max_wall compare.t_end compare.max_wall extremes.t_end extremes.max_wall Result.animate.speed "

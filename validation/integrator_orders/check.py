@@ -20,13 +20,14 @@ FORMS = {"Index3": "index3", "GGL": "ggl", "Index1": "index1"}
 TITLES = {"Index3": "circle, index 3", "GGL": "circle, stabilised", "Index1": "circle, index 1", "ODE": "circle, no constraint",
           "jay": "Jay, index 2"}  # fmt: skip
 PARTS = ("positions", "velocities", "multipliers")
+STEPS = (2, 3, 4, 5, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)  #: the first ones for methods of high order
 JAY = {"RadauIIA(2)": {"unknowns": 3, "multipliers": 2}, "RadauIIA(3)": {"unknowns": 5, "multipliers": 3}}
 
 
 def deviations(solver: Solver, system: Any, exact: Any, orders: dict[str, int]) -> list[Found]:
     """Observed order minus the declared one of every part of the unknowns; 0.4 of it above order 5, where few runs have errors
     above round-off."""
-    measured = mb.measure_order(solver, system, 1.0, exact=exact)
+    measured = mb.measure_order(solver, system, 1.0, exact=exact, steps=STEPS)
     found = []
     for part, order in orders.items():
         seen = measured.orders[part]

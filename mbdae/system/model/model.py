@@ -74,6 +74,7 @@ class ConditionTime:
 
     @time.setter
     def time(self, value: float | None) -> None:
+        """Set it, s."""
         self.read[0] = nan if value is None else value
 
     @property
@@ -83,6 +84,7 @@ class ConditionTime:
 
     @end.setter
     def end(self, value: float) -> None:
+        """Set it, s."""
         self.read[1] = value
 
 
