@@ -50,6 +50,8 @@ METHODS: dict[str, tuple[mb.Solver, mb.Form | None]] = {
     "IDA, order 2": (mb.IDA(max_order=2), None),
     "CVODE (Adams)": (mb.CVODE(), None),
     "CVODE (BDF)": (mb.CVODE(method="BDF"), None),
+    "DOP853": (mb.DOP853(), None),
+    "DOP853, Index1": (mb.DOP853(), mb.Index1()),
     "CVODE (Adams), Index1": (mb.CVODE(), mb.Index1()),
     "RadauIIA(3), Index1": (mb.RadauIIA(3), mb.Index1()),
     "RadauIIA(2)": (mb.RadauIIA(2), None),

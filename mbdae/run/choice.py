@@ -25,8 +25,7 @@ from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.assembly import SPARSE_FROM
 from mbdae.system.prepare import Prepared, prepare
 
-TIGHT = 3e-4  #: accuracy below which the explicit method of order 8 costs less than Radau IIA of order 5
-TIGHT_ELIMINATED = 3e-6  #: the same with eliminated multipliers, whose joints drift as far as the accuracy allows
+TIGHT = 3e-6  #: accuracy below which multipliers are eliminated: joints then drift as far as the accuracy allows
 STIFF = 100.0  #: fastest decay or oscillation, times the characteristic time, above which stability limits explicit methods
 SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose evaluations cost more
 SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
@@ -108,16 +107,14 @@ def _chosen(prepared: Prepared, accuracy: float, given: Form | None) -> tuple[So
     if isinstance(form, ODE):
         if rates.decay > STIFF or rates.oscillation > STIFF:
             return RadauIIA(3), form, f"stiff: {rates}"
-        if accuracy < TIGHT:
-            return DOP853(), form, "an ordinary differential equation that is not stiff, to a tight accuracy"
-        return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy"
+        return DOP853(), form, "an ordinary differential equation that is not stiff"
     if given is None or isinstance(given, Index1):
         eliminated = given or Index1()
         if not prepared.rank.degrees_of_freedom and (given or unknowns(prepared, GGL(), 2) > SMALL):
             return DOP853(), eliminated, "every motion is prescribed, so nothing can vibrate"
-        if accuracy < TIGHT_ELIMINATED and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
+        if accuracy < TIGHT and rates.decay <= STIFF and rates.oscillation <= SMOOTH:
             return DOP853(), eliminated, "rigid bodies that neither vibrate nor decay fast, to a tight accuracy"
-    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT_ELIMINATED else f"{rates}"
+    return RadauIIA(3), form, "long steps of order 5 are enough for this accuracy" if accuracy >= TIGHT else f"{rates}"
 
 
 def _hard(prepared: Prepared) -> str:

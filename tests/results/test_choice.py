@@ -38,11 +38,11 @@ def test_check_predicts_what_is_run(name: str, accuracy: float, monkeypatch: Any
     assert predicted.why in str(example.scene().check(accuracy))
 
 
-@pytest.mark.parametrize(("accuracy", "solver"), [(1e-3, mb.RadauIIA), (1e-8, mb.DOP853)])
-def test_open_joints_of_a_tree_become_recursive(accuracy: float, solver: type[mb.Solver]) -> None:
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-8])
+def test_open_joints_of_a_tree_become_recursive(accuracy: float) -> None:
     choice = chain(2).check(accuracy).choice
     assert choice.recursive == ("J0", "J1")
-    assert isinstance(choice.solver, solver)
+    assert isinstance(choice.solver, mb.DOP853)
     r = chain(2).simulate(0.5, accuracy)
     stated = chain(2).simulate(0.5, accuracy, solver=mb.RadauIIA(3), form=mb.GGL())
     assert r.info.form == "ODE"
