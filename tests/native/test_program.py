@@ -1,0 +1,135 @@
+"""Native programs: random tables are refused, or do what the same operations do in NumPy."""
+
+import os
+
+import numpy as np
+import pytest
+
+from mbdae.native.program import Operations
+
+from .running import run
+
+COUNT = int(os.environ.get("MBDAE_RANDOM_TABLES", "3000"))
+
+
+def slots(rng, size, count):
+    """Mostly slots of the array, now and then one outside."""
+    found = rng.integers(0, size, count)
+    if count and rng.random() < 0.05:
+        found[rng.integers(count)] = rng.choice([-1, -(10**12), size, size + 7, 10**12])
+    return found
+
+
+def steps_of(rng, *names):
+    return {name: int(rng.integers(0, 4)) if rng.random() < 0.9 else int(rng.choice([-1, 10**9])) for name in names}
+
+
+def random_map(rng, size):
+    """An operation on slots: how it is stated, and what it does to an array."""
+    count, times = int(rng.integers(0, 6)), int(rng.integers(0, 4))
+    to, from_, by = (slots(rng, size, count) for _ in range(3))
+    kind = rng.choice(["load", "set", "add", "multiply"])
+    if kind == "load":
+        first, values = int(slots(rng, size, 1)[0]), rng.normal(size=count)
+        return lambda ops: ops.load(first, values), lambda W: W.__setitem__(slice(first, first + count), values)
+    names = ("to_step", "from_step", "by_step")[: 3 if kind == "multiply" else 2]
+    steps = steps_of(rng, *names)
+    weight = rng.normal(size=(times, count) if kind == "add" and rng.random() < 0.3 else count)
+    if rng.random() < 0.02:
+        weight = weight[..., :-1]
+
+    def applied(W):
+        for r in range(times):
+            for k in range(count):
+                t, f = to[k] + r * steps["to_step"], from_[k] + r * steps["from_step"]
+                if kind == "set":
+                    W[t] = W[f]
+                    continue
+                w = weight[r, k] if weight.ndim == 2 else weight[k]
+                if kind == "add":
+                    W[t] += w * W[f]
+                else:
+                    W[t] += w * W[f] * W[by[k] + r * steps["by_step"]]
+
+    if kind == "set":
+        return lambda ops: ops.set(to, from_, times, **steps), applied
+    if kind == "add":
+        return lambda ops: ops.add(to, from_, weight, times, **steps), applied
+    return lambda ops: ops.multiply(to, from_, by, weight, times, **steps), applied
+
+
+def random_solution(rng, size):
+    """A matrix and its right-hand side somewhere in the array."""
+    n = int(rng.integers(1, 5))
+    width = int(rng.integers(1, n + 1))
+    lower = np.tril(rng.normal(size=(n, n))) * (np.subtract.outer(np.arange(n), np.arange(n)) < width) + 3 * np.eye(n)
+    A, b = lower @ lower.T, rng.normal(size=n)
+    full = rng.normal(size=(n, n))
+    kind = rng.choice(["cholesky", "lu"])
+    matrix = int(slots(rng, size, 1)[0])
+    right = matrix + n * (width if kind == "cholesky" else n)
+    band = np.array([[A[i, i - width + 1 + j] if i - width + 1 + j >= 0 else 0.0 for j in range(width)] for i in range(n)])
+
+    def state(ops):
+        ops.load(matrix, band if kind == "cholesky" else full)
+        ops.load(right, b)
+        if kind == "cholesky":
+            ops.cholesky(n, width, matrix, right)
+        else:
+            ops.lu(n, matrix, right)
+
+    return state, matrix, right, n, np.linalg.solve(A if kind == "cholesky" else full, b)
+
+
+def test_random_tables_are_refused_or_right():
+    rng = np.random.default_rng(5)
+    refused = right = 0
+    for _ in range(COUNT):
+        size = int(rng.integers(1, 60))
+        operations, expected = Operations(size), rng.normal(size=size)
+        W = expected.copy()
+        made = [random_map(rng, size) for _ in range(int(rng.integers(1, 5)))]
+        solution = random_solution(rng, size) if rng.random() < 0.3 else None
+        try:
+            for state, _ in made:
+                state(operations)
+            if solution is not None:
+                solution[0](operations)
+            assert run(operations, W) == (0, -1)
+        except ValueError:
+            refused += 1
+            continue
+        for _, applied in made:
+            applied(expected)
+        changed = np.ones(size, dtype=bool)
+        if solution is not None:
+            _, matrix, at, n, x = solution
+            changed[matrix : at + n] = False
+            assert W[at : at + n] == pytest.approx(x, rel=1e-6, abs=1e-6)
+        assert W[changed] == pytest.approx(expected[changed], rel=1e-9, abs=1e-12)
+        right += 1
+    assert min(refused, right) > COUNT // 10
+
+
+def test_a_singular_matrix_is_told_with_its_row():
+    operations = Operations(0)
+    first, b = operations.slots(9), operations.slots(3)
+    operations.load(first, np.diag([2.0, 0.0, 1.0]))
+    operations.lu(3, first, b)
+    assert run(operations, np.zeros(operations.size)) == (2, 1)
+    operations = Operations(0)
+    first, b = operations.slots(3), operations.slots(3)
+    operations.load(first, [1.0, 4.0, -1.0])
+    operations.cholesky(3, 1, first, b)
+    assert run(operations, np.zeros(operations.size)) == (2, 2)
+
+
+def test_a_function_of_python_that_raises_ends_the_run():
+    operations = Operations(4)
+
+    def fails(x, out):
+        raise ArithmeticError("here")
+
+    operations.call_back(fails, np.array([[0, 1]]), 1)
+    assert run(operations, np.zeros(operations.size))[0] == -1
+    assert [str(error) for error in operations.errors] == ["here"]
