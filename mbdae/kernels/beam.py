@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import symengine as se
+from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
 from mbdae.kernels.element import Array, ElementKernel
@@ -16,6 +17,7 @@ from mbdae.laws.elements.beam import Beam
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, mass_points, strain_points
 from mbdae.laws.forces.line_load import LineLoad
+from mbdae.native.program import Operations
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, derive_line
@@ -126,6 +128,44 @@ class GyroscopicKernel(ElementKernel):
         self.J = blocks.reshape(-1, count, size, count, size)[:, :, 3:, :, 3:]
         self.inputs: list[Target] = [("u", a, 3 + i) for a in range(count) for i in range(3)]
         self.targets = self.inputs
+
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        W, L, width = *self._spins(part, gather), 3 * self.count
+        found = part.slots(gather.size)
+        part.load(found, np.zeros(gather.size))
+        at, weights = np.array(np.nonzero(_cross())), np.tile(_cross()[np.nonzero(_cross())], self.count)
+        i, j, k = (at[:, None, :] + 3 * np.arange(self.count)[:, None]).reshape(3, -1)
+        part.multiply(found + i, W + j, L + k, weights, len(gather), width, width, width)
+        return found
+
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
+        W, L, width, E = *self._spins(part, gather), 3 * self.count, _cross()
+        terms = [(int(i), int(j), int(k), float(E[i, j, k])) for i, j, k in zip(*np.nonzero(E), strict=True)]
+        J, places = part.slots(self.J.size), list(zip(*(p.tolist() for p in self._places), strict=True))
+        part.load(J, self.J)
+        found = part.slots(len(gather) * len(places))
+        part.load(found, np.zeros(len(gather) * len(places)))
+        products, sums = [], []
+        for n, (output, column) in enumerate(places):
+            (a, i), (b, l) = divmod(output, 3), divmod(column, 3)
+            products += [(n, 3 * a + j, (3 * a + k) * width + column, e) for row, j, k, e in terms if row == i]
+            sums += [(n, 3 * a + k, e) for row, j, k, e in terms if row == i and j == l and a == b]
+        to, spin, mass, weight = zip(*products, strict=True)
+        part.multiply(found + np.array(to), W + np.array(spin), J + np.array(mass), np.array(weight), len(gather), len(places),
+                      width, width * width)  # fmt: skip
+        to, momentum, weight = zip(*sums, strict=True)
+        part.add(found + np.array(to), L + np.array(momentum), np.array(weight), len(gather), len(places), width)
+        return found
+
+    def _spins(self, part: Operations, gather: NDArray[np.intp]) -> tuple[int, int]:
+        """Slots of the spins and of the angular momenta (elements, 3 count)."""
+        width = 3 * self.count
+        W, L = part.slots(gather.size), part.slots(gather.size)
+        part.set(W + np.arange(gather.size), gather)
+        part.load(L, np.zeros(gather.size))
+        rows, columns = np.divmod(np.arange(width * width), width)
+        part.add(L + rows, W + columns, self.J.reshape(self.elements, -1), len(gather), width, width)
+        return W, L
 
     def _momenta(self, x: Array) -> tuple[Array, Array, Array]:
         W = x.reshape(len(x), self.count, 3)

@@ -146,7 +146,7 @@ typedef struct {
 
 static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY) - fabs(t)); }
 
-API int scene_fill(Scene *s, double t, const double *y, const double *yp) {
+static int scene_fill(Scene *s, double t, const double *y, const double *yp) {
   if (y != s->W) memcpy(s->W, y, sizeof(double) * (size_t)s->n);
   if (yp) memcpy(s->W + s->dotted, yp, sizeof(double) * (size_t)s->n);
   else memset(s->W + s->dotted, 0, sizeof(double) * (size_t)s->n);
@@ -188,6 +188,16 @@ API int scene_rates(void *self, double t, const double *y, double *out) {
 API int scene_part(Scene *s, const Part *part, double t, const double *y, const double *yp) {
   int code = scene_fill(s, t, y, yp);
   return code ? code : run(*part, s->W, s->x, &s->bad);
+}
+
+/* The same at k states, one row of y (k, stride) each: `count` numbers from slot `first` on into the rows of out. */
+API int scene_values(Scene *s, const Part *part, I k, const double *t, const double *y, I stride, I first, I count, double *out) {
+  int code = DONE;
+  for (I i = 0; i < k && !code; i++) {
+    code = scene_part(s, part, t[i], y + i * stride, NULL);
+    memcpy(out + i * count, s->W + first, sizeof(double) * (size_t)count);
+  }
+  return code;
 }
 
 /* The residual at k points, one row of y (k, n), y' and out each. */

@@ -224,7 +224,7 @@ def core() -> Any:
                             ("scene_jacobian", (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
                             ("scene_rates", (Pointer, Number, Pointer, Pointer)),
                             ("scene_part", (Pointer, Pointer, Number, Pointer, Pointer)),
-                            ("scene_fill", (Pointer, Number, Pointer, Pointer)),
+                            ("scene_values", (Pointer, Pointer, Whole, Pointer, Pointer, Whole, Whole, Whole, Pointer)),
                             ("scene_residuals", (Pointer, Whole, Pointer, Pointer, Pointer, Pointer))):  # fmt: skip
         function = getattr(found, name)
         function.argtypes, function.restype = arguments, ctypes.c_int

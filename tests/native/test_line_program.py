@@ -22,7 +22,7 @@ def kernels(space, points, damping, load, mixed):
     if load:
         s.line_load("load", beam, (0, mb.t * 3, 1) if space else (0, mb.t * 3), frame="section")
     model = prepare(s).model
-    return [batch.kernel for batch in batches(model.lines, mixed)]
+    return [batch.kernel for batch in batches(model.lines, mixed)]  # strains, loads, gyroscopic moments
 
 
 @pytest.mark.parametrize("mixed", [False, True])

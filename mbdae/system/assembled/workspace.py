@@ -81,17 +81,17 @@ class Values(Workspace):
         self.width, first = len(at), self.operations.slots(len(at))
         part.set(first + np.arange(len(at)), at)
         self.finish(part)
-        self._values = self.W[first : first + len(at)]
-        self._unknowns, self._call = np.zeros(self.n), core().scene_part
+        self._first, self._call = first, core().scene_values
         self._part = ctypes.addressof(self.scene) + Scene.residual.offset
 
     def at_states(self, t: Array, y: Array) -> Array:
         """(k, values) at times (k,) and unknowns y (k, n or more)."""
+        t, y = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(y, dtype=float)
+        if y.shape != (len(t), max(self.n, y.shape[1])):
+            raise ValueError(f"states {y.shape} at {len(t)} times, of {self.n} unknowns or more")
         out = np.empty((len(t), self.width))
-        for k, time in enumerate(t.tolist()):
-            self._unknowns[:] = y[k, : self.n]
-            self.check(self._call(self.address, self._part, time, self._unknowns.ctypes.data, None))
-            out[k] = self._values
+        self.check(self._call(self.address, self._part, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self._first, self.width,
+                              out.ctypes.data))  # fmt: skip
         return out
 
 
