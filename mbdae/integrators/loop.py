@@ -181,7 +181,8 @@ class StepLoop:
         """Watch the wall clock and the budget of evaluations, report progress."""
         now = time.perf_counter()
         if now - (self._wall if self._begin is None else self._begin) > self._max_wall:
-            advice = "raise max_wall, loosen the accuracy, or look at what makes the step small"
+            other = getattr(self.solver, "alternative", "")
+            advice = f"raise max_wall, loosen the accuracy, or look at what makes the step small{other}"
             raise self.failure(f"max_wall = {self._max_wall:g} s of wall time is used up: {advice}", "", WallClockError)
         if self.stats.residuals > self._max_residuals:
             raise self.failure(f"the budget of {self._max_residuals:.0f} residual evaluations is used up: the step crawls", "")

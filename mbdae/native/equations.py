@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.errors import SolverError
 from mbdae.native.signals import Signals
 
 Pointer, Number, Whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int64
@@ -131,6 +132,8 @@ class _Call:
                 if caught.signals is not None and caught.signals.waiting:
                     caught.signals.deliver()
                 self(*args)
+            except SolverError:  # nothing can be computed there: a method may shorten its step, and asks again where it ends
+                return SINGULAR
             except BaseException as error:  # C cannot pass it on; `raise_error` does
                 caught.error = caught.error or error
                 return RAISED
@@ -143,6 +146,7 @@ class _Residual(_Call):
     kind = RESIDUAL
 
     def __call__(self, t: float, y: int, yp: int, out: int) -> None:
+        self.at(out).fill(np.nan)  # what a function leaves out is not a number
         self.system.residual(t, self.at(y).copy(), self.at(yp).copy(), self.at(out))
 
 
@@ -158,6 +162,7 @@ class _Rates(_Call):
     kind = RATES
 
     def __call__(self, t: float, y: int, out: int) -> None:
+        self.at(out).fill(np.nan)
         self.system.rhs(t, self.at(y).copy(), self.at(out))
 
 

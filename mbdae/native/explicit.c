@@ -128,7 +128,7 @@ API int explicit_steps(Explicit *x, double from, double end, double most, double
     memcpy(Y + *made * n, x->y, size);
     memcpy(Yp + *made * n, x->K, size);
     ++*made;
-    if ((double)x->evaluations > most || (*made % 8 == 0 && clock_s() - begin > seconds)) break;
+    if ((double)x->evaluations > most || clock_s() - begin > seconds) break;
   }
   return DONE;
 }

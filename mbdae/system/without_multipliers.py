@@ -13,7 +13,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from math import inf
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,6 +40,10 @@ class Accelerations(Rates):
     def __init__(self, full: Assembly, differential: int, linear: bool, start: tuple[float, Array]) -> None:
         super().__init__(full, differential, linear)
         self._start = start
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy makes its own tables: addresses are those of this object's arrays."""
+        return {name: value for name, value in self.__dict__.items() if name != "kernel"}
 
     @cached_property
     def kernel(self) -> AccelerationKernel | None:

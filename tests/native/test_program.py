@@ -1,10 +1,12 @@
 """Native programs: random tables are refused, or do what the same operations do in NumPy."""
 
+import copy
 import os
 
 import numpy as np
 import pytest
 
+import mbdae as mb
 from mbdae.native.program import Operations
 
 from .running import run
@@ -133,3 +135,15 @@ def test_a_function_of_python_that_raises_ends_the_run():
     operations.call_back(fails, np.array([[0, 1]]), 1)
     assert run(operations, np.zeros(operations.size))[0] == -1
     assert [str(error) for error in operations.errors] == ["here"]
+
+
+def test_a_copy_of_a_system_has_tables_of_its_own():
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("A", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), torque=mb.t)
+    system = s.system("ggl")
+    expected = mb.RadauIIA(3, rtol=1e-6).solve(system, 0.5).y
+    other = copy.deepcopy(system)
+    assert other.native.address != system.native.address
+    assert np.array_equal(mb.RadauIIA(3, rtol=1e-6).solve(other, 0.5).y, expected)
+    r = s.simulate(0.2)
+    assert np.array_equal(copy.deepcopy(r).q, r.q)

@@ -234,6 +234,10 @@ class Assembly:
         made.compile()
         return made
 
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy makes its own tables: addresses are those of this object's arrays."""
+        return {name: value for name, value in self.__dict__.items() if name != "evaluation"}
+
     def motion(self) -> Loaded:
         """Kernels for the motion of loaded nodes, the slots they read and write."""
         return self._loaded[0]

@@ -74,6 +74,7 @@ class Values(Workspace):
 
     def __init__(self, numbering: Numbering, motion: Loaded, gathers: Sequence[Index], kernels: Sequence[Any]) -> None:
         super().__init__(numbering, motion)
+        self._made_of = numbering, motion, gathers, kernels
         part = self.operations.part(self.motion)
         pieces = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
                   for gather, kernel in zip(gathers, kernels, strict=True)]  # fmt: skip
@@ -83,6 +84,10 @@ class Values(Workspace):
         self.finish(part)
         self._first, self._call = first, core().scene_values
         self._part = ctypes.addressof(self.scene) + Scene.residual.offset
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy makes its own tables: addresses are those of this object's arrays."""
+        return Values, self._made_of
 
     def at_states(self, t: Array, y: Array) -> Array:
         """(k, values) at times (k,) and unknowns y (k, n or more)."""
