@@ -16,7 +16,7 @@ def check_rates(label: str, system: System) -> None:
         return
     needs = f"{label} needs y' = f(t, y), but this system"
     if any(kind in ("lambda", "mu") for kind in system.kinds):
-        raise OptionError(f"{needs} has constraints ({system.label} form), so no right-hand side: in simulate use mb.Index1(), "
+        raise OptionError(f"{needs} has constraints ({system.label} form), so no right-hand side: use form=mb.Index1(), "
                           f"or mb.Index1(multipliers='eliminated') in s.system, which solves for the multipliers at every state, "
                           f"mb.IDA() or mb.RadauIIA(3), or make the joints recursive with s.recursive()")  # fmt: skip
     raise OptionError(f"{needs} ({system.label}) gives only F(t, y, y') = 0, no right-hand side: use mb.IDA() or mb.RadauIIA(3), "
