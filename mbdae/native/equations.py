@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -68,6 +68,33 @@ class Equations:
         error, self.caught.error = self.caught.error, None
         if error is not None:
             raise error
+
+
+class Listening:
+    """Context of a method that calls equations from C. Where these are calls of Python, signals wait while C runs."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self._signals: Signals | None = None
+
+    def __enter__(self) -> Self:
+        if self.equations.called:  # else no Python runs inside
+            self.equations.caught.signals = self._signals = Signals().__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        signals, self._signals, self.equations.caught.signals = self._signals, None, None
+        if signals is not None:
+            signals.__exit__(*error)
+
+    def native(self, function: Any, *args: Any) -> int:
+        """Result of a function of C."""
+        if self._signals is None:
+            return int(function(*args))
+        self._signals.inside = True
+        code = int(function(*args))
+        self._signals.inside = False
+        return code
 
 
 def equations_of(system: Any) -> Equations:

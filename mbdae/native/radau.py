@@ -37,6 +37,11 @@ def functions() -> ctypes.CDLL:
         ("radau_noise", Number, (Pointer, Pointer)),
         ("radau_solve", ctypes.c_int, (Pointer, Number, Pointer, Number, Pointer, Number, Whole)),
         ("radau_error", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Number, Pointer, Whole)),
+        ("run_predict", None, (Pointer, Number)),
+        ("run_factored", None, (Pointer, Number)),
+        ("run_solve", ctypes.c_int, (Pointer, Number, Number)),
+        ("run_advance", ctypes.c_int, (Pointer, Number, Number)),
+        ("run_steps", ctypes.c_int, (Pointer, Number, Number, Whole, Number, Number, Whole, *[Pointer] * 6)),
     ):
         call = getattr(found, name)
         call.restype, call.argtypes = result, arguments

@@ -56,6 +56,29 @@ class StepWatch:
                   None if self.switching is None else self.switching.shorter()]  # fmt: skip
         return min((width for width in widths if width is not None), default=None)
 
+    @property
+    def one_by_one(self) -> bool:
+        """Whether steps that are made already cannot be looked at many at a time."""
+        return self.contacts is not None
+
+    def kept(self, t: Array, y: Array, inside: Inside) -> tuple[int, float]:
+        """Of steps between times t (m+1,) to states y (m, n), made already, how many may be kept, and the longest (s) the next
+        one may be because of what one hides; inside: y (m, k, n) after parts (k,) of each. One is looked at closely."""
+        if len(y) > 1:
+            assert self.switching is not None
+            return self.switching.quiet(t, inside), inf
+
+        def single(parts: Array) -> Array:
+            found: Array = inside(np.atleast_1d(parts))[0]
+            return found if np.ndim(parts) else found[0]
+
+        self.look(float(t[1]), y[0], single)
+        shorter = self.shorter(float(t[1] - t[0]), single)
+        if shorter is not None:
+            return 0, shorter
+        self.keep()
+        return 1, inf
+
     def keep(self) -> None:
         """The step is accepted."""
         for part in (self.contacts, self.switching):
