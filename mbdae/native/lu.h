@@ -43,20 +43,16 @@ static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   }
 }
 
-/* The largest residual of a solved system beside the terms of its row: how well the factors are those of the matrix. */
+/* The largest error of a solved system whose solution is known: how slowly Newton's method converges because of the factors. */
 static double NAME(defect)(const Factors *f) {
-  T *x = (T *)f->w + f->n, *r = f->w;
-  for (I i = 0; i < f->n; i++) x[i] = NAME(of)(i % 2 ? -1 : 1);
+  T *x = (T *)f->w + f->n;
+  for (I i = 0; i < f->n; i++) x[i] = NAME(of)(0);
+  for (I k = 0; k < f->nnz; k++) NAME(less)(&x[f->row_of[k]], ((T *)f->a)[k], NAME(of)(f->column_of[k] % 2 ? -1 : 1));
   lu_solve(f, x);
-  for (I i = 0; i < f->n; i++) r[i] = NAME(of)(i % 2 ? -1 : 1), f->sums[i] = 1;
-  for (I k = 0; k < f->nnz; k++) {
-    const T a = ((T *)f->a)[k], v = x[f->column_of[k]];
-    NAME(less)(&r[f->row_of[k]], a, v);
-    f->sums[f->row_of[k]] += NAME(size)(a) * NAME(size)(v);
-  }
   double worst = 0;
   for (I i = 0; i < f->n; i++) {
-    const double part = NAME(size)(r[i]) / f->sums[i];
+    NAME(less)(&x[i], NAME(of)(1), NAME(of)(i % 2 ? 1 : -1));
+    const double part = NAME(size)(x[i]);
     if (!(part <= worst)) worst = part;
   }
   return worst;

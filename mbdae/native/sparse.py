@@ -274,8 +274,8 @@ class Matrix:
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
-        orders = Orders(entries, searches)
-        self.factors = [Factors(orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
+        self.orders = Orders(entries, searches)
+        self.factors = [Factors(self.orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
         if not self.factors:
             raise ValueError("no lambda")
         self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))

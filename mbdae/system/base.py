@@ -54,6 +54,13 @@ def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
     return tuple(sequence(value, **bounds))
 
 
+class Kept(dict[str, Any]):
+    """What solvers keep of equations from run to run, by name; their parts of a run share it, copies of a result begin anew."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kept, ()
+
+
 class System:
     """F(t, y, y') = 0 with n unknowns.
 
@@ -84,6 +91,7 @@ class System:
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
+    kept: Kept | None = None  #: None: solvers keep nothing
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it

@@ -14,7 +14,7 @@ from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array, Kept, System
 from mbdae.system.model.inputs import timeline
 from mbdae.system.motion.displacements import Displacements
 from mbdae.system.motion.mechanics import Mechanics
@@ -38,6 +38,7 @@ class SceneSystem(System):
     @single_threaded
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
+        self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
         made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)

@@ -21,9 +21,9 @@ from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import System
 
-#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage;
-#: that costs as much as 40 steps of a flexible scene (clearance rotor at 1e-3: 1.4 s instead of 2.1 s with 2)
-RESIST = 3
+#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage. With
+#: more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2), with fewer it pays
+RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
 ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
 
 
@@ -37,7 +37,7 @@ class Adaptive:
         demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
         self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
-        self.warned, self.failures = False, 0
+        self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         one_by_one = system.longest_step is not None or system.looks_at_steps
         if self.watch is not None:
@@ -124,7 +124,7 @@ class Adaptive:
         step, h = self.step, self.control.width
         if ended in (ORDER, DIVERGED):
             try:
-                step.find_order() if ended == ORDER else step.resist(full=self.failures >= RESIST - 1)
+                step.find_order() if ended == ORDER else step.resist(full=self.failures + 1 >= self.resist)
             except StepFailedError as failure:
                 self._shorten(h, failure)
                 return False
