@@ -19,6 +19,12 @@ SLICE = 0.05  #: s of wall time after which a call returns, so that signals, pro
 ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
+class Stretches(ctypes.Structure):
+    """`Stretches` of core.h."""
+
+    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number))
+
+
 class Table(ctypes.Structure):
     """`Run` of radau.c."""
 
@@ -26,8 +32,9 @@ class Table(ctypes.Structure):
                 *((name, Number) for name in ("rtol", "time", "target")), ("limit", Whole),
                 *((name, Pointer) for name in ARRAYS), *((name, Number) for name in ("last_h", "factored", "power_h")),
                 *((name, Whole) for name in ("stale", "fresh", "at_start", "here")),
-                *((name, Number) for name in ("h", "exponent", "accepted", "accepted_error", "longest", "bound", "landing",
-                                              "smallest", "width", "error", "noise", "noise_t", "noise_h", "tried")),
+                *((name, Number) for name in ("h", "exponent", "accepted", "accepted_error")), ("stretches", Stretches),
+                *((name, Number) for name in ("bound", "landing", "smallest", "width", "error", "noise", "noise_t", "noise_h",
+                                              "tried")),
                 *((name, Whole) for name in ("careful", "rejected", "rejections", "jacobians", "factorisations", "iterations",
                                              "residuals")))  # fmt: skip
 
@@ -69,8 +76,13 @@ class Run(Listening):
         self.table = Table(
             ctypes.addressof(stages.table), stages.matrix.address, None if rates is None else rates.address,
             *map(address, self._kept[2:]), rtol, time, target, limit, *map(address, arrays), stale=1, exponent=1 / (s + 1),
-            accepted_error=1.0, longest=inf, bound=inf, landing=inf, rejected=FIRST)  # fmt: skip
+            accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)  # fmt: skip
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
+
+    def bound(self, edges: Array, share: float) -> None:
+        """Bound steps to a share of the stretches between edges (k,), s."""
+        self._edges = np.array(edges, dtype=float)
+        self.table.stretches = Stretches(address(self._edges), len(self._edges), share)
 
     def predict(self, h: float) -> None:
         """Starting increments of a step of h."""

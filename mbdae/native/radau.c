@@ -213,7 +213,8 @@ typedef struct {
   double last_h, factored, power_h;      /* steps of these increments, of the factors, of `power`; 0: there are none */
   I stale, fresh, at_start, here;        /* the Jacobian: to be replaced, of this very step, next one at its start, always there */
   double h, exponent, accepted, accepted_error; /* next step; of the controller: 1 / (s + 1), last step and its error */
-  double longest, bound, landing, smallest; /* steps (s): allowed by inputs, by what is watched, to where one has to end, least */
+  Stretches stretches;
+  double bound, landing, smallest;       /* steps (s): allowed by what is watched, to where one has to end, and the least */
   double width, error;                   /* of the present step */
   double noise, noise_t, noise_h;        /* round-off that passed for an error first, 0: none did */
   double tried;                          /* h and `rejected` before the last step that was accepted */
@@ -224,7 +225,7 @@ typedef struct {
 static void weigh(Run *r, double h, const double *increment) {
   const I n = r->a->n;
   if (h != r->power_h)
-    for (I k = 0; k < n; k++) r->power[k] = pow(h / r->time, r->order[k]);
+    for (I k = 0; k < n; k++) r->power[k] = r->order[k] == 0 ? 1 : pow(h / r->time, r->order[k]);
   r->power_h = h;
   for (I k = 0; k < n; k++) {
     double size = fabs(r->y[k]);
@@ -334,8 +335,8 @@ static double proposed(Run *r) {
 }
 
 /* The width of the next step: cut or slightly stretched to end with what is left; two equal ones rather than a long and a tiny one. */
-static double fitted(const Run *r, double left) {
-  double h = fmin(r->h, r->longest);
+static double fitted(const Run *r, double t, double left) {
+  double h = fmin(r->h, longest_step(&r->stretches, t));
   if (r->bound < h) h = KEEP_FACTORS * r->bound <= r->factored && r->factored <= r->bound ? r->factored : r->bound;
   h = fmin(h, r->landing);
   if (h * 1.01 >= left) return left;
@@ -345,7 +346,7 @@ static double fitted(const Run *r, double left) {
 /* One attempt at a step from t, its error in `error`. solved: its stages are solved already. */
 static int attempt(Run *r, double t, double end, I solved) {
   if (!solved) {
-    const double h = fitted(r, end - t);
+    const double h = fitted(r, t, end - t);
     if (!(t + h > t)) return r->width = h, NO_WIDTH;
     const int code = run_solve(r, t, h);
     if (code) return code;

@@ -47,7 +47,11 @@ API void lu_solve(const Factors *f, void *b) {
 }
 
 static void scale(const Matrix *m, double h) {
-  for (I i = 0; i < m->n; i++) m->column[i] = m->scale[i] * pow(h, -m->power[i]), m->row[i] = 0;
+  for (I i = 0; i < m->n; i++) { /* most unknowns have the power 0 or 1 */
+    const double p = m->power[i];
+    m->column[i] = p == 0 ? m->scale[i] : p == 1 ? m->scale[i] / h : m->scale[i] * pow(h, -p);
+    m->row[i] = 0;
+  }
   for (I k = 0; k < m->nnz; k++) {
     const double c = m->column[m->column_of[k]], size = fabs(m->fy[k] * c) + fabs(m->fyp[k] * (c / h));
     double *r = &m->row[m->row_of[k]];

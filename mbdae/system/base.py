@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.inputs.resolution import LongestStep
 from mbdae.values import array, function, sequence, set_option, shown, text, word
 
 Array = NDArray[np.float64]
@@ -116,9 +117,9 @@ class System:
     #: None: they are smooth and slow); None: inputs of time are not looked at
     timeline: Callable[[float, float], Any] | None = None
     #: time -> longest step (s) that may be taken from there; None: no bound
-    longest_step: Callable[[float], float] | None = None
+    longest_step: LongestStep | None = None
 
-    def starting(self, t: float, y: Array, yp: Array, longest_step: Callable[[float], float] | None = None) -> Self:
+    def starting(self, t: float, y: Array, yp: Array, longest_step: LongestStep | None = None) -> Self:
         """These equations with another start, for a part of a run: a new System that shares all else with this one.
 
         Nothing assigns the attributes of a System after it is made; a solver reads the start of its part from the System it is
@@ -138,13 +139,13 @@ class System:
         found = (getattr(getattr(self, name), "__func__", None) is not getattr(System, name) for name in ("accept", "renewed"))
         return any(found)
 
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs (t < 1 and the like) are evaluated
-        at the time `side`, inside the next part of the run, from now on."""
-        raise NotImplementedError
+    def read_at(self, time: float | None) -> None:
+        """Evaluate conditions of inputs (t < 1 and the like) at a time inside a part of a run from now on; None: at the time of
+        every evaluation again."""
 
-    def leave(self) -> None:
-        """Conditions of inputs are evaluated at the time of every evaluation again."""
+    def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Consistent y and y' (n,) to go on with from y (n,) at a break t."""
+        raise NotImplementedError
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""

@@ -86,21 +86,17 @@ class SceneSystem(System):
 
     # -- breaks of inputs of time
 
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        self.model.conditions.time = side
-        return self.restarted(t, y)
-
-    def leave(self) -> None:
-        self.model.conditions.time = None
+    def read_at(self, time: float | None) -> None:
+        self.model.conditions.time = time
 
     @contextmanager
     def within(self, time: float) -> Iterator[None]:
         """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
-        self.model.conditions.time = time
+        self.read_at(time)
         try:
             yield
         finally:
-            self.leave()
+            self.read_at(None)
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
         """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""

@@ -6,6 +6,8 @@ number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix
@@ -23,7 +25,7 @@ class IterationMatrix(Matrix):
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern
-        entries = Entries.full(system.n) if pattern is None else Entries(system.n, pattern.indptr, pattern.indices)
+        entries = Entries.full(system.n) if pattern is None else _entries(system, pattern)
         super().__init__(entries, system.scale, np.asarray(system.index) - 1.0, real, pairs,
                          () if pattern is None else searches(system.kinds))  # fmt: skip
         self.system = system
@@ -49,6 +51,14 @@ class IterationMatrix(Matrix):
         """Evaluate both Jacobian parts."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
+
+
+def _entries(system: System, pattern: Any) -> Entries:
+    kept = Kept() if system.kept is None else system.kept
+    if "entries" not in kept:
+        kept["entries"] = Entries(system.n, pattern.indptr, pattern.indices)
+    found: Entries = kept["entries"]
+    return found
 
 
 def inverse_or_one(largest: Array) -> Array:

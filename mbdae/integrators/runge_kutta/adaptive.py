@@ -21,8 +21,8 @@ from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import System
 
-#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage. With
-#: more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2), with fewer it pays
+#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage.
+#: With more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
 ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
 
@@ -39,7 +39,9 @@ class Adaptive:
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
-        one_by_one = system.longest_step is not None or system.looks_at_steps
+        if system.longest_step is not None:
+            self.step.run.bound(*system.longest_step)
+        one_by_one = system.looks_at_steps
         if self.watch is not None:
             one_by_one |= self.watch.one_by_one or not table.stiffly_accurate
         self.most = 1 if one_by_one else ROWS
@@ -56,8 +58,7 @@ class Adaptive:
 
     def _advance(self, solved: bool) -> int | None:
         """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""
-        step, loop, watch, control, longest = self.step, self.loop, self.watch, self.control, self.system.longest_step
-        control.longest = inf if longest is None else longest(step.t)
+        step, loop, watch, control = self.step, self.loop, self.watch, self.control
         control.bound = inf if watch is None else watch.bound()
         before = None if watch is None else step.run.control()
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
