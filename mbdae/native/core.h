@@ -11,6 +11,12 @@
 #else
 #define API __attribute__((visibility("default")))
 #endif
+/* Loops over numbers, compiled for wide registers too; the processor decides when the library is opened. Numbers are the same. */
+#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
 typedef int64_t I;
 
 /* Results of a call. Positive: the numbers cannot be computed there (a method may shorten its step and try again);

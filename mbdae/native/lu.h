@@ -2,7 +2,7 @@
    complex numbers. */
 
 /* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
-static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double most, double *largest) {
+WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double most, double *largest) {
   const I *col = p->col, *diag = p->diag;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
@@ -30,7 +30,7 @@ static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *re
 }
 
 /* The solution in place of b. */
-static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
+WIDE static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   for (I i = 0; i < p->n; i++) {
     T v = b[p->rows[i]];
     for (I k = p->ptr[i]; k < p->diag[i]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);

@@ -26,7 +26,7 @@ typedef struct {
 static const double UNSEEN = 0.1, STAGNATION = 0.03, MARGIN = 30.0;
 
 /* out (s, n) = factor A x, A (s, s), x (s, n) */
-static void product(const double *A, const double *x, double *out, I s, I n, double factor) {
+WIDE static void product(const double *A, const double *x, double *out, I s, I n, double factor) {
   for (I i = 0; i < s; i++) {
     double *o = out + i * n;
     const double first = A[i * s] * factor;

@@ -21,7 +21,7 @@ from mbdae.native.library import library
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
+MOST = 1e12  #: multipliers of an elimination without row exchanges above which an order is given up unchecked
 #: dense factors of LAPACK are faster where sparse ones take more than FEW multiplications, and more than this part of theirs
 #: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
