@@ -12,7 +12,7 @@
 #define API __attribute__((visibility("default")))
 #endif
 /* Loops over numbers, compiled for wide registers too; the processor decides when the library is opened. Numbers are the same. */
-#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define WIDE __attribute__((target_clones("avx2", "default")))
 #else
 #define WIDE
