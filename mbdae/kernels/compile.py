@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,16 +50,6 @@ class Kernel:
             self.compiled(x, out=out)
         else:  # LLVM takes no function without arguments
             out[...] = self.once(x)
-
-    def bound(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> Callable[[], Any]:
-        """The call bound to two arrays: shapes are checked here, once; at every call that would take two thirds of its time."""
-        if not self.symbols:
-            return partial(self, x, out)
-        if x.shape[1] != len(self.symbols) or out.shape != (len(x), self.width):
-            raise ValueError(f"inputs {x.shape} and outputs {out.shape} of {len(self.symbols)} symbols, {self.width} expressions")
-        if not (x.flags.c_contiguous and out.flags.c_contiguous):
-            raise ValueError("inputs and outputs of a bound kernel are read and written in place: both must be C-contiguous")
-        return partial(self.compiled.unsafe_eval, x.reshape(-1), out.reshape(-1), len(x))
 
     def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> int:
         """Append the kernel to a native program, at points with inputs at slots gather (points, inputs); the slot of the first

@@ -17,7 +17,6 @@ from mbdae.native.signals import Signals
 Array = NDArray[np.float64]
 STAGES, ALL, ORDER = 12, 16, 7
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
-STUCK = 1000
 
 
 class _Coefficients(ctypes.Structure):

@@ -72,7 +72,7 @@ class Stages:
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
         self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
         self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))
-        self._last, self._last_h = np.zeros((s, n)), 0.0
+        self._last = np.zeros((s, n))
         self._y, self._yp, self._weights = np.zeros((3, n))
         self._inputs = address(self._y), address(self._yp), address(self._weights)
         arrays = (self.Z, self.Y, self.Yp, self.R, self._D, self.correction, self._w, self.error, self.scaled)

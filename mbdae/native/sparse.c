@@ -2,7 +2,8 @@
 #include "sparse.h"
 #include <float.h>
 
-enum { TAME = 1000 };                /* multipliers up to it lose few digits: such factors are not checked */
+enum { TAME = 1000 };                 /* multipliers up to it lose few digits: such factors are not checked */
+static const double MOST = 1e8;       /* multipliers above it leave no digits: the order has gone bad */
 static const double ACCURATE = 1e-10; /* factors that solve worse than this are those of a bad order */
 
 static inline double real_of(double x) { return x; }

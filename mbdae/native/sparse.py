@@ -21,7 +21,6 @@ from mbdae.native.library import library
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
 #: dense factors of LAPACK are faster where sparse ones take more than FEW multiplications, and more than this part of theirs
 #: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
@@ -46,7 +45,7 @@ class FactorsTable(ctypes.Structure):
     """`Factors` of sparse.h."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
-                ("order", Pointer), ("surely", Whole), ("most", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("order", Pointer), ("surely", Whole), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
                 ("sums", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
@@ -199,7 +198,7 @@ class Factors:
         self._lu = np.zeros(0, self.dtype)
         letter = "z" if self.dtype.kind == "c" else "d"
         self.table = FactorsTable(
-            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0, MOST,
+            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0,
             address(self.values), None, address(self._work), address(self._sums), address(self._swaps),
             lapack(letter + "getrf"), lapack(letter + "getrs"))  # fmt: skip
         self._at = ctypes.addressof(self.table)

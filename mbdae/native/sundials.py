@@ -315,10 +315,7 @@ def why_not(sparse: bool = False) -> str:
 @cache
 def core() -> Any:
     """The functions of sundials.c."""
-    try:
-        found = library()
-    except Exception as error:
-        raise UnavailableError(f"the native core could not be built: {error}") from error
+    found = library()
     found.sundials_steps.argtypes = [Pointer, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer]
     return found
 

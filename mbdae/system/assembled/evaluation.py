@@ -139,7 +139,6 @@ class EquationsOfScene(Workspace):
         self.order, place = narrow_order(graph + graph.T)
         width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
         matrix, right = operations.slots(nu * width), operations.slots(nu)
-        self.band = matrix, right, width
 
         def cell(a: Index, b: Index) -> Index:
             return np.asarray(matrix + place[a] * width + place[b] - place[a] + width - 1)
