@@ -16,7 +16,7 @@ from scipy.linalg import cython_lapack
 from scipy.sparse import csc_matrix
 
 from mbdae.native.equations import Number, Pointer, Whole
-from mbdae.native.library import library
+from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -57,21 +57,15 @@ class MatrixTable(ctypes.Structure):
                                                "column", "w", "factors")))  # fmt: skip
 
 
-@cache
-def functions() -> ctypes.CDLL:
-    """The library with the functions of sparse.h declared."""
-    found = library()
-    for name, result, arguments in (
-        ("lu_factor", Whole, (Pointer,)),
-        ("lu_solve", None, (Pointer, Pointer)),
-        ("matrix_factor", Whole, (Pointer, Number, Whole)),
-        ("matrix_mass", None, (Pointer, Pointer, Pointer)),
-        ("matrix_correct", None, (Pointer, Pointer)),
-        ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
-    ):
-        call = getattr(found, name)
-        call.restype, call.argtypes = result, arguments
-    return found
+#: the library with the functions of sparse.h
+functions = declared(
+    ("lu_factor", Whole, (Pointer,)),
+    ("lu_solve", None, (Pointer, Pointer)),
+    ("matrix_factor", Whole, (Pointer, Number, Whole)),
+    ("matrix_mass", None, (Pointer, Pointer, Pointer)),
+    ("matrix_correct", None, (Pointer, Pointer)),
+    ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
+)
 
 
 @cache
