@@ -141,9 +141,14 @@ typedef struct {
 
 static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY) - fabs(t)); }
 
+/* Copies n numbers, unless they are in place. */
+static void copy(double *to, const double *from, I n) {
+  if (to != from) memcpy(to, from, sizeof(double) * (size_t)n);
+}
+
 static int scene_fill(Scene *s, double t, const double *y, const double *yp) {
-  if (y != s->W) memcpy(s->W, y, sizeof(double) * (size_t)s->n);
-  if (yp) memcpy(s->W + s->dotted, yp, sizeof(double) * (size_t)s->n);
+  copy(s->W, y, s->n);
+  if (yp) copy(s->W + s->dotted, yp, s->n);
   else memset(s->W + s->dotted, 0, sizeof(double) * (size_t)s->n);
   if (!s->clock.count) return DONE;
   double side = s->read[0], end = s->read[1];
@@ -158,7 +163,7 @@ API int scene_residual(void *self, double t, const double *y, const double *yp, 
   Scene *s = self;
   int code = scene_fill(s, t, y, yp);
   if (!code) code = run(s->residual, s->W, s->x, &s->bad);
-  memcpy(out, s->W + s->rows, sizeof(double) * (size_t)s->n);
+  copy(out, s->W + s->rows, s->n);
   return code;
 }
 
@@ -166,8 +171,8 @@ API int scene_jacobian(void *self, double t, const double *y, const double *yp, 
   Scene *s = self;
   int code = scene_fill(s, t, y, yp);
   if (!code) code = run(s->jacobian, s->W, s->x, &s->bad);
-  memcpy(fy, s->W + s->fy, sizeof(double) * (size_t)s->nnz);
-  memcpy(fyp, s->W + s->fyp, sizeof(double) * (size_t)s->nnz);
+  copy(fy, s->W + s->fy, s->nnz);
+  copy(fyp, s->W + s->fyp, s->nnz);
   return code;
 }
 
@@ -175,7 +180,7 @@ API int scene_rates(void *self, double t, const double *y, double *out) {
   Scene *s = self;
   int code = scene_fill(s, t, y, NULL);
   if (!code) code = run(s->of_rates, s->W, s->x, &s->bad);
-  memcpy(out, s->W + s->rates, sizeof(double) * (size_t)s->n);
+  copy(out, s->W + s->rates, s->n);
   return code;
 }
 

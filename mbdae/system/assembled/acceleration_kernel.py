@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mbdae.kernels import plan
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import Operations, address_of, core
+from mbdae.native.program import Operations, address_of
 from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -79,8 +79,7 @@ class AccelerationKernel(Workspace):
         part.add(self.rates + kept, self._F + kept, -1.0)
         (self._by_lu if whole else self._by_cholesky)(part, mass)
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
-        self.multipliers = self.W[self._multipliers : self._multipliers + self.m]
-        self._call = core().scene_rates
+        self.multipliers, _ = self.view(self._multipliers, self.m)
         table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self)
 
@@ -158,12 +157,9 @@ class AccelerationKernel(Workspace):
 
     def y_rates(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y', (n,). Returns the number of a row that depends on the others, or -1."""
-        y, found = np.ascontiguousarray(y, dtype=float), np.empty(self.differential)
-        code = self._call(self.address, t, y.ctypes.data, found.ctypes.data)
-        out[:] = found
-        if code <= 0:
+        bad = self.solved(t, y, out)
+        if bad < 0:
             return -1
-        bad = int(self.scene.bad)
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
     def shares(self) -> Array:

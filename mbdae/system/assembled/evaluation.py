@@ -164,43 +164,38 @@ class EquationsOfScene(Workspace):
         """Make the tables; nothing is added afterwards."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
-        found = core()
+        self._rows, self._at_rows = self.view(self.rows, self.n)
+        (self._fy, self._at_fy), (self._fyp, self._at_fyp) = (self.view(self.fy + k * self.nnz, self.nnz) for k in (0, 1))
+        self._c = core()
         if self._steady is not None:
-            (once, _kept), y = self._steady[0].table(len(self.W)), self.W.ctypes.data
-            if found.scene_part(self.address, ctypes.byref(once), np.nan, y, None):
+            once, _kept = self._steady[0].table(len(self.W))
+            if self._c.scene_part(self.address, ctypes.byref(once), np.nan, self._at_y, None):
                 self._massless, self.W[self._steady[1]] = int(self.order[self.scene.bad]), np.nan
-        self._call = found.scene_residual, found.scene_residuals, found.scene_jacobian, found.scene_rates
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
         table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part is not None else None, None)
         self.equations = Equations(table, self)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
-        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
-        found = out if out.flags.c_contiguous else np.empty(self.n)
-        self._call[0](self.address, t, y.ctypes.data, yp.ctypes.data, found.ctypes.data)
-        if found is not out:
-            out[:] = found
+        self._y[:], self._yp[:] = y, yp
+        self._c.scene_residual(self.address, t, self._at_y, self._at_yp, self._at_rows)
+        out[:] = self._rows
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         """The same at points (k,), (k, n)."""
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
-        self._call[1](self.address, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data, found.ctypes.data)
+        self._c.scene_residuals(self.address, len(t), *(x.ctypes.data for x in (t, y, yp, found)))
         if found is not out:
             out[:] = found
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as entries (nnz,)."""
-        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
-        found = np.empty((2, self.nnz))
-        self._call[2](self.address, t, y.ctypes.data, yp.ctypes.data, found[0].ctypes.data, found[1].ctypes.data)
-        return found[0], found[1]
+        self._y[:], self._yp[:] = y, yp
+        self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
+        return self._fy.copy(), self._fyp.copy()
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'; the number of a velocity without inertia, or -1."""
-        y = np.ascontiguousarray(y, dtype=float)
-        found = np.empty(self.n)
-        code = self._call[3](self.address, t, y.ctypes.data, found.ctypes.data)
-        out[:] = found
-        return int(self.order[self.scene.bad]) if code > 0 else self._massless
+        bad = self.solved(t, y, out)
+        return int(self.order[bad]) if bad >= 0 else self._massless

@@ -52,6 +52,21 @@ class Workspace:
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
                            t=np.nan, side=np.nan, **tables, **slots)  # fmt: skip
         self.address = ctypes.addressof(self.scene)
+        (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)
+        self._rates, self._at_rates = self.view(rates_at, self.scene.n)
+        self._call_rates = core().scene_rates
+
+    def view(self, first: int, count: int) -> tuple[Array, int]:
+        """Numbers from a slot on, in place, and their address: asked for once, it takes longer than many an evaluation."""
+        found = self.W[first : first + count]
+        return found, found.ctypes.data
+
+    def solved(self, t: float, y: Array, out: Array) -> int:
+        """out[:] = y'; the row of a matrix that depends on those before, or -1."""
+        self._y[:] = y
+        code = self._call_rates(self.address, t, self._at_y, self._at_rates)
+        out[:] = self._rates
+        return int(self.scene.bad) if code > 0 else -1
 
 
 class Values(Workspace):
