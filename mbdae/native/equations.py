@@ -20,7 +20,7 @@ RESIDUAL = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer, Pointer)
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
-NOT_FINITE, SINGULAR, RAISED = 1, 2, -1
+SINGULAR, RAISED = 2, -1
 #: addresses of which a call back keeps arrays: a method works with few
 MOST_SEEN = 64
 #: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
@@ -47,11 +47,6 @@ class Equations:
 
     def __init__(self, table: Table, *kept: Any, caught: Caught | None = None) -> None:
         self.table, self._kept, self.caught = table, kept, caught or Caught()
-
-    @property
-    def error(self) -> BaseException | None:
-        """What a call back raised, None otherwise."""
-        return self.caught.error
 
     @property
     def called(self) -> bool:
@@ -108,7 +103,7 @@ def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equation
     own = getattr(system, "native", None)
     if own is None or not own.table.rates:
         return called(system, rate_jacobian)
-    if rate_jacobian is None or own.table.rate_jacobian:
+    if rate_jacobian is None:
         return own  # type: ignore[no-any-return]
     call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
     table = Table.from_buffer_copy(own.table)

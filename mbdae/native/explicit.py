@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole
-from mbdae.native.library import library
+from mbdae.native.library import declared
 from mbdae.native.signals import Signals
 
 Array = NDArray[np.float64]
 STAGES, ALL, ORDER = 12, 16, 7
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
-STUCK = 1000
 
 
 class _Coefficients(ctypes.Structure):
@@ -70,12 +68,8 @@ class Steps(NamedTuple):
     code: int
 
 
-@cache
-def _steps() -> Any:
-    found = library().explicit_steps
-    found.restype = ctypes.c_int
-    found.argtypes = (Pointer, Number, Number, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)
-    return found
+#: the library with the function of explicit.c
+_functions = declared(("explicit_steps", ctypes.c_int, (Pointer, *[Number] * 4, Whole, *[Pointer] * 5)))
 
 
 class Explicit:
@@ -116,8 +110,9 @@ class Explicit:
         self.table.longest = longest
         if self._signals is not None:
             self._signals.inside = True
-        code = _steps()(ctypes.byref(self.table), t, end, self.table.evaluations + most, SLICE, rows, times.ctypes.data,
-                        y.ctypes.data, yp.ctypes.data, inner.ctypes.data, ctypes.byref(made))  # fmt: skip
+        code = _functions().explicit_steps(
+            ctypes.byref(self.table), t, end, self.table.evaluations + most, SLICE, rows, times.ctypes.data, y.ctypes.data,
+            yp.ctypes.data, inner.ctypes.data, ctypes.byref(made))  # fmt: skip
         if self._signals is not None:
             self._signals.inside = False
         m = made.value

@@ -2,7 +2,7 @@
    complex numbers. */
 
 /* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
-WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double most, double *largest) {
+WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double *largest) {
   const I *col = p->col, *diag = p->diag;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
@@ -12,7 +12,7 @@ WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, 
       const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
       const T l = w[j] = NAME(times)(w[j], lu[diag[j]]);
       const double size = NAME(size)(l);
-      if (!(size < most)) return j;
+      if (!(size < MOST)) return j;
       if (size > top) top = size;
       if (size == 0 || diag[j] + 1 == end) continue;
       for (I m = diag[j] + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
@@ -62,7 +62,7 @@ static I NAME(begin)(Factors *f) {
   if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
   if (f->order) {
     double largest = 0;
-    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->most, &largest);
+    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, &largest);
     if (bad >= 0) return f->order->columns[bad];
     return f->surely || largest < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
   }

@@ -1,26 +1,26 @@
 """Evaluations as lists of operations on one array of numbers, run natively; see `evaluation.c` for what an operation does.
 
-A program is built once: `slots` gives room in the array, the other methods append operations to a part of it. `Compiled` checks
-every slot against the size of the array and makes the tables; wrong ones raise ValueError and are never run.
+A program is built once: `slots` gives room in the array, the other methods append operations to a part of it. `table` checks
+every slot against the size of the array and makes what C reads; wrong ones raise ValueError and are never run.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdae.native.equations import RAISED, Number, Pointer, Whole, seen
-from mbdae.native.library import library
+from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU = range(9)
-CALLED = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Pointer, Pointer)
+CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU = range(8)
 
 
 class Operation(ctypes.Structure):
@@ -39,28 +39,64 @@ class Part(ctypes.Structure):
     _fields_ = (("first", Pointer), ("count", Whole))
 
 
-class Operations:
-    """Operations in the order in which they run, not yet bound to an array. size: slots they may use."""
+@dataclass
+class _Room:
+    """The slots of an array that lists of operations share, and numbers in it that never change."""
 
-    def __init__(self, size: int) -> None:
-        self.size, self._list = size, list[tuple[dict[str, Any], dict[str, Array | Index], tuple[int, int]]]()
+    size: int
+    constants: list[tuple[int, Array]] = field(default_factory=list)
+
+
+class Operations:
+    """Operations in the order in which they run, not yet bound to an array. size: slots they may use; base: a list on the same
+    array, whose slots these are."""
+
+    def __init__(self, size: int = 0, base: Operations | None = None) -> None:
+        self._room: _Room = _Room(size) if base is None else base._room
+        self._list = list[tuple[dict[str, Any], dict[str, Array | Index], tuple[int, int]]]()
         self._kept: list[Any] = []
-        self.errors: list[BaseException] = []  #: what functions of Python raised
+
+    @property
+    def size(self) -> int:
+        """Slots of the array."""
+        return self._room.size
 
     def slots(self, count: int) -> int:
         """Room for so many numbers; the first slot."""
-        first, self.size = self.size, self.size + int(count)
+        first, self._room.size = self.size, self.size + int(count)
         return first
+
+    def zeros(self, count: int) -> int:
+        """The same, set to 0 whenever the operations run."""
+        first = self.slots(count)
+        self.load(first, np.zeros(count))
+        return first
+
+    def constant(self, values: ArrayLike) -> int:
+        """Slots of numbers that nothing changes, which `fill` writes once; the first slot."""
+        numbers = np.array(values, dtype=float).ravel()
+        first = self.slots(len(numbers))
+        self._room.constants.append((first, numbers))
+        return first
+
+    def fill(self, W: Array) -> None:
+        """Write the constants into the array."""
+        for first, numbers in self._room.constants:
+            W[first : first + len(numbers)] = numbers
 
     def part(self, *others: Operations) -> Operations:
         """A further list on the same array, which begins with the operations of others."""
-        return _Further(self, others)
+        made = Operations(base=self)
+        for other in others:
+            made._list += other._list
+            made._kept += other._kept
+        return made
 
     # -- operations
 
-    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None) -> int:
-        """A compiled kernel (its function and data) at points with inputs at slots gather (points, inputs); the slot of the first
-        value, which is `first` where the values have a place."""
+    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None) -> Index:
+        """A compiled kernel (its function and data) at points with inputs at slots gather (points, inputs); the slots of its
+        values (points, width), which begin at `first` where they have a place."""
         table = np.asarray(gather, dtype=np.int64)
         points, inputs = table.shape
         first = self.slots(points * width) if first is None else first
@@ -69,27 +105,7 @@ class Operations:
         address = ctypes.cast(code, Pointer).value
         self._add(CALL, {"from_": table}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
                   function=address, data=getattr(data, "value", data))  # fmt: skip
-        return first
-
-    def call_back(self, function: Callable[[Array, Array], None], gather: ArrayLike, width: int) -> int:
-        """A function (x (points, inputs), out (points, width)) of Python; the slot of the first value. What it raises is kept in
-        `errors`."""
-        table = np.asarray(gather, dtype=np.int64)
-        (points, inputs), first, errors = table.shape, self.slots(table.shape[0] * width), self._errors()
-
-        def called(out: int, x: int, _: Any) -> int:
-            try:
-                function(seen(x, points * inputs).reshape(points, inputs), seen(out, points * width).reshape(points, width))
-            except BaseException as error:
-                errors.append(error)
-                return RAISED
-            return 0
-
-        made = CALLED(called)
-        self._kept.append(made)
-        self._add(CALL_BACK, {"from_": table}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
-                  function=ctypes.cast(made, Pointer).value)  # fmt: skip
-        return first
+        return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
         """Numbers into slots one after the other."""
@@ -100,13 +116,13 @@ class Operations:
         """Copy slots; with `times`, once for every instance, whose slots are a step further."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
-    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0,
+    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
             from_step: int = 0) -> None:  # fmt: skip
-        """W[to] += weight * W[from]. weight (entries,), or (times, entries)."""
+        """W[to] += weight * W[from]. weight: one for all, (entries,), or (times, entries)."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
 
-    def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0,
-                 from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
+    def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike = 1.0, times: int = 1,
+                 to_step: int = 0, from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
         """W[to] += weight * W[from] * W[by]."""
         self._map(MULTIPLY, times, {"to": to, "from_": from_, "by": by}, weight, to_step=to_step, from_step=from_step,
                   by_step=by_step)  # fmt: skip
@@ -127,9 +143,6 @@ class Operations:
 
     # -- tables
 
-    def _errors(self) -> list[BaseException]:
-        return self.errors
-
     def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
         count = len(tables["to"])
@@ -139,6 +152,7 @@ class Operations:
             return
         if weight is not None:
             weights = np.asarray(weight, dtype=float)
+            weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
                 raise ValueError(f"weights {weights.shape} for {times} instances of {count} entries")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
@@ -157,8 +171,7 @@ class Operations:
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] * (f["times"] if f["kind"] == CALL_BACK else 1) for f, *_ in self._list
-                    if f["kind"] in (CALL, CALL_BACK)), default=0)  # fmt: skip
+        return max((f["inputs"] for f, *_ in self._list if f["kind"] == CALL), default=0)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and what has to be kept alive.
@@ -177,27 +190,9 @@ class Operations:
         return Part(ctypes.addressof(made), len(self._list)), kept
 
 
-class _Further(Operations):
-    """A list on the array of another one."""
-
-    def __init__(self, base: Operations, others: Sequence[Operations]) -> None:
-        self._base = base
-        super().__init__(0)
-        for other in others:
-            self._list += other._list
-            self._kept += other._kept
-
-    @property
-    def size(self) -> int:
-        return self._base.size
-
-    @size.setter
-    def size(self, value: int) -> None:
-        if value:
-            self._base.size = value
-
-    def _errors(self) -> list[BaseException]:
-        return self._base._errors()
+def block(first: int, points: int, width: int) -> Index:
+    """Slots (points, width) one after the other."""
+    return np.arange(first, first + points * width, dtype=np.int64).reshape(points, width)
 
 
 def _whole(ranges: Sequence[tuple[int, int]]) -> tuple[int, int]:
@@ -217,18 +212,15 @@ class Scene(ctypes.Structure):
     )  # fmt: skip
 
 
-def core() -> Any:
-    """The library with the functions of evaluation.c declared."""
-    found = library()
-    for name, arguments in (("scene_residual", (Pointer, Number, Pointer, Pointer, Pointer)),
-                            ("scene_jacobian", (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
-                            ("scene_rates", (Pointer, Number, Pointer, Pointer)),
-                            ("scene_part", (Pointer, Pointer, Number, Pointer, Pointer)),
-                            ("scene_values", (Pointer, Pointer, Whole, Pointer, Pointer, Whole, Whole, Whole, Pointer)),
-                            ("scene_residuals", (Pointer, Whole, Pointer, Pointer, Pointer, Pointer))):  # fmt: skip
-        function = getattr(found, name)
-        function.argtypes, function.restype = arguments, ctypes.c_int
-    return found
+#: the library with the functions of evaluation.c
+core = declared(
+    ("scene_residual", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer)),
+    ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
+    ("scene_rates", ctypes.c_int, (Pointer, Number, Pointer, Pointer)),
+    ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
+    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Whole, Whole, Pointer)),
+    ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
+)
 
 
 def address_of(name: str) -> int | None:

@@ -108,6 +108,7 @@ class System:
     guard_names: tuple[str, ...] = ()
     #: unit of each gap, m or rad; m where there are fewer
     guard_units: tuple[str, ...] = ()
+    guard_jumps: bool = False  #: whether the force of a contact jumps where it is made: steps across that have order 1
     #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
@@ -136,8 +137,7 @@ class System:
     @property
     def looks_at_steps(self) -> bool:
         """Whether `accept` or `renewed` is more than here: steps that are made many at a time are then made one by one."""
-        found = (getattr(getattr(self, name), "__func__", None) is not getattr(System, name) for name in ("accept", "renewed"))
-        return any(found)
+        return type(self).accept is not System.accept or type(self).renewed is not System.renewed
 
     def read_at(self, time: float | None) -> None:
         """Evaluate conditions of inputs (t < 1 and the like) at a time inside a part of a run from now on; None: at the time of

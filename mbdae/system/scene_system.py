@@ -58,7 +58,7 @@ class SceneSystem(System):
             self.rhs = rhs_of(made)
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
-            self.guard_names, self.guard_units = guards.names, guards.units
+            self.guard_names, self.guard_units, self.guard_jumps = guards.names, guards.units, guards.jumps
         if WATCH_INPUTS_AND_SWITCHES:
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)

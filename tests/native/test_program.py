@@ -126,17 +126,6 @@ def test_a_singular_matrix_is_told_with_its_row():
     assert run(operations, np.zeros(operations.size)) == (2, 2)
 
 
-def test_a_function_of_python_that_raises_ends_the_run():
-    operations = Operations(4)
-
-    def fails(x, out):
-        raise ArithmeticError("here")
-
-    operations.call_back(fails, np.array([[0, 1]]), 1)
-    assert run(operations, np.zeros(operations.size))[0] == -1
-    assert [str(error) for error in operations.errors] == ["here"]
-
-
 def test_a_copy_of_a_system_has_tables_of_its_own():
     s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
     s.revolute("A", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), torque=mb.t)

@@ -56,7 +56,7 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
+        self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
@@ -192,8 +192,8 @@ class Assembly:
         pieces = [plan.forward, plan.residual, *plan.jacobian]
         gathers = [moved.gather(nb, piece, trees) for piece in pieces]
         if plan.structure.loaded:
-            for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
-                store.append((piece, gather, slots(piece.targets)))
+            self._loaded[0].append((plan.forward, gathers[0], slots(plan.forward.targets)))
+            self._loaded[1].kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
             self._loaded[2].extend((piece, gather) for piece, gather in zip(pieces[2:], gathers[2:], strict=True))
             for piece in plan.jacobian:
                 entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,10 +56,15 @@ class ContactGuards:
             for i, instance in enumerate(group.instances):
                 named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
-        self._gaps = Values(system.numbering, system.motion(), gathers, kernels)
+        self._made_of = system.numbering, system.motion(), gathers, kernels
         self._positions = system.numbering.nq
         self._at, self._masses = np.zeros(0), dict[int, float]()  # positions for which masses of places are known
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
+
+    @cached_property
+    def _gaps(self) -> Values:
+        """Gaps and their rates, compiled when they are first asked for."""
+        return Values(*self._made_of)
 
     @property
     def names(self) -> tuple[str, ...]:
