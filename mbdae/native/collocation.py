@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdae.native.contacts import Contacts
 from mbdae.native.equations import RAISED, Equations, Listening, Number, Pointer, Whole
 from mbdae.native.radau import Stages, functions
 from mbdae.native.sparse import Array, address
 
 #: results of a call beside 0 and RAISED, as in radau.c
-DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES = 0, 3, 4, 5, 6, 7
+DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
 FIRST, AGAIN = 1, 2  #: of `rejected`: a first step, or one after a rejection
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 ARRAYS = ("y", "yp", "last", "weights", "power")
@@ -33,6 +34,7 @@ class Table(ctypes.Structure):
                 *((name, Pointer) for name in ARRAYS), *((name, Number) for name in ("last_h", "factored", "power_h")),
                 *((name, Whole) for name in ("stale", "fresh", "at_start", "here")),
                 *((name, Number) for name in ("h", "exponent", "accepted", "accepted_error")), ("stretches", Stretches),
+                ("contacts", Pointer),
                 *((name, Number) for name in ("bound", "landing", "smallest", "width", "error", "noise", "noise_t", "noise_h",
                                               "tried")),
                 *((name, Whole) for name in ("careful", "rejected", "rejections", "jacobians", "factorisations", "iterations",
@@ -83,6 +85,11 @@ class Run(Listening):
         """Bound steps to a share of the stretches between edges (k,), s."""
         self._edges = np.array(edges, dtype=float)
         self.table.stretches = Stretches(address(self._edges), len(self._edges), share)
+
+    def watch(self, contacts: Contacts | None) -> None:
+        """Look at contacts after every step, up to one that needs a closer look (LOOK); None: do not."""
+        self._contacts = contacts
+        self.table.contacts = None if contacts is None else ctypes.addressof(contacts.table)
 
     def predict(self, h: float) -> None:
         """Starting increments of a step of h."""

@@ -1,5 +1,6 @@
 /* Collocation: Newton's iteration on the stages of a step (Hairer and Wanner, IV.8), its starting values, its error, and the
    control of the step. */
+#include "contacts.h"
 #include "sparse.h"
 #include <float.h>
 
@@ -188,8 +189,8 @@ API int radau_error(Radau *a, double t, const double *y, const double *yp, doubl
 
 /* Further results of a call: Newton's method does not converge with a fresh Jacobian; the order of some factors is bad, and Python
    looks for another; the step has no width beside the time; it became too small while the error test failed; there are no rates
-   at its end. */
-enum { DIVERGED = 3, ORDER = 4, NO_WIDTH = 5, VANISHED = 6, NO_RATES = 7 };
+   at its end; Python has to look at the contacts of the last step made. */
+enum { DIVERGED = 3, ORDER = 4, NO_WIDTH = 5, VANISHED = 6, NO_RATES = 7, LOOK = 8 };
 
 /* A contraction better than REUSE lets the Jacobian serve the next step too; a new one is evaluated at the predicted stage AMID:
    amid the steps it serves it serves more of them. Steps longer than the last one by more than FAR do not continue its polynomial;
@@ -214,6 +215,7 @@ typedef struct {
   I stale, fresh, at_start, here;        /* the Jacobian: to be replaced, of this very step, next one at its start, always there */
   double h, exponent, accepted, accepted_error; /* next step; of the controller: 1 / (s + 1), last step and its error */
   Stretches stretches;
+  Contacts *contacts;                    /* NULL: Python looks at them, or there are none */
   double bound, landing, smallest;       /* steps (s): allowed by what is watched, to where one has to end, and the least */
   double width, error;                   /* of the present step */
   double noise, noise_t, noise_h;        /* round-off that passed for an error first, 0: none did */
@@ -336,8 +338,9 @@ static double proposed(Run *r) {
 
 /* The width of the next step: cut or slightly stretched to end with what is left; two equal ones rather than a long and a tiny one. */
 static double fitted(const Run *r, double t, double left) {
-  double h = fmin(r->h, longest_step(&r->stretches, t));
-  if (r->bound < h) h = KEEP_FACTORS * r->bound <= r->factored && r->factored <= r->bound ? r->factored : r->bound;
+  double h = fmin(r->h, longest_step(&r->stretches, t)), bound = r->bound;
+  if (r->contacts) bound = fmin(bound, contacts_bound(r->contacts, t));
+  if (bound < h) h = KEEP_FACTORS * bound <= r->factored && r->factored <= bound ? r->factored : bound;
   h = fmin(h, r->landing);
   if (h * 1.01 >= left) return left;
   return 2 * h > left && h > 0.6 * left ? left / 2 : h;
@@ -390,6 +393,9 @@ API int run_steps(Run *r, double t, double end, I solved, double most, double se
       memcpy(Yp + m * n, r->yp, row);
       memcpy(inner + m * inside, r->last, sizeof(double) * (size_t)inside);
       ++*made;
+      code = r->contacts ? contacts_calm(r->contacts, t, r->width, r->y) : 1;
+      if (code <= 0) return code < 0 ? code : LOOK;
+      if (r->contacts && contacts_keep(r->contacts)) r->stale = 1;
     }
     if ((double)r->residuals > most || clock_s() - begin > seconds) break;
   }

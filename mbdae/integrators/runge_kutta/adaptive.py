@@ -17,9 +17,10 @@ from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import CollocationTable
+from mbdae.integrators.watched.arguments import Inside
 from mbdae.integrators.watched.watch import StepWatch
-from mbdae.native.collocation import AGAIN, DIVERGED, DONE, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
-from mbdae.system.base import System
+from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
+from mbdae.system.base import Array, System
 
 #: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage.
 #: With more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
@@ -58,15 +59,16 @@ class Adaptive:
 
     def _advance(self, solved: bool) -> int | None:
         """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""
-        step, loop, watch, control = self.step, self.loop, self.watch, self.control
-        control.bound = inf if watch is None else watch.bound()
+        step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.rows == 1
+        if watch is not None:
+            control.bound = watch.bound() if closely else watch.bound_of_switches()
+            step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
         before = None if watch is None else step.run.control()
         made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
         step.count()
         self._warn()
-        kept, count = len(made.t), len(made.t)
-        if watch is not None and before is not None and count:
-            kept = self._kept(watch, made, before)
+        count = len(made.t)
+        kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
         if kept:
             step.t, self.failures = float(made.t[kept - 1]), 0
         going = True
@@ -84,32 +86,51 @@ class Adaptive:
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
         """How many steps may be kept; before the others the run is where it was."""
-        loop, table, control = self.loop, self.step.table, self.control
-        times, block = np.concatenate([[loop.t], made.t]), len(made.t) > 1
-        starts = np.concatenate([loop.state[0][None], made.y[:-1]])
-        if table.stiffly_accurate:
-            increments = np.concatenate([made.inner, (made.y - starts)[:, None]], axis=1)
-        else:
-            increments = self.step.run.last[None]
-        kept, landing = watch.kept(times, made.y, lambda parts: starts[:, None] + table.values(parts) @ increments)
-        if kept == len(made.t):
-            self.rows = min(2 * self.rows, self.most)
-            if not block and watch.stiffness_changed():
-                self.step.renew()
-                watch.jacobian_at(float(made.t[0]), made.y[0])
-            return kept
-        if block:
-            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
-        else:
+        loop, closely = self.loop, self.rows == 1
+        count, calm = len(made.t), len(made.t) - (made.code == LOOK)
+        times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
+        increments = self._increments(made, states)
+        kept, landing = 0, inf
+        if calm:
+            kept, landing = watch.kept(times[: calm + 1], made.y[:calm], self._inside(states[:calm], increments), closely)
+            if not closely and kept and watch.contacts is not None:
+                watch.contacts.take(times[kept - 1 : kept + 1], states[kept - 1 : kept + 1], calm - kept)
+        if kept == calm < count:
+            closely, last = True, slice(calm, count)
+            one, landing = watch.kept(times[calm:], made.y[last], self._inside(states[last], increments[last]), closely)
+            kept += one
+        self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
+        if kept < count:
+            self._go_back(made, times, increments, kept, closely, before)
+            self.control.landing = landing
+        elif closely and watch.stiffness_changed():
+            self.step.renew()
+            watch.jacobian_at(float(times[-1]), states[-1])
+        return kept
+
+    def _increments(self, made: Made, states: Array) -> Array:
+        """Increments (m, s, n) at the nodes of all steps between states (m+1, n)."""
+        if not self.step.table.stiffly_accurate:
+            return self.step.run.last[None]
+        return np.concatenate([made.inner, np.diff(states, axis=0)[:, None]], axis=1)
+
+    def _inside(self, starts: Array, increments: Array) -> Inside:
+        """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
+        return lambda parts: np.asarray(starts[:, None] + self.step.table.values(parts) @ increments[: len(starts)])
+
+    def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
+        """To the last of the steps that are kept, before which the control of steps was as in `before` where there is none."""
+        control, loop = self.control, self.loop
+        if closely:
             control.h, control.rejected = control.tried, control.careful
+        else:
+            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
         if kept:
             width = times[kept] - times[kept - 1]
             before = increments[kept - 1], width, width, made.errors[kept - 1]
         y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
         self.step.run.back(y, yp, before)
-        self.rows, control.landing = 1, landing
-        loop.stats.rejected += not block
-        return kept
+        loop.stats.rejected += closely
 
     def first_step(self) -> float:
         """A small first step from the rates at the start; the controller then grows it by up to GROW per step."""
