@@ -19,7 +19,7 @@ from mbdae.native.library import library
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU = range(9)
+CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE = range(10)
 CALLED = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Pointer, Pointer)
 
 
@@ -125,6 +125,10 @@ class Operations:
         """Solve with a full matrix, row by row at slot `matrix`, for the right side at slot `right`, in place."""
         self._add(LU, {}, (matrix, n * n), (right, n), times=1, count=n, first=matrix, outputs=right)
 
+    def positive(self, at: ArrayLike) -> None:
+        """End with SINGULAR unless all slots hold positive numbers; `bad` is then the place in `at` of the first that does not."""
+        self._map(POSITIVE, 1, {"from_": at}, None)
+
     # -- tables
 
     def _errors(self) -> list[BaseException]:
@@ -132,7 +136,7 @@ class Operations:
 
     def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
-        count = len(tables["to"])
+        count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
             raise ValueError(f"tables of different lengths: { {name: len(table) for name, table in tables.items()} }")
         if not count or not times:
