@@ -15,6 +15,7 @@ from mbdae.native.library import library
 from mbdae.native.signals import Signals
 
 Array = NDArray[np.float64]
+Whole64 = NDArray[np.int64]
 STAGES, ALL, ORDER = 12, 16, 7
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 STUCK = 1000
@@ -32,6 +33,32 @@ class Table(ctypes.Structure):
                 *((name, Number) for name in ("rtol", "h", "longest")),
                 *((name, Pointer) for name in ("K", "y", "next", "F")),
                 *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))  # fmt: skip
+
+
+class Batch:
+    """Runs from starts (k, n), of which y at `times` and at the end, a code and counts are kept. numbers (k, m): what stands in
+    `slots` (m,) of W in each. Raises ValueError where sizes do not fit, a slot is outside of W, or times are not increasing
+    between `begin` and `end`."""
+
+    def __init__(self, begin: float, end: float, starts: Array, times: Array, W: Array, slots: Whole64, numbers: Array) -> None:
+        k, n = starts.shape
+        if numbers.shape != (k, len(slots)) or (len(slots) and not (slots.min() >= 0 and slots.max() < len(W))):
+            raise ValueError(f"numbers {numbers.shape} of {k} points in slots {slots.tolist()} of an array of {len(W)}")
+        if not (begin < end and (np.diff(times, prepend=begin)[1:] > 0).all() and ((times >= begin) & (times <= end)).all()):
+            raise ValueError(f"outputs {times} of runs from {begin} to {end}")
+        self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
+        self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
+        arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
+                  "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
+                  "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}  # fmt: skip
+        self._kept, self.n = (arrays, W), n
+        self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, most=np.inf, W=W.ctypes.data,
+                          **{name: a.ctypes.data for name, a in arrays.items()})  # fmt: skip
+
+    @property
+    def done(self) -> int:
+        """Points that have ended."""
+        return int(self.table.point)
 
 
 Entries = Sequence[tuple[int, int, float]]
@@ -71,11 +98,22 @@ class Steps(NamedTuple):
 
 
 @cache
-def _steps() -> Any:
-    found = library().explicit_steps
-    found.restype = ctypes.c_int
-    found.argtypes = (Pointer, Number, Number, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)
+def _function(name: str) -> Any:
+    found = getattr(library(), name)
+    found.restype, found.argtypes = ctypes.c_int, {
+        "explicit_steps": (Pointer, Number, Number, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer),
+        "explicit_begin": (Pointer, Number, Number), "explicit_batch": (Pointer, Pointer, Number),
+    }[name]  # fmt: skip
     return found
+
+
+class Runs(ctypes.Structure):
+    """`Batch` of explicit.c."""
+
+    _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
+                *((name, Number) for name in ("from_", "end", "t", "most")),
+                *((name, Pointer) for name in ("starts", "numbers", "times", "slots", "W", "out", "last")),
+                *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))  # fmt: skip
 
 
 class Explicit:
@@ -109,16 +147,35 @@ class Explicit:
         """Start from y (n,) with slope rate (n,) and a first step of h (s)."""
         self._y[:], self._K[0], self.table.h, self.table.after_rejection = y, rate, h, 0
 
+    def start(self, t: float, y: Array, span: float, h: float | None = None) -> int:
+        """Start from y (n,) at t, with a first step found from two evaluations, of `span` s at most, or with one of h; a code."""
+        self._y[:] = y
+        code = self._called("explicit_begin", t, span)
+        if h is not None:
+            self.table.h = h
+        return code
+
     def advance(self, t: float, end: float, most: float, rows: int, longest: float = np.inf) -> Steps:
         """Steps from t towards end, at most so many rows, until more than `most` evaluations were made, for a slice of time."""
         times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
         inner, made = np.empty((rows, self.inner, self.n)), Whole()
         self.table.longest = longest
-        if self._signals is not None:
-            self._signals.inside = True
-        code = _steps()(ctypes.byref(self.table), t, end, self.table.evaluations + most, SLICE, rows, times.ctypes.data,
-                        y.ctypes.data, yp.ctypes.data, inner.ctypes.data, ctypes.byref(made))  # fmt: skip
-        if self._signals is not None:
-            self._signals.inside = False
+        arrays = (a.ctypes.data for a in (times, y, yp, inner))
+        code = self._called("explicit_steps", t, end, self.table.evaluations + most, SLICE, rows, *arrays, ctypes.byref(made))
         m = made.value
         return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
+
+    def go_on(self, batch: Batch) -> None:
+        """Go on with a batch for a slice of time."""
+        if batch.n != self.n:
+            raise ValueError(f"starts of {batch.n} unknowns for {self.n} equations")
+        self.table.longest = np.inf
+        self._called("explicit_batch", ctypes.byref(batch.table), SLICE)
+
+    def _called(self, name: str, *args: Any) -> int:
+        if self._signals is None:
+            return int(_function(name)(ctypes.byref(self.table), *args))
+        self._signals.inside = True
+        code = int(_function(name)(ctypes.byref(self.table), *args))
+        self._signals.inside = False
+        return code

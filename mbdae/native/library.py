@@ -14,7 +14,7 @@ from mbdae.errors import LibraryError
 from mbdae.native import build
 
 #: number of the interface between C and Python, `mbdae_interface` of version.c
-INTERFACE = 1
+INTERFACE = 2
 
 
 @cache

@@ -126,7 +126,7 @@ class Operations:
         self._add(LU, {}, (matrix, n * n), (right, n), times=1, count=n, first=matrix, outputs=right)
 
     def positive(self, at: ArrayLike) -> None:
-        """End with SINGULAR unless all slots hold positive numbers; `bad` is then the place in `at` of the first that does not."""
+        """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
         self._map(POSITIVE, 1, {"from_": at}, None)
 
     # -- tables
@@ -163,6 +163,12 @@ class Operations:
         """Numbers that the inputs of a kernel take at most."""
         return max((f["inputs"] * (f["times"] if f["kind"] == CALL_BACK else 1) for f, *_ in self._list
                     if f["kind"] in (CALL, CALL_BACK)), default=0)  # fmt: skip
+
+    @property
+    def reads(self) -> frozenset[int]:
+        """Slots from which kernels and copies take numbers."""
+        tables = [tables[name] for _, tables, _ in self._list for name in ("from_", "by") if name in tables]
+        return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and what has to be kept alive.

@@ -70,12 +70,7 @@ class _Run:
         self.rtol, self.watch = rtol, StepWatch.of(loop, self._tolerance)
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
-        t, y = loop.t, loop.state[0]
-        rate = np.empty(self.system.n)
-        self.system.rhs(t, y, rate)
-        h = h0 if h0 is not None else _first_step(self.system, t, y, rate, self._tolerance(y), loop.t_end - t)
-        loop.stats.residuals += 2
-        self.method.begin(y, rate, h)
+        self.h0 = h0
 
     def __enter__(self) -> Self:
         self.method.__enter__()
@@ -88,8 +83,17 @@ class _Run:
     def _tolerance(self, y: Array) -> Array:
         return np.asarray(self.rtol * np.abs(y) + self.atol)
 
+    def _start(self) -> None:
+        loop = self.loop
+        code = self.method.start(loop.t, loop.state[0], loop.t_end - loop.t, self.h0)
+        loop.stats.residuals += 2
+        self.equations.raise_error()
+        if code:  # the system itself says why
+            self.system.rhs(loop.t, loop.state[0], np.empty(self.system.n))
+
     def steps(self) -> None:
         """Step to the end. Of a block that is not quiet the quiet steps are kept; the next ones are made one at a time."""
+        self._start()
         loop, watch, bound = self.loop, self.watch, self.system.longest_step
         blocks = bound is None and not self.system.looks_at_steps and (watch is None or watch.contacts is None)
         rows, landing, going = FEW if watch is not None else ROWS, inf, True
@@ -157,13 +161,3 @@ class _Run:
                 return loop.failure(f"{text}; equation {culprit} is not finite near t = {loop.t + h:.9g}", culprit)
         return loop.failure(text, self.system.names[largest(np.abs(yp) / self._tolerance(y))])
 
-
-def _first_step(system: System, t: float, y: Array, rate: Array, tolerance: Array, span: float) -> float:
-    """A first step (s) by the sizes of y, y' and a difference quotient of y' (Hairer, Norsett, Wanner, II.4)."""
-    sizes = [float(np.sqrt(np.mean((x / tolerance) ** 2))) for x in (y, rate)]
-    h = min(span, 0.01 * sizes[0] / sizes[1] if min(sizes) > 1e-5 else 1e-6 * span)
-    later = np.empty(system.n)
-    system.rhs(t + h, y + h * rate, later)
-    curved = float(np.sqrt(np.mean(((later - rate) / tolerance) ** 2))) / h
-    steepest = max(sizes[1], curved)
-    return float(min(100 * h, span, (0.01 / steepest) ** (1 / 8) if steepest > 1e-15 else max(1e-6 * span, 1e-3 * h)))

@@ -27,8 +27,8 @@ class Scatter:
         self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
     def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
-        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved: of trees, `TreePlan.rates`
-        for the same rows and the slots it reads."""
+        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved: of trees, the slots that
+        `TreePlan.rates` of the same rows reads, and its kernel."""
         if solved is not None:
             self.solved[len(self.kernels)] = solved
         self.gathers.append(gather)

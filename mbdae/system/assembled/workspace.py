@@ -45,6 +45,7 @@ class Workspace:
         self.W = np.zeros(size)
         self.W[: nb.width] = nb.workspace(1)[0]
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
+        self.of_rates = rates
         self._x = np.zeros(max((p.widest for p in parts.values() if p is not None), default=0) + 1)
         self._kept: list[Any] = [nb]
         tables = {name: self.table(part) for name, part in parts.items() if part is not None}
