@@ -190,15 +190,18 @@ class _Run:
         """Read what the points that ended have come to; those that failed are run again alone, for their message."""
         done = self.kept.done
         raised, equations.caught.error = equations.caught.error, None
-        if raised is not None and not isinstance(raised, Exception):
-            self.y[done - 1], self.last[done - 1] = np.nan, np.nan
-            raise raised
+        stops = raised is not None and not isinstance(raised, Exception)
+        if stops:  # the last of them was stopped
+            done -= 1
+            self.y[done] = self.last[done] = np.nan
         for i in range(self.done, done):
             self.errors[i] = None
             if self.kept.code[i]:
                 self._alone(i)
         self.points.take(done)  # the point that is under way
         self.done = done
+        if raised is not None and stops:
+            raise raised
 
     def _alone(self, i: int) -> None:
         """A point as a run of its own."""
