@@ -4,7 +4,7 @@
    a row of a table ends where its next row begins. */
 #include "core.h"
 
-enum { STAGES = 12, ALL = 16, STUCK = 1000, USED_UP = 1001 };
+enum { STAGES = 12, ALL = 16, STUCK = 1000 };
 
 typedef struct { const I *row, *column; const double *value; } Coefficients; /* of row i: row[i] <= k < row[i + 1] */
 
@@ -179,7 +179,7 @@ API int explicit_begin(Explicit *x, double t, double span) {
    evaluations have an entry for every point. A point that fails ends, the next one begins. */
 typedef struct {
   I points, width, outputs, point, begun, taken;
-  double from, end, t, most;
+  double from, end, t;
   const double *starts, *numbers, *times; const I *slots;
   double *W, *out, *last;
   I *code, *steps, *rejected, *evaluations;
@@ -200,13 +200,13 @@ API int explicit_batch(Explicit *x, Batch *b, double seconds) {
       for (b->t = b->from; b->times[b->taken] == b->from; b->taken++) memcpy(out + b->taken * n, x->y, size);
       code = explicit_begin(x, b->from, b->end - b->from);
     }
-    for (b->begun = 1; !code && b->t < b->end; b->steps[i]++) {
-      if (clock_s() - begin > seconds) return DONE;
+    for (b->begun = 1; !code && b->t < b->end;) {
       I taken;
       code = one_step(x, &b->t, b->end, b->times + b->taken, out + b->taken * n, &taken);
       if (code) break;
+      b->steps[i]++;
       b->taken += taken;
-      if ((double)x->evaluations > b->most) code = USED_UP;
+      if (b->t < b->end && clock_s() - begin > seconds) return DONE;
     }
     b->begun = 0;
     b->code[i] = code;

@@ -52,7 +52,7 @@ class Batch:
                   "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
                   "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}  # fmt: skip
         self._kept, self.n = (arrays, W), n
-        self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, most=np.inf, W=W.ctypes.data,
+        self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, W=W.ctypes.data,
                           **{name: a.ctypes.data for name, a in arrays.items()})  # fmt: skip
 
     @property
@@ -111,7 +111,7 @@ class Runs(ctypes.Structure):
     """`Batch` of explicit.c."""
 
     _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
-                *((name, Number) for name in ("from_", "end", "t", "most")),
+                *((name, Number) for name in ("from_", "end", "t")),
                 *((name, Pointer) for name in ("starts", "numbers", "times", "slots", "W", "out", "last")),
                 *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))  # fmt: skip
 

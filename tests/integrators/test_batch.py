@@ -9,6 +9,7 @@ import sympy
 import mbdae as mb
 from mbdae.errors import WallClockError
 from mbdae.integrators.runge_kutta.batch import solve_batch
+from mbdae.native import explicit
 from mbdae.native.explicit import Batch
 from mbdae.run.batch import run_batch
 
@@ -91,8 +92,11 @@ def test_a_point_that_fails_costs_only_itself():
     assert found.errors == (None, str(single.value), None)
 
 
-def test_a_point_of_a_scene_that_fails_leaves_the_next_its_own_numbers():
-    """The point that fails is run again for its message: afterwards the numbers of the next point have to stand there."""
+@pytest.mark.parametrize("seconds", [0.05, 1e-5, 0.0])
+def test_a_point_of_a_scene_that_fails_leaves_the_next_its_own_numbers(seconds, monkeypatch):
+    """The point that fails is run again for its message, while the next one is under way where a slice of time ends within it:
+    its numbers have to stand there when it goes on."""
+    monkeypatch.setattr(explicit, "SLICE", seconds)
     masses = np.array([1.3, -3.0, 0.4, 0.9])  # of a negative mass the mass matrix is not positive definite
     found = solve_batch(system(), 2.0, SOLVER, numbers={"lower.mass": masses})
     good = [0, 2, 3]
