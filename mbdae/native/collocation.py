@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.native.contacts import Contacts
-from mbdae.native.equations import RAISED, Equations, Listening, Number, Pointer, Whole
+from mbdae.native.equations import RAISED, Equations, Listening, Number, Pointer, Stretches, Whole
 from mbdae.native.radau import Stages, functions
 from mbdae.native.sparse import Array, address
 
@@ -18,12 +18,6 @@ DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
 FIRST, AGAIN = 1, 2  #: of `rejected`: a first step, or one after a rejection
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 ARRAYS = ("y", "yp", "last", "weights", "power")
-
-
-class Stretches(ctypes.Structure):
-    """`Stretches` of core.h."""
-
-    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number))
 
 
 class Table(ctypes.Structure):

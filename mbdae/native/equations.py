@@ -34,6 +34,12 @@ class Table(ctypes.Structure):
                 ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
 
 
+class Stretches(ctypes.Structure):
+    """`Stretches` of core.h."""
+
+    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number))
+
+
 class Caught:
     """What call backs raise, and the signals they notice. error: what one raised, None otherwise."""
 

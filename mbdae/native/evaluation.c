@@ -15,8 +15,9 @@ typedef void (*Kernel)(double *out, const double *in, void *data);
    MULTIPLY  W[to[k] + r to_step] += weight[k] W[from[k] + r from_step] W[by[k] + r by_step]
    CHOLESKY  factors in place of the symmetric band matrix (count, inputs) at `first`, solves for W[outputs ...) in place
    SOLVE     solves with these factors for `times` further right-hand sides at W[outputs + r * count ...)
-   LU        solves with the full matrix (count, count), row by row, at `first`, for W[outputs ...); the matrix is overwritten */
-enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU };
+   LU        solves with the full matrix (count, count), row by row, at `first`, for W[outputs ...); the matrix is overwritten
+   POSITIVE  ends with SINGULAR unless every W[from[k]] > 0 */
+enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE };
 
 typedef struct {
   I kind, times, count, first, inputs, outputs, to_step, from_step, by_step, weight_step;
@@ -122,6 +123,10 @@ static int run(Part part, double *W, double *x, I *bad) {
     case LU:
       *bad = full_solve(a->count, W + a->first, W + a->outputs);
       if (*bad >= 0) return SINGULAR;
+      break;
+    case POSITIVE:
+      for (*bad = 0; *bad < a->count; ++*bad)
+        if (!(W[from[*bad]] > 0)) return SINGULAR;
       break;
     }
   }

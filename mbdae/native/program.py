@@ -20,7 +20,7 @@ from mbdae.native.library import declared
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU = range(8)
+CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE = range(9)
 
 
 class Operation(ctypes.Structure):
@@ -141,11 +141,15 @@ class Operations:
         """Solve with a full matrix, row by row at slot `matrix`, for the right side at slot `right`, in place."""
         self._add(LU, {}, (matrix, n * n), (right, n), times=1, count=n, first=matrix, outputs=right)
 
+    def positive(self, at: ArrayLike) -> None:
+        """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
+        self._map(POSITIVE, 1, {"from_": at}, None)
+
     # -- tables
 
     def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
-        count = len(tables["to"])
+        count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
             raise ValueError(f"tables of different lengths: { {name: len(table) for name, table in tables.items()} }")
         if not count or not times:
@@ -172,6 +176,12 @@ class Operations:
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
         return max((f["inputs"] for f, *_ in self._list if f["kind"] == CALL), default=0)
+
+    @property
+    def reads(self) -> frozenset[int]:
+        """Slots from which kernels and copies take numbers."""
+        tables = [tables[name] for _, tables, _ in self._list for name in ("from_", "by") if name in tables]
+        return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and what has to be kept alive.

@@ -6,7 +6,7 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
@@ -49,6 +49,16 @@ class Switches:
         if not len(self.kinds) == len(self.names) == np.size(self.weights) or np.ndim(self.weights) != 1:
             raise OptionError(f"kinds = {shown(self.kinds)}, weights = {shown(self.weights)}, names = {shown(self.names)}: "
                               f"give one of each per argument")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of equations in an array W that their native evaluation reads: slots (m,) of all, and which of the names asked for
+    stands in each (m,)."""
+
+    W: Array
+    slots: NDArray[np.int64]
+    of: NDArray[np.int64]
 
 
 def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
@@ -171,6 +181,11 @@ class System:
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' apart as (nnz,) data of `pattern`, of systems that have one."""
         raise NotImplementedError
+
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        """Where numbers of laws ("elbow.mass") stand that a batch of runs varies; OptionError where one cannot be varied."""
+        raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions, whose numbers are not "
+                          f"known; give starts alone, or solve the systems one by one")  # fmt: skip
 
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step: the only place where a System may remember something of a run."""

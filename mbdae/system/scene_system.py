@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
@@ -12,9 +12,10 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.numbers import numbers_of
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
-from mbdae.system.base import Array, Kept, System
+from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.model.inputs import timeline
 from mbdae.system.motion.displacements import Displacements
 from mbdae.system.motion.mechanics import Mechanics
@@ -83,6 +84,9 @@ class SceneSystem(System):
     def native(self) -> Equations | None:
         """These equations as native methods call them."""
         return self.assembly.evaluation.equations
+
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        return numbers_of(self.assembly.evaluation, self.assembly, names)
 
     # -- breaks of inputs of time
 

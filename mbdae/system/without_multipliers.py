@@ -9,6 +9,7 @@ step where they are linear (`assembled/right_hand_side.py`).
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -22,8 +23,9 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.numbers import numbers_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
@@ -84,6 +86,10 @@ class WithoutMultipliers(SceneSystem):
         """y' = f(t, y) as native methods call it; None where it is solved for in Python."""
         kernel = self._rates.kernel
         return None if kernel is None else kernel.equations
+
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        kernel = self._rates.kernel
+        return super(SceneSystem, self).numbers(names) if kernel is None else numbers_of(kernel, self.full, names)
 
     @property
     def multipliers(self) -> Array:

@@ -198,7 +198,9 @@ class Assembly:
             for piece in plan.jacobian:
                 entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
             return
-        self._residual.kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
+        places, solved = slots(plan.residual.targets), plan.rates if not nb.m else None
+        solving = None if solved is None else (moved.gather(nb, solved, trees), solved.kernel)
+        self._residual.kernel(gathers[1], places, plan.residual.kernel, solving)
         for piece, gather in zip(pieces[2:], gathers[2:], strict=True):
             rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
             self._jacobian.kernel(gather, rows, piece.kernel)

@@ -24,10 +24,14 @@ class Scatter:
         self.gathers: list[Index] = []
         self.places: list[Index] = []
         self.kernels: list[Any] = []
+        self.solved: dict[int, tuple[Index, Any]] = {}
         self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
-    def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
-        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...)."""
+    def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
+        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved: of trees, the slots that
+        `TreePlan.rates` of the same rows reads, and its kernel."""
+        if solved is not None:
+            self.solved[len(self.kernels)] = solved
         self.gathers.append(gather)
         self.places.append(places)
         self.kernels.append(kernel)
@@ -41,6 +45,19 @@ class Scatter:
         """Rows, columns and weights."""
         rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
         return rows, columns, weights
+
+    def emit_right(self, part: Operations, first: int, n: int) -> list[tuple[Index, Index, Any]]:
+        """Set n slots from `first` on to minus the terms without y' of all but the trees that have kernels for u'; their rows,
+        the slots these kernels read, and the kernels."""
+        for k, (gather, places, kernel) in enumerate(zip(self.gathers, self.places, self.kernels, strict=True)):
+            if k not in self.solved:
+                values, own = kernel.emit(part, gather), places < n
+                part.add(first + places[own], values[own], -1.0)
+        rows, columns, weights = self.linear_terms
+        own = (rows < n) & (columns < n)
+        part.add(first + rows[own], columns[own], -weights[own])
+        return [(self.places[k], np.hstack([gather, first + self.places[k]]), kernel)
+                for k, (gather, kernel) in self.solved.items()]  # fmt: skip
 
     def emit(self, part: Operations, first: int) -> None:
         """Add the values of the kernels to their places behind slot `first`."""
@@ -114,6 +131,10 @@ class EquationsOfScene(Workspace):
         to y', whose entries are those of pattern."""
         nb, operations = self.numbering, self.operations
         nu, nq, first = nb.nu, nb.nq, self.rates
+        solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
+        if nu and constant is not None and not constant.any() and np.array_equal(solved, np.arange(nq, nq + nu)):
+            self._rates_of_trees()
+            return
         part = operations.part(self.residual_part if constant is not None else self.jacobian_part)
         if constant is None and not self._stages[0]:
             part = operations.part(self.residual_part, self.jacobian_part)
@@ -121,6 +142,19 @@ class EquationsOfScene(Workspace):
         part.add(first + np.arange(self.n), self.rows + np.arange(self.n), -1.0)
         self._solve_mass(part, mass, constant, pattern, nu, nq)
         self.rates_part = part
+
+    def _rates_of_trees(self) -> None:
+        """y' where every velocity belongs to a tree that has one kernel for its accelerations."""
+        part, first, n = self.operations.part(self.motion), self.rates, self.n
+        part.load(first, -self._offset[:n])
+        pivots, rows = list[Index](), list[Index]()
+        for own, gather, kernel in self._terms.emit_right(part, first, n):
+            found = kernel.emit(part, gather).reshape(len(own), 2, own.shape[1])
+            part.set(first + own, found[:, 0])
+            pivots.append(found[:, 1].ravel())
+            rows.append(own.ravel())
+        part.positive(np.concatenate(pivots))
+        self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
 
     def _solve_mass(self, part: Operations, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, nu: int,
                     nq: int) -> None:  # fmt: skip

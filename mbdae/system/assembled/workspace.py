@@ -44,6 +44,7 @@ class Workspace:
         self.W[: nb.width] = nb.workspace(1)[0]
         self.operations.fill(self.W)
         parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
+        self.of_rates = rates
         made = {name: part.table(len(self.W)) for name, part in parts.items() if part is not None}
         self._x = np.zeros(max(part.widest for part in parts.values() if part is not None) + 1)
         self._kept = [nb, *(kept for _, kept in made.values())]
