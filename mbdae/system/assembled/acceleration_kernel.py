@@ -81,7 +81,7 @@ class AccelerationKernel(Workspace):
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
         self.multipliers, _ = self.view(self._multipliers, self.m)
         table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
-        self.equations = Equations(table, self)
+        self.equations = Equations(table, self, make=self.make)
 
     def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:
         """Evaluate the laws into the rows of F and the entries (row, column) of G, which are returned with their numbers."""
