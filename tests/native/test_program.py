@@ -154,3 +154,17 @@ def test_a_copy_of_a_system_has_tables_of_its_own():
     assert np.array_equal(mb.RadauIIA(3, rtol=1e-6).solve(other, 0.5).y, expected)
     r = s.simulate(0.2)
     assert np.array_equal(copy.deepcopy(r).q, r.q)
+
+
+def test_a_velocity_without_inertia_is_named():
+    """In a mass matrix that does not vary, which is factorised once."""
+    s = mb.Scene("falling")
+    s.point_mass("p", 1.0, at=(0, 0, 0))
+    s.rigid_body("b", 1.0, (1.0, 1.0, 1.0), at=(1, 0, 0))
+    system = s.system(mb.ODE())
+    M, out = system.assembly.constant_mass, np.zeros(system.n)
+    M[4] = M[:, 4] = 0.0
+    with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):
+        system.rhs(0.0, system.y0, out)
+    with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):
+        mb.DOP853(rtol=1e-6).solve(system, 0.1)
