@@ -49,10 +49,17 @@ class Caught:
 
 
 class Equations:
-    """The table of a system and what it refers to; caught: by its call backs."""
+    """The table of a system and what it refers to; caught: by its call backs; make: compiles the parts ("residual", "jacobian",
+    "rates") that are about to be called, None where all are ready."""
 
-    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None) -> None:
-        self.table, self._kept, self.caught = table, kept, caught or Caught()
+    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None, make: Callable[..., None] | None = None) -> None:
+        self.table, self._kept, self.caught, self._make = table, kept, caught or Caught(), make
+
+    def made(self, *parts: str) -> Self:
+        """These equations, of which some parts are about to be called."""
+        if self._make is not None:
+            self._make(*parts)
+        return self
 
     @property
     def called(self) -> bool:
@@ -100,17 +107,18 @@ class Listening:
 
 def equations_of(system: Any) -> Equations:
     """F(t, y, y') = 0 of a System: its own native evaluation where it has one, else by call back."""
-    own = getattr(system, "native", None)
-    return own if own is not None and own.table.residual else called(system)
+    own: Equations | None = getattr(system, "native", None)
+    return own.made("residual", "jacobian") if own is not None and own.table.residual else called(system)
 
 
 def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
     """The same with y' = f(t, y). rate_jacobian: called where the equations have no Jacobian of the rates."""
-    own = getattr(system, "native", None)
+    own: Equations | None = getattr(system, "native", None)
     if own is None or not own.table.rates:
         return called(system, rate_jacobian)
+    own.made("rates")
     if rate_jacobian is None:
-        return own  # type: ignore[no-any-return]
+        return own
     call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
     table = Table.from_buffer_copy(own.table)
     table.rate_jacobian = ctypes.cast(call, Pointer).value

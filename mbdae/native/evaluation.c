@@ -86,6 +86,7 @@ static I full_solve(I n, double *a, double *x) {
 
 /* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
 static int run(Part part, double *W, double *x, I *bad) {
+  if (!part.first) return NOT_FINITE; /* not made: nothing is computed */
   for (const Operation *a = part.first; a < part.first + part.count; a++) {
     const I *to = a->to, *from = a->from, *by = a->by;
     const double *weight = a->weight;

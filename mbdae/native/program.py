@@ -54,7 +54,6 @@ class Operations:
     def __init__(self, size: int = 0, base: Operations | None = None) -> None:
         self._room: _Room = _Room(size) if base is None else base._room
         self._list = list[tuple[dict[str, Any], dict[str, Array | Index], tuple[int, int]]]()
-        self._kept: list[Any] = []
 
     @property
     def size(self) -> int:
@@ -89,22 +88,18 @@ class Operations:
         made = Operations(base=self)
         for other in others:
             made._list += other._list
-            made._kept += other._kept
         return made
 
     # -- operations
 
-    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None) -> Index:
-        """A compiled kernel (its function and data) at points with inputs at slots gather (points, inputs); the slots of its
-        values (points, width), which begin at `first` where they have a place."""
-        table = np.asarray(gather, dtype=np.int64)
-        points, inputs = table.shape
+    def call(self, kernel: Any, gather: ArrayLike, first: int | None = None) -> Index:
+        """A kernel (`mbdae.kernels.Kernel`) at points with inputs at slots gather (points, inputs); the slots of its values
+        (points, width), which begin at `first` where they have a place. `table` compiles it."""
+        slots, width = np.asarray(gather, dtype=np.int64), kernel.width
+        points, inputs = slots.shape
         first = self.slots(points * width) if first is None else first
-        code, data = function
-        self._kept.append(function)
-        address = ctypes.cast(code, Pointer).value
-        self._add(CALL, {"from_": table}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
-                  function=address, data=getattr(data, "value", data))  # fmt: skip
+        self._add(CALL, {"from_": slots}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
+                  kernel=kernel)  # fmt: skip
         return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
@@ -184,16 +179,21 @@ class Operations:
         return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
-        """The operations as C reads them, and what has to be kept alive.
+        """The operations as C reads them, and what has to be kept alive. Kernels are compiled here.
 
         Raises ValueError where one leaves an array of `size` numbers."""
         made = (Operation * max(len(self._list), 1))()
-        kept: list[Any] = [made, *self._kept]
+        kept: list[Any] = [made]
         for operation, (fields, tables, (low, high)) in zip(made, self._list, strict=False):
             if low < 0 or high > size:
                 raise ValueError(f"an operation on slots {low} to {high - 1} of an array of {size}")
             for name, value in fields.items():
-                setattr(operation, name, value)
+                if name == "kernel":
+                    code, data = value.compiled.as_ctypes()
+                    operation.function, operation.data = ctypes.cast(code, Pointer).value, getattr(data, "value", data)
+                    kept += code, data, value
+                else:
+                    setattr(operation, name, value)
             for name, table in tables.items():
                 setattr(operation, name, table.ctypes.data)
                 kept.append(table)

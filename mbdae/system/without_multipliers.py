@@ -114,7 +114,7 @@ class WithoutMultipliers(SceneSystem):
 
     def accept(self, t: float, y: Array) -> None:
         """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
-        shares = (self._rates.kernel or self._rates).shares()
+        shares = (self._rates.kernel or self._rates).shares(t, y)
         here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
         (t0, before), (t1, last) = self._seen
         if t <= t1:  # another run
@@ -123,9 +123,9 @@ class WithoutMultipliers(SceneSystem):
         self._seen = self._seen[1], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        self._rates.matrices(t, y, self._rate)
-        weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
-        if (expected < 0 or self._rates.shares()[weakest] < NEAR) and not self._determined(t, y):
+        shares = self._rates.shares(t, y)  # geometry alone: the masses do not count
+        weakest = int(np.argmin(shares))
+        if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
                 raise singular(t, self.full.numbering.rows[weakest].name)
             self._warned = True

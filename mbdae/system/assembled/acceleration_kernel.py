@@ -81,7 +81,7 @@ class AccelerationKernel(Workspace):
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
         self.multipliers, _ = self.view(self._multipliers, self.m)
         table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
-        self.equations = Equations(table, self)
+        self.equations = Equations(table, self, make=self.make)
 
     def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:
         """Evaluate the laws into the rows of F and the entries (row, column) of G, which are returned with their numbers."""
@@ -162,14 +162,17 @@ class AccelerationKernel(Workspace):
             return -1
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
-    def shares(self) -> Array:
-        """(m,) squared independent part of every constraint row, over its length, at the last call."""
+    def shares(self, t: float, y: Array) -> Array:
+        """(m,) squared independent part of every constraint row, over its length."""
+        dependent = self.y_rates(t, y, np.empty(self.differential))
         if self.whole:
             G = np.zeros((self.m, self.nu))
             G[self._rows, self._columns] = self.W[self._G : self._G + len(self._rows)]
             return row_shares(G)
         share = np.empty(self.m)
         share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
+        if dependent >= 0:  # there are no factors from this row on
+            share[dependent] = 0.0
         return share
 
 
@@ -201,7 +204,7 @@ def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, 
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
         found = AccelerationKernel(full, M, row_of, False)
-        if found.y_rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
+        if np.min(found.shares(*start)) > SPREAD:
             return found
     return AccelerationKernel(full, M, row_of, True) if nb.nu + nb.m < WHOLE_BELOW else None
 

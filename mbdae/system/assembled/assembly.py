@@ -227,7 +227,7 @@ class Assembly:
 
     @cached_property
     def evaluation(self) -> EquationsOfScene:
-        """The native evaluation, compiled when it is first asked for."""
+        """The native evaluation, whose parts are compiled when they are first asked for."""
         made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:

@@ -195,7 +195,7 @@ class EquationsOfScene(Workspace):
         part.set(first + nq + np.arange(nu), right + place)
 
     def compile(self) -> None:
-        """Make the tables; nothing is added afterwards."""
+        """Make the workspace; nothing is added afterwards. Parts are compiled when they are first asked for."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
         self._rows, self._at_rows = self.view(self.rows, self.n)
@@ -207,16 +207,18 @@ class EquationsOfScene(Workspace):
                 self._massless, self.W[self._steady[1]] = int(self.order[self.scene.bad]), np.nan
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
         table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part is not None else None, None)
-        self.equations = Equations(table, self)
+        self.equations = Equations(table, self, make=self.make)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
+        self.make("residual")
         self._y[:], self._yp[:] = y, yp
         self._c.scene_residual(self.address, t, self._at_y, self._at_yp, self._at_rows)
         out[:] = self._rows
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         """The same at points (k,), (k, n)."""
+        self.make("residual")
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
         self._c.scene_residuals(self.address, len(t), *(x.ctypes.data for x in (t, y, yp, found)))
@@ -225,6 +227,7 @@ class EquationsOfScene(Workspace):
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as entries (nnz,)."""
+        self.make("jacobian")
         self._y[:], self._yp[:] = y, yp
         self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
         return self._fy.copy(), self._fyp.copy()

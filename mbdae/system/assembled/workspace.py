@@ -37,25 +37,34 @@ class Workspace:
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
                unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
-        """Make the tables of C and the workspace. unknowns: how many of them are given, by default all; rates_at: slot of y';
+        """Make the workspace and the table of C. unknowns: how many of them are given, by default all; rates_at: slot of y';
         slots: `rows`, `fy` and `fyp`, as in `Scene`."""
         nb = self.numbering
         self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
         self.operations.fill(self.W)
-        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
         self.of_rates = rates
-        made = {name: part.table(len(self.W)) for name, part in parts.items() if part is not None}
-        self._x = np.zeros(max(part.widest for part in parts.values() if part is not None) + 1)
-        self._kept = [nb, *(kept for _, kept in made.values())]
-        tables = {name: table for name, (table, _) in made.items()}
+        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
+        self._parts = {name: part for name, part in parts.items() if part is not None}
+        self._x = np.zeros(max(part.widest for part in self._parts.values()) + 1)
+        self._kept: list[Any] = [nb]
         self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
-                           t=np.nan, side=np.nan, **tables, **slots)  # fmt: skip
+                           t=np.nan, side=np.nan, **slots)  # fmt: skip
+        self.make("clock")
         self.address = ctypes.addressof(self.scene)
         (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)
         self._rates, self._at_rates = self.view(rates_at, self.scene.n)
         self._call_rates = core().scene_rates
+
+    def make(self, *parts: str) -> None:
+        """Compile parts that are about to run, once: "residual", "jacobian" or "rates"."""
+        for name in parts:
+            if name in self._parts:
+                table, kept = self._parts[name].table(len(self.W))
+                setattr(self.scene, "of_rates" if name == "rates" else name, table)
+                self._kept.append(kept)
+                del self._parts[name]
 
     def view(self, first: int, count: int) -> tuple[Array, int]:
         """Numbers from a slot on, in place, and their address: asked for once, it takes longer than many an evaluation."""
@@ -64,6 +73,7 @@ class Workspace:
 
     def solved(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'; the row of a matrix that depends on those before, or -1."""
+        self.make("rates")
         self._y[:] = y
         code = self._call_rates(self.address, t, self._at_y, self._at_rates)
         out[:] = self._rates
@@ -82,6 +92,7 @@ class Values(Workspace):
         self.width, first = len(at), self.operations.slots(len(at))
         part.set(first + np.arange(len(at)), at)
         self.finish(part, rows=first)
+        self.make("residual")
         self._call = core().scene_values
 
     def __reduce__(self) -> tuple[Any, ...]:
