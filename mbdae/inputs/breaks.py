@@ -20,8 +20,9 @@ from mbdae.symbolic.vectors import Expr
 Array = NDArray[np.float64]
 
 MOST = 200_000  #: instants of a run, and intervals searched at a time
-#: instants closer together than this, relative to the times of the run, count as one: no step is that short
-SAME = 1e3 * float(np.finfo(float).eps)
+#: instants closer together than SAME, relative to their time, count as one: no step is that short. Those of one input that are
+#: farther apart than TWINS are no round-off of one instant. Near t = 0 times count as EARLY of the run's
+SAME, TWINS, EARLY = 1e3 * float(np.finfo(float).eps), 64 * float(np.finfo(float).eps), 1e-6
 LEVELS = 60
 
 
@@ -29,15 +30,15 @@ class TooManyError(MbdaeError):
     """An input that changes too often to be followed."""
 
 
-def breaks(expressions: Iterable[Expr], t0: float, t1: float) -> Array:
+def breaks(expressions: Iterable[Expr], t0: float, t1: float, same: float = SAME) -> Array:
     """Times inside (t0, t1), rising, at which conditions of the expressions change; raises TooManyError."""
-    edges, near = np.array([t0, t1]), SAME * max(abs(t0), abs(t1))
+    edges = np.array([t0, t1])
     for e in expressions:
         if not getattr(e, "free_symbols", None):
             continue
         for kind, u in switches(e):
             found = _zeros(u, edges) if kind == "zero" else _integers(u, edges)
-            edges = _merged(edges, found, near)
+            edges = _merged(edges, found, same)
     return edges[1:-1]
 
 
@@ -52,11 +53,27 @@ def switches(e: Expr) -> list[tuple[str, Expr]]:
     return [(kind, u) for kind, u in found if TIME in u.free_symbols]
 
 
-def _merged(edges: Array, found: Array, near: float) -> Array:
+def unresolved(e: Expr, t0: float, t1: float) -> tuple[float, float] | None:
+    """An instant at which conditions of an expression change twice within less than a step can resolve there, and how much
+    later they change again, s; None where there is none."""
+    edges = np.concatenate([[t0], breaks((e,), t0, t1, TWINS), [t1]])
+    gaps = np.diff(edges)
+    close = np.flatnonzero(gaps <= SAME * _sizes(edges)[1:])
+    return (float(edges[close[0]]), float(gaps[close[0]])) if len(close) else None
+
+
+def _sizes(edges: Array) -> Array:
+    """Times beside which differences of times count."""
+    return np.asarray(np.maximum(np.abs(edges), EARLY * max(abs(edges[0]), abs(edges[-1]))))
+
+
+def _merged(edges: Array, found: Array, same: float) -> Array:
     """Edges and further ones, those that differ by round-off once; the ends stay."""
-    inside = np.sort(found[(found > edges[0] + near) & (found < edges[-1] - near)])
+    inside = np.sort(found[(found > edges[0]) & (found < edges[-1])])
     both = np.sort(np.concatenate([edges, inside]))
-    keep = np.concatenate([[True], np.diff(both) > near])
+    near = same * _sizes(both)
+    keep = np.concatenate([[True], np.diff(both) > near[1:]])
+    keep[1:-1] &= both[-1] - both[1:-1] > near[1:-1]
     keep[-1] = True
     if len(both) > MOST:
         raise TooManyError(f"switches more than {MOST} times between {edges[0]:g} and {edges[-1]:g} s")
@@ -91,7 +108,7 @@ def _isolated(u: Expr, edges: Array) -> Array:
     low, high = edges[:-1], edges[1:]
     side = (low + high) / 2
     found, brackets = [], []
-    smallest = SAME * max(abs(edges[0]), abs(edges[-1]))
+    early = EARLY * max(abs(edges[0]), abs(edges[-1]))
     for _ in range(LEVELS):
         (below, above), (slow, fast) = both(low, high, side)
         near = (below <= 0) & (above >= 0) & ~((below == 0) & (above == 0))
@@ -99,7 +116,7 @@ def _isolated(u: Expr, edges: Array) -> Array:
         one_way = (slow > 0) | (fast < 0)
         brackets.append((low[one_way], high[one_way], side[one_way]))
         low, high, side = low[~one_way], high[~one_way], side[~one_way]
-        thin = high - low <= smallest
+        thin = high - low <= TWINS * np.maximum(np.maximum(np.abs(low), np.abs(high)), early)
         found.append(low[thin])
         low, high, side = low[~thin], high[~thin], side[~thin]
         if not len(low):

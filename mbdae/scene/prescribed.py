@@ -9,7 +9,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.inputs import timed
-from mbdae.inputs.breaks import TooManyError, jump
+from mbdae.inputs.breaks import TooManyError, jump, unresolved
 from mbdae.inputs.resolution import Stretches, resolved
 from mbdae.scene.components import BeamLoad, Connection
 from mbdae.symbolic.coupling import Coupling
@@ -57,6 +57,10 @@ def _of_one(one: Input, t0: float, t_end: float, continued: bool) -> list[str]:
         edges, found = resolved((one.expression,), t0, t_end)
     except TooManyError as error:
         return [f"{one.what} {error}: steps that follow it cannot be afforded; shorten the run, or give its mean"]
+    twice = unresolved(one.expression, t0, t_end)
+    if twice is not None:
+        return [f"{one.what} changes at t = {twice[0]:.9g} s and again {twice[1]:.1e} s later, which no step can resolve at such "
+                f"a time: shift the origin of time, make it wider, or give its effect as a start value"]  # fmt: skip
     times, sides = _looked_at(edges, found)
     values = [timed.values(part, times, sides) for part in parts]
     poles = np.concatenate([times[~np.isfinite(values[0])], found.poles])

@@ -31,7 +31,7 @@ from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
 NEAR = 1e-7  #: squared independent part of a constraint row below which reactions and accelerations are uncertain
-PASSED = 0.3  #: relative deviation from the straight line through a singular position, below which one was passed
+PASSED = 0.6  #: relative deviation from the straight line through a singular position, below which one was passed
 SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
 UNSEEN = ((-inf, 1.0), (-inf, 1.0))
 

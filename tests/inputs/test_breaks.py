@@ -120,3 +120,21 @@ def test_what_cannot_be_followed_is_refused() -> None:
 def test_inputs_without_a_value_are_refused(value: object, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         timed.expression(value)
+
+
+@pytest.mark.parametrize(("end", "width"), [(1e6, 1e-7), (1e4, 1e-9), (2.0, 3e-13)])
+def test_a_pulse_is_resolved_beside_its_time_not_beside_the_run(end: float, width: float) -> None:
+    pulse = sp.Piecewise((1, (t > 1) & (t < 1 + width)), (0, True))
+    assert found(pulse, end) == pytest.approx([1, 1 + width], abs=width / 10)
+
+
+def test_a_pulse_that_no_step_resolves_is_refused() -> None:
+    def scene(width: float) -> mb.Scene:
+        s = mb.Scene("pulse", gravity=(0, 0, 0))
+        force = sp.Piecewise((0.1 / width, (t > 1) & (t < 1 + width)), (0, True))
+        s.prismatic("A", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), axis=(1, 0, 0), force=force)
+        return s
+
+    with pytest.raises(mb.SceneError, match=r"changes at t = 1 s and again 1.0e-13 s later"):
+        scene(1e-13).simulate(2.0)
+    assert scene(1e-6).simulate(2.0)["A"].rate[-1] == pytest.approx(0.1, rel=1e-5)
