@@ -31,9 +31,9 @@ from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
 
 NEAR = 1e-7  #: squared independent part of a constraint row below which reactions and accelerations are uncertain
-PASSED = 0.6  #: relative deviation from the straight line through a singular position, below which one was passed
+PASSED = 0.3  #: relative deviation from the parabola through a singular position, below which one was passed
 SOUND = 0.3  #: smallest singular value of all rows over that at the start, above which a position is not singular
-UNSEEN = ((-inf, 1.0), (-inf, 1.0))
+UNSEEN = ((-inf, 1.0),) * 3
 
 
 class Accelerations(Rates):
@@ -115,12 +115,11 @@ class WithoutMultipliers(SceneSystem):
     def accept(self, t: float, y: Array) -> None:
         """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
         shares = (self._rates.kernel or self._rates).shares(t, y)
-        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
-        (t0, before), (t1, last) = self._seen
-        if t <= t1:  # another run
-            self._warned, t0, before, last = False, -inf, here, here
-        expected = last + (last - before) * (t - t1) / (t1 - t0) if t1 > t0 else last
-        self._seen = self._seen[1], (t, here)
+        here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again where a singular position is passed
+        if t <= self._seen[-1][0]:  # another run
+            self._warned, self._seen = False, ((-inf, here),) * 3
+        expected = _continued(self._seen, t)
+        self._seen = *self._seen[1:], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
         shares = self._rates.shares(t, y)  # geometry alone: the masses do not count
@@ -151,3 +150,13 @@ class WithoutMultipliers(SceneSystem):
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         out[...] = cj * np.eye(self.n) - self.rate_jacobian(t, y)
+
+
+def _continued(seen: tuple[tuple[float, float], ...], t: float) -> float:
+    """Value at t of the parabola through three points (time, value); of a line, or the last one, where fewer are known."""
+    (t0, a), (t1, b), (t2, c) = seen
+    if t1 == -inf:
+        return c
+    slope = (c - b) / (t2 - t1)
+    bend = (slope - (b - a) / (t1 - t0)) / (t2 - t0) if t0 > -inf else 0.0
+    return c + (t - t2) * (slope + (t - t1) * bend)
