@@ -50,7 +50,7 @@ class Document:
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":
                 place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
-                write_file(place, picture.content)
+                write_file(place, picture.file)
                 files[id(picture)] = place.name
         return (markdown if file.suffix.lower() == ".md" else latex)(self.title, self.blocks, files)
 

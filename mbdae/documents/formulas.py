@@ -71,7 +71,7 @@ def folded(latex: str, letters: float = 78.0) -> list[str]:
         line, used = "", 0.0
         for part in parts:
             size = width(part)
-            if line and used + size > letters:
+            if line and used + size > letters and line.strip() != parts[0].strip():
                 lines.append(line)
                 line, used = r"\quad " + part, size + 2
             else:

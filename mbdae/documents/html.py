@@ -144,5 +144,5 @@ def _picture(picture: Picture) -> str:
         data = b64encode(picture.content).decode()
         shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
     else:
-        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", picture.content)
+        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(picture.file))
     return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

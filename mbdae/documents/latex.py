@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
+from mbdae.documents.drawing import Drawing
 from mbdae.documents.formulas import folded, split_text
 
 HEAD = r"""\documentclass[a4paper,10pt]{article}
 \usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
 \usepackage[margin=22mm]{geometry}
-\usepackage{amsmath,amssymb,bm,graphicx,longtable,array}
+\usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
 \raggedright\sloppy\allowdisplaybreaks
 """
@@ -79,5 +80,7 @@ def _table(table: Table) -> str:
 
 def _picture(picture: Picture, files: Mapping[int, str]) -> str:
     name = files.get(id(picture))
+    if isinstance(picture.content, Drawing):
+        return f"\\begin{{center}}\n{picture.content.tikz()}\n\n{_text(picture.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(picture.caption)}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import symengine as se
 
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import dynamics, position, state_rows
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
 
@@ -44,3 +46,10 @@ def _reached(d: Derived) -> set[Expr]:
             found.add(name)
             open_ |= d.variation.values[name].free_symbols
     return found
+
+
+def program_fingerprint(program: Program, outputs: Sequence[Expr]) -> str:
+    """sha256 of a straight-line program up to some outputs."""
+    memo: dict[Expr, str] = {}
+    parts = [f"{name}={canonical(program.steps[name], memo)}" for name in program.needed(outputs)]
+    return hashlib.sha256("\n".join([*parts, *(canonical(e, memo) for e in outputs)]).encode()).hexdigest()

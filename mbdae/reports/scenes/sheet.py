@@ -11,8 +11,8 @@ import numpy as np
 from mbdae.analysis import linearize
 from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
 from mbdae.documents.document import Document
+from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
-from mbdae.documents.svg import pattern
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
 from mbdae.run.checks import Check
