@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from mbdae.analysis import linearize
-from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered
 from mbdae.documents.document import Document
 from mbdae.documents.drawing import pattern
 from mbdae.documents.formulas import escaped
 from mbdae.errors import MbdaeError
 from mbdae.formulations import system_for
+from mbdae.reports.printed import checks_table
+from mbdae.reports.scenes.forces import ClosedForms
 from mbdae.run.checks import Check
 from mbdae.run.reductions import absent
 from mbdae.scene.scene import SceneData
@@ -45,19 +47,19 @@ class Sheet:
 
     def document(self) -> Document:
         """The whole sheet."""
-        sections = [
-            self.summary(),
-            self.bodies(),
-            self.joints(),
-            self.forces(),
-            self.unknowns(),
-            self.pruned(),
-            self.redundant(),
-            self.eigenvalues(),
-            self.sparsity(),
-            self.laws(),
-        ]
-        return Document(escaped(f"Scene {self.scene.name}"), [block for block in sections if block is not None])
+        first = (self.summary, self.bodies, self.joints, self.forces, self.unknowns, self.pruned, self.redundant)
+        last = (self.eigenvalues, self.sparsity, self.laws)
+        sections = [*(part() for part in first), *self.closed(), *(part() for part in last)]
+        return Document(escaped(f"Scene {self.scene.name}"), sections)
+
+    def closed(self) -> list[Section]:
+        """The equations of the bodies and their joint forces in closed form, read back; or why there is none."""
+        try:
+            page = ClosedForms(self.prepared)
+        except ValueError as reason:
+            return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
+        blocks = numbered(page.blocks())
+        return [*blocks, Section("Numeric check", checks_table(page.printed(blocks)))]  # type: ignore[list-item]
 
     def summary(self) -> Section:
         """Drawing and the main numbers."""
