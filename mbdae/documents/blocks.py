@@ -32,6 +32,7 @@ class Table:
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
+    folded: bool = False  #: whether a page shows its caption alone until it is opened
 
 
 @dataclass(frozen=True)

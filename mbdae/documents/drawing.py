@@ -31,6 +31,18 @@ class Drawing:
         r"""Text; what stands between dollar signs is set as a symbol: letters, a subscript, `\mathbf`."""
         self.marks.append(("text", float(x), float(y), latex, anchor, colour))
 
+    def fit(self, margin: float = 22.0) -> None:
+        """Move everything so that it stands in its middle, and make it as large as what it shows."""
+        points = [p for mark in self.marks for p in (mark[1] if mark[0] == "line" else [(mark[1], mark[2])])]
+        (left, top), (right, low) = (tuple(pick(c) for c in zip(*points, strict=True)) for pick in (min, max))
+        dx, dy = margin - left, margin - top
+        self.width, self.height = right - left + 2 * margin, low - top + 2 * margin
+        for i, mark in enumerate(self.marks):
+            if mark[0] == "line":
+                self.marks[i] = ("line", [(x + dx, y + dy) for x, y in mark[1]], *mark[2:])
+            else:
+                self.marks[i] = ("text", mark[1] + dx, mark[2] + dy, *mark[3:])
+
     def svg(self) -> str:
         """The drawing for an HTML page."""
         body = "".join(self._svg_line(*mark[1:]) if mark[0] == "line" else self._svg_text(*mark[1:]) for mark in self.marks)

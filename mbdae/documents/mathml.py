@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from html import escape
 
-from mbdae.documents.formulas import BINARY, RELATIONS, pieces, tokens
+from mbdae.documents.formulas import BINARY, RELATIONS, extent, pieces, tokens
 from mbdae.errors import MbdaeError
 
 GREEK = {
@@ -43,6 +43,7 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
+NARROW = 17.0  #: em, the width that fits the narrowest windows
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
@@ -62,7 +63,15 @@ def display(latex: str) -> str:
 
 
 def _line(line: list[str], opening: str) -> str:
-    return " ".join(f"{opening}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
+    return " ".join(f"{_sized(opening, piece)}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
+
+
+def _sized(opening: str, piece: str) -> str:
+    """A piece that cannot be broken becomes smaller where the window is narrower than it is."""
+    wide = extent(piece)
+    if wide < NARROW:
+        return opening
+    return f'{opening[:-1]} style="font-size:max(.5em,min(1.06em,calc((100vw - 8.2rem)/{wide:.1f})))">'
 
 
 def _sign(text: str, attributes: str = "") -> str:

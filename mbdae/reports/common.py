@@ -16,7 +16,7 @@ from mbdae.documents.formulas import escaped
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.evaluate import Numbers
-from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text, worded
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.units import row_unit
@@ -183,8 +183,8 @@ def described(law: Any) -> list[Block]:
     sentence = re.split(r"(?<=[.;])\s", text)[0].rstrip(";.")
     if "=" in sentence and law.__module__.startswith("mbdae."):
         sentence = (sys.modules[law.__module__].__doc__ or "").split("\n")[0].rstrip(".")
-    vectors = {"r": r"\mathbf{r}", "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}"} | {a: rf"\mathbf{{{a}}}" for a in "xyz"}
-    told = re.sub(r"\b([klm])\.([rvwxyz])\b", lambda m: f"${vectors[m[2]]}_{m[1]}$", escaped(sentence))
+    told = worded(escaped(sentence))
+    told = re.sub(r"^([klm])(?=\W)", r"body \1", told)
     return [Paragraph(f"{told[:1].upper()}{told[1:]}.")] if told else []
 
 

@@ -38,7 +38,13 @@ class Letter:
     @property
     def row(self) -> list[str]:
         """Its row in a table of symbols."""
-        return [f"${self.latex}$", unit_text(self.unit), self.meaning]
+        return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
+
+
+def worded(text: str) -> str:
+    """Text of a law in which the vectors of frames, such as k.z, are symbols."""
+    vectors = {"w": r"\boldsymbol{\omega}"} | {a: rf"\mathbf{{{a}}}" for a in "rvxyz"}
+    return re.sub(r"\b([klm])\.([rvwxyz])\b", lambda m: f"${vectors[m[2]]}_{m[1]}$", text)
 
 
 def of_name(name: str, unit: str = "") -> str:

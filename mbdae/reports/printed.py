@@ -146,8 +146,8 @@ def checks_table(checks: Sequence[Check], points: int = POINTS) -> list[Block]:
         f" positions, velocities and parameters that satisfy no constraint unless a section says so) and compared with the"
         f" equations that are integrated, or with a complex step along a motion of the bodies. {verdict}"
     )
-    return [Paragraph(told), Table(["equation, and with what it is compared", "largest relative difference",
-                                    f"below ${power_of_ten(BOUND)}$"], rows)]  # fmt: skip
+    head = ["equation, and with what it is compared", "largest relative difference", f"below ${power_of_ten(BOUND)}$"]
+    return [Paragraph(told), Table(head, rows, f"The {len(checks)} comparisons", folded=not wrong)]
 
 
 def power_of_ten(x: float) -> str:

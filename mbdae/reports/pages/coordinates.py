@@ -6,7 +6,7 @@ from typing import Any
 
 from mbdae.documents.blocks import Block, Paragraph, Section, Table
 from mbdae.reports.common import LawFormulas, title_of
-from mbdae.reports.letters import specs_of_coordinates, unit_text
+from mbdae.reports.letters import specs_of_coordinates, unit_text, worded
 from mbdae.reports.page import DERIVED, LawPage
 from mbdae.reports.statement import Statement
 from mbdae.reports.vectors import Vector
@@ -58,7 +58,7 @@ def coordinates_section(r: LawPage) -> Section | None:
     blocks: list[Block] = []
     if specs:
         known = r.formulas.known
-        rows = [[f"`{name}`", f"${known[name].latex}$", _unit(spec.unit), spec.meaning] for name, spec in specs.items()]
+        rows = [[f"`{name}`", f"${known[name].latex}$", _unit(spec.unit), worded(spec.meaning)] for name, spec in specs.items()]
         if not isinstance(r.s.law, Joint):
             said = "The coordinates are those of joints."
         elif r.s.places:

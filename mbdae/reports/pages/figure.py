@@ -32,7 +32,7 @@ def figure_of(s: Statement) -> list[Block]:
 
     def at(point: Any) -> tuple[float, float]:
         x, y = VIEW @ np.asarray(point) - middle
-        return 230 + 85 * x, 170 - 85 * y
+        return 105 * x, -105 * y
 
     for side, out in (("k", np.array([-1.25, -0.5, -0.75])), ("l", apart + np.array([0.75, 1.3, -0.55]))):
         c, r = at(out), at(places[side])
@@ -52,6 +52,7 @@ def figure_of(s: Statement) -> list[Block]:
             found.text(end[0] + 9, end[1] - (4 if side == "k" else -9), rf"$\mathbf{{{'xyz'[axis]}}}_{side}$", "middle", colour)
     caption = "The frames of k (long) and l (short), fixed to their bodies"
     given = f", drawn at {', '.join(drawn)}" if drawn else ""
+    found.fit()
     return [Picture(found, f"{caption}{given}.")]
 
 

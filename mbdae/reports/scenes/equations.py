@@ -241,7 +241,7 @@ class SceneEquations:
     def states(self) -> tuple[Any, Any, Any, Any]:
         """Random states around the start, closed or not: the balances hold at any."""
         start, rng = self.prepared.start, np.random.default_rng(8)
-        q = start.q + 0.1 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
+        q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
         return np.full(POINTS, start.t), q, rng.normal(size=(POINTS, len(start.u))), np.tile(start.s, (POINTS, 1))
 
 

@@ -68,15 +68,14 @@ class ClosedForms(SceneEquations, FormulaPage):
     def _determinants(self, unknowns: list[Any], rows: list[Row], count: int) -> list[Block]:
         """A block of rows A lambda = h by Cramer's rule."""
         w, n, lines = self.writer, len(unknowns), []
-        if n == 1:
-            rest = {key: e for key, e in rows[0].items() if key != unknowns[0]}
-            return self.lines(f"{w.scalar(unknowns[0])} = {w.scalar(-total(rest) / rows[0][unknowns[0]])}")
         A = [[self.letter(f"a{count}_{i}{j}", f"a^{{({count})}}_{{{i + 1}{j + 1}}}") for j in range(n)] for i in range(n)]
         h = [self.letter(f"h{count}_{i}", f"h^{{({count})}}_{{{i + 1}}}") for i in range(n)]
         for i, row in enumerate(rows):
             lines += [f"{w.scalar(A[i][j])} = {w.scalar(row.get(unknown, se.Integer(0)))}" for j, unknown in enumerate(unknowns)]
             rest = {key: e for key, e in row.items() if key not in unknowns}
-            lines.append(f"{w.scalar(h[i])} = {w.scalar(-total(rest))}")
+            lines.append(f"{w.scalar(h[i])} = {w.scalar(se.expand(-total(rest)))}")
+        if n == 1:
+            return self.lines(*lines, f"{w.scalar(unknowns[0])} = {w.scalar(h[0] / A[0][0])}")
         det = self.letter(f"d{count}", f"\\Delta^{{({count})}}")
         lines.append(f"{w.scalar(det)} = {w.scalar(determinant(A))}")
         for j, unknown in enumerate(unknowns):
@@ -115,7 +114,7 @@ class ClosedForms(SceneEquations, FormulaPage):
         """Letters that depend on the position, and masses, at the start."""
         start = self.prepared.start
         known, multipliers = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
-        rows = [[f"${latex}$", f"{float(v[0]):.6g}"] for latex, v in known.items()]
+        rows = [[f"${latex}$", f"{float(v[0]) + 0.0:.6g}"] for latex, v in known.items()]
         rows += [[f"${self.latex[str(s)]}$", f"{multipliers[0, i]:.6g}"] for i, s in enumerate(self.unknowns)]
         return Table(["symbol", "value (SI)"], rows)
 
