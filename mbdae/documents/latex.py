@@ -47,7 +47,6 @@ def _text(text: str) -> str:
     return "".join(out)
 
 
-
 def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Section):
         level = block.level or level

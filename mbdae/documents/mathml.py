@@ -244,4 +244,3 @@ class _Reader:
     def _close(self, wanted: str) -> None:
         if self.take() != wanted:
             raise FormulaError(f"formula '{self.latex}': '{wanted}' is missing")
-

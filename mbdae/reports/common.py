@@ -216,6 +216,8 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
             " The sha256 of its derived equations in space is:"
         ),
         Paragraph(f"`{fingerprint(d)}`"),
+        Paragraph("With the rates of its rows, its coordinates and its branches:"),
+        Paragraph(f"`{fingerprint(d, rates=True)}`"),
     ]
     head = [
         "in",

@@ -16,7 +16,7 @@ from mbdae.reports.pages.branches import solution_set
 from mbdae.reports.pages.coordinates import coordinates_section, other_statements, title_of_joint
 from mbdae.reports.pages.figure import figure_of
 from mbdae.reports.pages.plane import plane_section
-from mbdae.reports.pages.recursive import recursive_pages
+from mbdae.reports.pages.recursive import RecursivePage, origin, recursive_pages
 from mbdae.reports.pages.resistance import resistance_section
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import STEP, random_state
@@ -96,7 +96,9 @@ class JointReport(LawPage):
         further = [*flat, *recursive_pages(self.s, self.formulas.taken.union(*(page.formulas.taken for page, _ in flat)))]
         head: list[Block] = [*described(self.s.cls), *figure_of(self.s), *other_statements(self.s)]
         pages: list[tuple[Any, list[Block]]] = [(self, list(sections)), *further]
-        return document(title_of_joint(self.s), head, pages, CONVENTION, [provenance(self.d, planar)])
+        trees = [page for page, _ in pages if isinstance(page, RecursivePage)]
+        tail: list[Block] = [provenance(self.d, planar), *([origin(trees)] if trees else [])]
+        return document(title_of_joint(self.s), head, pages, CONVENTION, tail)
 
     def solutions(self) -> list[Section]:
         """The solution set of the rows."""

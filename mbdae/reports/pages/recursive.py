@@ -201,4 +201,5 @@ def origin(pages: list[RecursivePage]) -> Section:
     """The hashes of the programs and of the rows."""
     rows = [[f"`{type(p.s.law).__name__}`", f"`{p.hash[:32]}…`", f"`{fingerprint(p.s.derived)[:32]}…`"] for p in pages]
     text = "The lines are those of the program that is integrated; the rows name the reactions."
-    return Section("Origin", [Paragraph(text), Table(["law", "sha256 of the program", "sha256 of the rows"], rows)])
+    head = ["law", "sha256 of the program", "sha256 of the rows"]
+    return Section("Origin of the recursion", [Paragraph(text), Table(head, rows)])
