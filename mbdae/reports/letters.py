@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,35 @@ class Letter:
     def row(self) -> list[str]:
         """Its row in a table of symbols."""
         return [f"${self.latex}$", unit_text(self.unit), worded(self.meaning)]
+
+
+#: what equations of laws have on their left-hand sides: beginning of the LaTeX, unit, meaning
+RESULTS = (
+    (r"c_", "", "rows: must vanish"), (r"\dot c_", "", "rates of the rows"),
+    (r"\gamma_", "", "second rates of the rows without the accelerations of centres and the angular accelerations"),
+    (r"\delta c_", "", "variations of the rows"), (r"b_{", "", "positive where right"), (r"\delta W", "J", "virtual work"),
+    (r"\mathbf{f}", "N", "forces at the points: factors of virtual displacements; with all: with those of friction"),
+    (r"\mathbf{m}", "N m", "moments about the points: factors of virtual rotations; likewise"),
+    (r"\delta\mathbf{f}", "N", "their change"), (r"\delta\mathbf{m}", "N m", "their change"),
+    (r"m^{\text{2D}}", "N m", "moments in the plane"), (r"c^{\text{2D}}", "", "rows in the plane"),
+    (r"h_{", "N or N m", "terms in the equations of coordinates"), ("V", "J", "potential energy"),
+    ("D", "W", "dissipation function"), ("P", "W", "power"), ("q", "m or rad", "length or angle along which a force works"),
+    ("Q", "N or N m", "that force"), (r"\mathbf{F}", "N", "stated force on l"), (r"\mathbf{T}", "N m", "stated torque on l"),
+    (r"\bar{\mathbf{F}}", "N", "force passed on to k"), (r"\bar{\mathbf{M}}_", "N m", "moment passed on to k"),
+    (r"\bar r_", "N or N m", "equations of the coordinates"), (r"\bar{\mathbf{M}}", "", "mass passed on"),
+    (r"\delta\bar{\mathbf{F}}", "N", "their change"), (r"\delta\bar{\mathbf{M}}", "N m", "their change"),
+    (r"\delta \bar r_", "N or N m", "their change"),
+)  # fmt: skip
+
+
+def results(written: Iterable[str]) -> list[list[str]]:
+    """Rows of a table of symbols for left-hand sides: those of a kind together."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for latex in written:
+        kind = max((r for r in RESULTS if latex.startswith(r[0])), key=lambda r: len(r[0]), default=None)
+        if kind is not None:
+            found.setdefault(kind[1:], []).append(f"${latex}$")
+    return [[", ".join(symbols), unit_text(unit), meaning] for (unit, meaning), symbols in found.items()]
 
 
 def worded(text: str) -> str:

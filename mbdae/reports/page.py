@@ -14,6 +14,7 @@ from mbdae.errors import LawError
 from mbdae.kernels.plan import Outputs, plan
 from mbdae.reports.calculus import Pair
 from mbdae.reports.common import LawFormulas
+from mbdae.reports.letters import results
 from mbdae.reports.printed import Check, Printed, Wanted, checks_table
 from mbdae.reports.statement import Statement, derived
 from mbdae.reports.states import POINTS, STEP, State
@@ -33,6 +34,7 @@ BOTH = Wanted(None, "both sides")  #: of an equation between formulas
 class LawPage:
     """One law stated with vectors, its formulas in LaTeX, and the values its equations must have at random states."""
 
+    stated = True  #: whether its left-hand sides are those of `letters.RESULTS`
     s: Statement
     formulas: LawFormulas
     d: Derived
@@ -180,10 +182,12 @@ def document(title: str, head: list[Block], pages: list[tuple[Any, list[Block]]]
     blocks = [part.blocks for part in numbered([Section("", part) for _, part in pages])]  # type: ignore[union-attr]
     rows = dict.fromkeys(tuple(row) for page, _ in pages for row in page.formulas.symbols().rows)
     checks = [c for (page, _), part in zip(pages, blocks, strict=True) for c in page.printed(list(part))]
+    stated = [[k for k, w in page.wanted.items() if w.values is not None] for page, _ in pages if hasattr(page, "stated")]
+    further = [row for written in stated for row in results(written)]
     letters = [row[0] for row in rows] + [name for page, _ in pages for name in page.formulas.own]
     checks += [Check(f"{symbol} has one meaning", float("inf")) for symbol in twice(letters)]
     told = [Paragraph(convention)] if convention else []
-    symbols = Section("Symbols", [Table(["symbol", "unit", "meaning"], list(rows)), *told])
+    symbols = Section("Symbols", [Table(["symbol", "unit", "meaning"], [*map(list, rows), *further]), *told])
     body = [b for part in blocks for b in part]
     return Document(title, [*head, symbols, *body, Section("Numeric check", checks_table(checks)), *tail])
 

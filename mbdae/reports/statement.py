@@ -155,28 +155,9 @@ class Statement:
         own, fixed = [a(b, side) for b in ("bx", "by", "bz")], [self.record.axis(i) for i in range(3)]
         body = (own[0], own[1], own[2]) if kind.moves else (fixed[0], fixed[1], fixed[2])
         spin = Vec(*(se.Symbol(f"{side}_W{i + 1}") for i in range(3)))
-        return Frame(
-            side,
-            kind,
-            axes,
-            r,
-            v,
-            a("x", side),
-            a("y", side),
-            z,
-            w,
-            center,
-            v - w.cross(s),
-            s,
-            body,
-            se.Symbol(f"{side}_h") if kind.moves else se.Integer(0),
-            spin,
-            [],
-            [],
-            [],
-            {},
-            {},
-        )
+        heading = se.Symbol(f"{side}_h") if kind.moves else se.Integer(0)
+        return Frame(side, kind, axes, r, v, a("x", side), a("y", side), z, w, center, v - w.cross(s), s, body, heading, spin,
+                     [], [], [], {}, {})  # fmt: skip
 
     def _rotation(self, c: Frame) -> Rotation:
         """A free rotation, its turned axes vectors."""

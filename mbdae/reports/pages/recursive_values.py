@@ -32,6 +32,8 @@ MATRIX = Letter(r"\mathbf{M}", "", "derivatives of $\\mathbf{F}_l, \\mathbf{M}_l
 class RecursiveValues:
     """One joint as the link of a tree, and the values its lines must have at states on the motion."""
 
+    stated = True  #: whether its left-hand sides are those of `letters.RESULTS`
+
     def __init__(self, law: type[Joint], structure: Structure, others: frozenset[str] = frozenset()) -> None:
         plain = {"kept": True, "friction": None, "rubs": None}
         options = tuple((name, plain.get(name, value)) for name, value in structure.options)

@@ -24,14 +24,8 @@ from mbdae.show.drawing import draw
 from mbdae.symbolic.fingerprint import fingerprint
 from mbdae.system.prepare import prepare
 
-KINDS = {
-    "q": "positions",
-    "v": "velocities",
-    "s": "internal states",
-    "z": "stresses of beams",
-    "lambda": "multipliers",
-    "mu": "stabilising multipliers",
-}
+KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
+         "mu": "stabilising multipliers"}  # fmt: skip
 LISTED = 60  #: names in a list; further ones are only counted
 EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
 
@@ -70,17 +64,10 @@ class Sheet:
             f" characteristic time {self.prepared.time:.4g} s; gravity ({', '.join(f'{x:g}' for x in self.scene.gravity)})"
             " m/s$^{2}$."
         )
-        changes = [Paragraph("Start: " + "; ".join(map(str, self.prepared.start.changes)))] if self.prepared.start.changes else []
-        chosen = Paragraph(f"To an accuracy of {self.check.accuracy:g} by default: {escaped(str(self.check.choice))}.")
-        return Section(
-            "Scene",
-            [
-                Paragraph(told),
-                chosen,
-                *changes,
-                Picture(self.drawing(), f"The scene as it starts, t = {self.prepared.start.t:g} s."),
-            ],
-        )
+        start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
+        blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
+        blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
+        return Section("Scene", [*blocks, Picture(self.drawing(), f"The scene as it starts, t = {start.t:g} s.")])
 
     def drawing(self) -> bytes:
         """PNG of the scene."""
@@ -99,108 +86,61 @@ class Sheet:
             kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
             centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.position)
             rows.append([escaped(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
-        return Section(
-            "Bodies", [Table(["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"], rows)]
-        )
+        head = ["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"]
+        return Section("Bodies", [Table(head, rows)])
 
     def joints(self) -> Section:
         """Joints with models and rows."""
-        rows = []
+        rows, m = [], self.prepared.model
         kept = {row.name for row in self.system.numbering.rows}
-        by_item = {
-            instance.item: (g, instance)
-            for g, _, instance in self.prepared.model.instances()
-            if self.prepared.model.groups[g].derived.rows
-        }
+        stated = {i.item: m.groups[g].derived.rows for g, _, i in m.instances() if m.groups[g].derived.rows}
         for c in self.scene.joints:
-            found = by_item.get(c.name)
-            names = [r for r in self.prepared.model.groups[found[0]].derived.rows if f"{c.name}.{r}" in kept] if found else []
+            names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
             model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
             drive = escaped(str(c.prescribed)) if c.prescribed is not None else ""
-            rows.append(
-                [escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), ", ".join(names) or "none", drive]
-            )
+            rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
 
     def forces(self) -> Section:
         """Laws of force."""
-        joints = {c.name for c in self.scene.joints}
-        rows = []
+        joints, rows = {c.name for c in self.scene.joints}, []
         for group in self.prepared.model.groups:
-            for i in group.instances:
-                law = type(i.law).__name__
-                if i.item in joints and group.derived.rows:
-                    continue
-                if group.derived.force:
-                    numbers = ", ".join(
-                        (
-                            f"{name} = {getattr(i.law, name):g}"
-                            if isinstance(getattr(i.law, name), int | float)
-                            else f"{name} = {getattr(i.law, name)}"
-                        )
-                        for name in i.law.params
-                        if getattr(i.law, name) is not None
-                    )
-                    rows.append([escaped(i.item), law, escaped(numbers)])
+            for i in group.instances if group.derived.force else ():
+                given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
+                numbers = [f"{n} = {v:g}" if isinstance(v, int | float) else f"{n} = {v}" for n, v in given.items()]
+                if not (i.item in joints and group.derived.rows):
+                    rows.append([escaped(i.item), type(i.law).__name__, escaped(", ".join(numbers))])
         return Section("Forces", [Table(["item", "law", "values (SI)"], rows)] if rows else [Paragraph("There are none.")])
 
     def unknowns(self) -> Section:
         """Unknowns and equations by kind and name."""
-        counts = Counter(self.system.kinds)
-        rows = [
-            [
-                KINDS.get(kind, kind),
-                str(n),
-                str(min(int(i) for i, k in zip(self.system.index, self.system.kinds, strict=True) if k == kind)),
-                listed([name for name, k in zip(self.system.names, self.system.kinds, strict=True) if k == kind]),
-            ]
-            for kind, n in counts.items()
-        ]
-        heads = Counter(
-            name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
-            for name in self.system.equations
-        )
+        y, rows = self.system, list[list[str]]()
+        for kind, n in Counter(y.kinds).items():
+            own = [i for i, k in enumerate(y.kinds) if k == kind]
+            lowest = min(int(y.index[i]) for i in own)
+            rows.append([KINDS.get(kind, kind), str(n), str(lowest), listed([y.names[i] for i in own])])
+        heads = Counter(name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
+                        for name in y.equations)  # fmt: skip
         equations = "; ".join(f"{n} of {kind}" for kind, n in heads.items())
-        shared = [
-            Paragraph(
-                "Rows that need no equation, because bodies share unknowns with a node of a beam:"
-                f" {listed(list(self.check.shared))}."
-            )
-        ]
-        return Section(
-            "Unknowns and equations",
-            [
-                Table(
-                    ["unknowns", "number", "index", "names"], rows, f"{self.system.n} unknowns in the form {self.system.label}"
-                ),
-                Paragraph(f"{len(self.system.equations)} equations: {equations}."),
-                *(shared if self.check.shared else []),
-            ],
-        )
+        shared = listed(list(self.check.shared))
+        text = f"Rows that need no equation, because bodies share unknowns with a node of a beam: {shared}."
+        table = Table(["unknowns", "number", "index", "names"], rows, f"{y.n} unknowns in the form {y.label}")
+        told = [Paragraph(f"{len(y.equations)} equations: {equations}."), *([Paragraph(text)] if self.check.shared else [])]
+        return Section("Unknowns and equations", [table, *told])
 
     def pruned(self) -> Section:
         """Unknowns, equations and terms that the scene does not need."""
         keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
         rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
         lacking = absent(self.scene)
-        blocks: list[Block] = [
-            Table(
-                ["after", *keys],
-                rows,
-                "From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
-                " laws but beams, after common subexpressions",
-            ),
-            Paragraph(f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent."),
-        ]
-        gone = listed(list(self.check.pruned))
-        blocks.append(
-            Paragraph(
-                f"Rows that vanish identically for this scene: {gone}." if self.check.pruned else "No row vanishes identically."
-            )
-        )
-        return Section("Pruned", blocks)
+        caption = ("From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
+                   " laws but beams, after common subexpressions")  # fmt: skip
+        gone = f"Rows that vanish identically for this scene: {listed(list(self.check.pruned))}."
+        told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
+                gone if self.check.pruned else "No row vanishes identically."]  # fmt: skip
+        return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
 
     def redundant(self) -> Section:
         """Redundant rows, and reactions that are not unique."""
@@ -209,34 +149,23 @@ class Sheet:
             return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
         told = f"Left out: {listed(list(c.redundant))}." if c.redundant else "No row is redundant."
         unique = f" Reactions that are not unique: {listed(list(c.not_unique))}." if c.not_unique else ""
-        return Section(
-            "Redundant rows",
-            [
-                Paragraph(
-                    f"{told}{unique} Smallest singular value of the rows kept (of unit length): "
-                    f"{self.prepared.rank.smallest:.3g}."
-                )
-            ],
-        )
+        smallest = f"Smallest singular value of the rows kept (of unit length): {self.prepared.rank.smallest:.3g}."
+        return Section("Redundant rows", [Paragraph(f"{told}{unique} {smallest}")])
 
     def eigenvalues(self) -> Section:
         """Eigenvalues of small motions about the start."""
+        title = "Eigenvalues at the start"
         if self.system.n > EIGEN_UP_TO:
-            return Section("Eigenvalues at the start", [Paragraph(f"Not computed for {self.system.n} unknowns.")])
+            return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
         try:
             found = linearize(self.scene)
         except MbdaeError as error:
-            return Section("Eigenvalues at the start", [Paragraph(f"Not available: {escaped(str(error))}")])
-        rows = [
-            [f"{value.real:.6g}", f"{value.imag:.6g}", f"{abs(value.imag) / 2 / np.pi:.6g}"]
-            for value in found.eigenvalues[:40]
-            if value.imag >= 0
-        ]
+            return Section(title, [Paragraph(f"Not available: {escaped(str(error))}")])
+        values = [v for v in found.eigenvalues[:40] if v.imag >= 0]
+        rows = [[f"{v.real:.6g}", f"{v.imag:.6g}", f"{abs(v.imag) / 2 / np.pi:.6g}"] for v in values]
         head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
-        return Section(
-            "Eigenvalues at the start",
-            [Table(head, rows, f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair")],
-        )
+        caption = f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair"
+        return Section(title, [Table(head, rows, caption)])
 
     def sparsity(self) -> Section:
         """Pattern of the iteration matrix."""
@@ -253,22 +182,12 @@ class Sheet:
 
     def laws(self) -> Section:
         """The laws with their hashes."""
-        rows = [
-            [
-                group.key[0].__name__,
-                str(len(group.instances)),
-                " - ".join(kind.value for kind, _ in group.key[2]),
-                f"`{fingerprint(group.derived)[:32]}…`",
-            ]
-            for group in self.prepared.model.groups
-        ]
-        text = (
-            "Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between two"
-            " bodies in space."
-        )
-        return Section(
-            "Laws", [Paragraph(text), Table(["law", "times", "between nodes", "sha256 of the derived equations"], rows)]
-        )
+        rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
+                 f"`{fingerprint(g.derived)[:32]}…`"] for g in self.prepared.model.groups]  # fmt: skip
+        text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
+                " two bodies in space.")  # fmt: skip
+        head = ["law", "times", "between nodes", "sha256 of the derived equations"]
+        return Section("Laws", [Paragraph(text), Table(head, rows)])
 
 
 def listed(names: list[str]) -> str:
