@@ -130,7 +130,7 @@ class _Extent:
     def matrix(self) -> float:
         """The widest cell of every column."""
         cases = "".join(self.parts[self.i : self.i + 6]) == "{cases"
-        self.row({"}"})
+        self.atom()
         rows: list[list[float]] = [[0.0]]
         while self.i < len(self.parts) and self.parts[self.i] != r"\end":
             token = self.parts[self.i]
@@ -140,7 +140,7 @@ class _Extent:
             else:
                 rows[-1][-1] += self.atom()
         self.i += 1
-        self.row({"}"})
+        self.atom()
         count = max(map(len, rows))
         wide = sum(max((r[j] for r in rows if j < len(r)), default=0.0) for j in range(count))
         return wide + 0.9 * count + (0.0 if cases else 0.4)

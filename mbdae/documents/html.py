@@ -61,7 +61,8 @@ code { font: .88em ui-monospace, "DejaVu Sans Mono", "Liberation Mono", monospac
 figure { margin: 1rem 0; }
 figure svg, figure img { display: block; max-width: 100%; height: auto; }
 figcaption { color: #444; font-size: .9rem; }
-@media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; } }
+@media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; gap: 0 .4rem; }
+  .equation .tex:not([open]) { width: .7rem; height: 1.2rem; overflow: hidden; } }
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
   .scroll, .equation .lines, pre { overflow: visible; } pre { white-space: pre-wrap; }

@@ -43,7 +43,7 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
-NARROW = 17.0  #: em, the width that fits the narrowest windows
+NARROW, MARGIN = 14.0, 1.3  #: em, the width that fits the narrowest windows; what fonts may add to an estimated width
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
@@ -68,10 +68,10 @@ def _line(line: list[str], opening: str) -> str:
 
 def _sized(opening: str, piece: str) -> str:
     """A piece that cannot be broken becomes smaller where the window is narrower than it is."""
-    wide = extent(piece)
+    wide = MARGIN * extent(piece)
     if wide < NARROW:
         return opening
-    return f'{opening[:-1]} style="font-size:max(.5em,min(1.06em,calc((100vw - 8.2rem)/{wide:.1f})))">'
+    return f'{opening[:-1]} style="font-size:max(.4em,min(1.06em,calc((100vw - 7.4rem)/{wide:.1f})))">'
 
 
 def _sign(text: str, attributes: str = "") -> str:
