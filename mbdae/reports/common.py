@@ -195,16 +195,9 @@ def kernel_counts(d: Derived, planar: Derived | None) -> list[list[str]]:
         if derived is None:
             continue
         p: LinearisedPlan = linearised_plan(derived, ggl_outputs)
-        rows.append(
-            [
-                name,
-                str(len(p.targets)),
-                str(len(p.nonlinear)),
-                str(p.residual.operations if p.nonlinear else 0),
-                str(len(p.jacobian_places)),
-                str(p.jacobian.operations if p.jacobian_places else 0),
-            ]
-        )
+        sizes = (len(p.targets), len(p.nonlinear), p.residual.operations if p.nonlinear else 0, len(p.jacobian_places),
+                 p.jacobian.operations if p.jacobian_places else 0)  # fmt: skip
+        rows.append([name, *map(str, sizes), f"`{fingerprint(derived)[:32]}…`"])
     return rows
 
 
@@ -219,17 +212,10 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
         Paragraph("With the rates of its rows, its coordinates and its branches:"),
         Paragraph(f"`{fingerprint(d, rates=True)}`"),
     ]
-    head = [
-        "in",
-        "outputs",
-        "nonlinear ones",
-        "operations of the residual",
-        "varying derivatives",
-        "operations of the derivatives",
-    ]
-    blocks.append(
-        Table(head, kernel_counts(d, planar), "Compiled kernels in the form GGL, operations after common subexpressions")
-    )
+    head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives",
+            "operations of the derivatives", "sha256"]  # fmt: skip
+    caption = "Compiled kernels in the form GGL, operations after common subexpressions; between two bodies that move"
+    blocks.append(Table(head, kernel_counts(d, planar), caption))
     return Section("Origin", blocks)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from pathlib import Path
 
@@ -72,10 +73,12 @@ def test_printed_forces_are_those_of_a_run(scene):
 
 
 def test_the_sheet_names_the_laws_that_are_integrated():
-    text = mb.report(four_bar()).to_markdown()
+    text, law = mb.report(four_bar()).to_markdown(), mb.report(mb.Revolute, drive=None).to_markdown()
     assert "comparisons hold" in text
     assert r"\Delta^{(1)}" in text
-    assert "`mb.report(mb.Revolute)`" in text
+    assert "`mb.report(mb.Revolute, drive=None)`" in text
+    shared = set(re.findall(r"`[0-9a-f]{32}…`", text)) & set(re.findall(r"`[0-9a-f]{32}…`", law))
+    assert shared  # of the joints between two bodies that move, in the plane
 
 
 def test_a_scene_without_closed_form_says_why():

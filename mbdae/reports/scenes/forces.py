@@ -13,6 +13,7 @@ from mbdae.reports.evaluate import value
 from mbdae.reports.printed import Check, Printed, Wanted
 from mbdae.reports.scenes.equations import Row, SceneEquations, determinant, said, total
 from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.joint import Joint
 
 RUN = "the multipliers of the scene at random states"
 
@@ -124,7 +125,8 @@ class ClosedForms(SceneEquations, FormulaPage):
         for g, i in seen:
             group = self.prepared.model.groups[g]
             names = ", ".join(row.name for row in self.m.rows if (row.group, row.instance) == (g, i))
-            law, kinds = group.key[0].__name__, " - ".join(kind.value for kind, _ in group.key[2])
-            hash_ = f"`{fingerprint(group.derived)[:32]}…`"
-            rows.append([group.instances[i].item, f"`mb.report(mb.{law})`", kinds, names, hash_])
+            law, shape, kinds = *group.key[:2], " - ".join(kind.value for kind, _ in group.key[2])
+            said_ = [f"{name}=None" for name in law.drives() if name in shape.absent] if issubclass(law, Joint) else []
+            call, hash_ = ", ".join([f"mb.{law.__name__}", *said_]), f"`{fingerprint(group.derived)[:32]}…`"
+            rows.append([group.instances[i].item, f"`mb.report({call})`", kinds, names, hash_])
         return Table(["joint", "its law", "between", "rows", "sha256 of the derived equations"], rows)
