@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
+
+from mbdae.documents.drawing import Drawing
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Table:
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
+    folded: bool = False  #: whether a page shows its caption alone until it is opened
 
 
 @dataclass(frozen=True)
@@ -40,15 +44,20 @@ class Code:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture (PNG as bytes, or the text of an SVG) and what it shows."""
+    """A picture (PNG as bytes, the text of an SVG, or a drawing) and what it shows."""
 
-    content: bytes | str
+    content: bytes | str | Drawing
     caption: str
 
     @property
     def suffix(self) -> str:
         """Of a file that holds it."""
         return ".png" if isinstance(self.content, bytes) else ".svg"
+
+    @property
+    def file(self) -> bytes | str:
+        """What stands in that file."""
+        return self.content.svg() if isinstance(self.content, Drawing) else self.content
 
 
 @dataclass(frozen=True)
@@ -70,3 +79,14 @@ def pictures(blocks: Sequence[Block]) -> Iterator[Picture]:
             yield block
         elif isinstance(block, Section):
             yield from pictures(block.blocks)
+
+
+def numbered(blocks: Sequence[Block], numbers: Iterator[int] | None = None) -> list[Block]:
+    """The same blocks with consecutive numbers, from 1, at all equations."""
+    numbers = count(1) if numbers is None else numbers
+    out: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Section):
+            block = replace(block, blocks=numbered(block.blocks, numbers))
+        out.append(replace(block, number=next(numbers)) if isinstance(block, Equation) else block)
+    return out

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from mbdae.documents.blocks import Block, Picture, pictures
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
 from mbdae.documents.markdown import markdown
+from mbdae.errors import OptionError
 from mbdae.files import write_file
-from mbdae.values import file_to_write, option
+from mbdae.values import file_to_write, option, shown
+
+COMPILERS = ("pdflatex", "lualatex")
 
 
 @dataclass(frozen=True)
@@ -34,15 +40,34 @@ class Document:
         return latex(self.title, self.blocks)
 
     def save(self, path: str | Path) -> Path:
-        """Write the format of the suffix, .html, .md or .tex; returns the path.
+        """Write the format of the suffix, .html, .md, .tex or .pdf; returns the path.
 
-        Pictures are inside the page of .html; beside .md and .tex they are files of their own."""
-        file: Path = option("path", path, file_to_write, "a report is written as .html, .md or .tex into a folder that exists",
-                            suffixes=(".html", ".md", ".tex"))  # fmt: skip
+        Pictures are inside the page of .html; beside .md and .tex they are files of their own. A .pdf needs lualatex or pdflatex
+        (Debian: texlive-latex-recommended, texlive-pictures, lmodern); OptionError where there is none."""
+        file: Path = option("path", path, file_to_write, "write .html, .md, .tex or .pdf into a folder that exists",
+                            suffixes=(".html", ".md", ".tex", ".pdf"))  # fmt: skip
+        if file.suffix.lower() == ".pdf":
+            return self._typeset(file)
         writers: dict[str, Callable[[], str]] = {
             ".html": self.to_html, ".md": lambda: self._beside(file), ".tex": lambda: self._beside(file),
         }  # fmt: skip
         return write_file(file, writers[file.suffix.lower()]())
+
+    def _typeset(self, file: Path) -> Path:
+        """The LaTeX of the document made a PDF by the TeX of this machine."""
+        compiler = next((found for found in map(shutil.which, COMPILERS) if found), None)
+        if compiler is None:
+            raise OptionError(f"path = {shown(str(file))}: there is none of {', '.join(COMPILERS)} here; write .tex, or install"
+                              f" TeX (Debian: texlive-latex-recommended, texlive-pictures, lmodern)")  # fmt: skip
+        with TemporaryDirectory() as folder:
+            self.save(Path(folder) / "report.tex")
+            command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "report.tex"]
+            for _ in range(2):  # the second time the tables know their widths
+                done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
+            if done.returncode:
+                said = done.stdout.decode(errors="replace").partition("\n! ")[2][:300]
+                raise OptionError(f"path = {shown(str(file))}: {Path(compiler).name} stopped: {said}")
+            return write_file(file, (Path(folder) / "report.pdf").read_bytes())
 
     def _beside(self, file: Path) -> str:
         """Text with its pictures in files beside it (LaTeX reads no SVG: there of an SVG the caption only)."""
@@ -50,7 +75,7 @@ class Document:
         for i, picture in enumerate(self.pictures()):
             if picture.suffix == ".png" or file.suffix.lower() == ".md":
                 place = file.with_name(f"{file.stem}-{i + 1}{picture.suffix}")
-                write_file(place, picture.content)
+                write_file(place, picture.file)
                 files[id(picture)] = place.name
         return (markdown if file.suffix.lower() == ".md" else latex)(self.title, self.blocks, files)
 

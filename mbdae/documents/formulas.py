@@ -10,6 +10,8 @@ _OPEN, _CLOSE = {"{", r"\left", r"\begin", "(", "[", r"\{", r"\lbrack"}, {"}", r
 #: a line may end before these, outside all brackets
 RELATIONS = {"=", "<", ">", r"\le", r"\ge", r"\ne", r"\approx", r"\equiv", r"\Leftrightarrow", r"\Rightarrow", r"\in"}
 BINARY = {"+", "-", r"\pm"}
+#: commands whose argument is as wide as the whole
+AROUND = {rf"\{name}" for name in ["mathbf", "boldsymbol", "mathsf", "mathrm", "text", "dot", "ddot", "tilde", "bar", "sqrt"]}
 SPACES = {r"\quad", r"\qquad"}
 
 
@@ -71,10 +73,74 @@ def folded(latex: str, letters: float = 78.0) -> list[str]:
         line, used = "", 0.0
         for part in parts:
             size = width(part)
-            if line and used + size > letters:
+            if line and used + size > letters and line.strip() != parts[0].strip():
                 lines.append(line)
                 line, used = r"\quad " + part, size + 2
             else:
                 line, used = line + part, used + size
         lines.append(line)
     return lines
+
+
+def extent(latex: str) -> float:
+    """About how wide a formula is, in em: fractions by their longer part, matrices by their widest row, scripts small."""
+    return _Extent(tokens(latex)).row(set())
+
+
+class _Extent:
+    """Widths of the parts of a formula."""
+
+    def __init__(self, parts: list[str]) -> None:
+        self.parts, self.i = [t for t in parts if not t.isspace()], 0
+
+    def row(self, stop: set[str]) -> float:
+        """Up to a token of `stop`, which is taken."""
+        total = 0.0
+        while self.i < len(self.parts):
+            token = self.parts[self.i]
+            if token in stop:
+                self.i += 1
+                break
+            total += self.atom()
+        return total
+
+    def atom(self) -> float:
+        """One symbol, group, fraction or matrix."""
+        token = self.parts[self.i] if self.i < len(self.parts) else ""
+        self.i += 1
+        if token == "{":
+            return self.row({"}"})
+        if token in ("^", "_"):
+            both = 0.62 * self.atom()
+            other = self.i < len(self.parts) and self.parts[self.i] in ("^", "_")
+            return max(both, self.atom()) if other else both
+        if token in (r"\frac", r"\tfrac"):
+            return max(self.atom(), self.atom()) + 0.3
+        if token == r"\begin":
+            return self.matrix()
+        if token in (r"\left", r"\right"):
+            self.i += 1
+            return 0.5
+        if token in AROUND:
+            return self.atom()
+        if token in RELATIONS | BINARY | {r"\times", r"\cdot"}:
+            return 1.25
+        return 0.2 if token in (r"\,", "(", ")", ",") else 0.17 * len(token) if token in (r"\quad",) else 0.56
+
+    def matrix(self) -> float:
+        """The widest cell of every column."""
+        cases = "".join(self.parts[self.i : self.i + 6]) == "{cases"
+        self.atom()
+        rows: list[list[float]] = [[0.0]]
+        while self.i < len(self.parts) and self.parts[self.i] != r"\end":
+            token = self.parts[self.i]
+            if token in ("&", r"\\"):
+                self.i += 1
+                rows[-1].append(0.0) if token == "&" else rows.append([0.0])
+            else:
+                rows[-1][-1] += self.atom()
+        self.i += 1
+        self.atom()
+        count = max(map(len, rows))
+        wide = sum(max((r[j] for r in rows if j < len(r)), default=0.0) for j in range(count))
+        return wide + 0.9 * count + (0.0 if cases else 0.4)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.formulas import split_text
+from mbdae.documents.hints import explained, symbols_of
 from mbdae.documents.mathml import display, inline
 
 STYLE = """
@@ -22,7 +24,13 @@ h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
 h4 { font-size: .95rem; margin: 1rem 0 .3rem; color: #333; }
 p { margin: .6rem 0; }
 nav { font-size: .9rem; margin: 1rem 0; }
+details { margin: .5rem 0; } summary { cursor: pointer; color: #0b5ea8; }
+.tex { font-size: .7rem; color: #555; } .tex summary { color: #767676; text-align: right; }
+.tex code { user-select: all; display: block; white-space: pre-wrap; background: #f6f7f8; padding: .3rem .5rem; }
 nav a { margin-right: .9rem; white-space: nowrap; display: inline-block; padding: .15rem 0; }
+@media (min-width: 1240px) { body { margin-left: max(17rem, calc(50vw - 27rem)); }
+  nav { position: fixed; top: 1rem; bottom: 1rem; left: max(1rem, calc(50vw - 43rem)); width: 14.5rem; overflow-y: auto; }
+  nav a { display: block; white-space: normal; } }
 a { color: #0b5ea8; }
 math { font-family: "STIX Two Math", "Latin Modern Math", "Cambria Math", "DejaVu Math TeX Gyre", math, serif;
   font-size: 1.06em; }
@@ -33,9 +41,10 @@ math mi.n { font-style: normal; }
 math mi.b, math mn.b { font-style: normal; font-weight: 700; }
 math mi.bi { font-style: italic; font-weight: 700; }
 mtable.cases mtd, mtable.aligned mtd { text-align: left; }
-.equation { display: flex; gap: .8rem; align-items: baseline; margin: .6rem 0; padding: .15rem 0 .15rem 1rem;
+.equation { display: flex; flex-wrap: wrap; gap: 0 .8rem; align-items: baseline; margin: .35rem 0; padding: .15rem 0 .15rem 1rem;
   border-left: 3px solid #e3e8ee; }
-.equation .lines { flex: 1; min-width: 0; overflow-x: auto; overflow-y: hidden; }
+.equation .tex { margin: 0; } .equation .tex[open] { flex-basis: 100%; }
+.equation .lines { flex: 1 1 0; min-width: 0; overflow-x: auto; overflow-y: hidden; }
 .equation .line { padding: .14rem 0 .14rem 1.4rem; text-indent: -1.4rem; line-height: 1.9; }
 .equation .line math { text-indent: 0; }
 .equation .number { color: #555; font-variant-numeric: tabular-nums; }
@@ -52,18 +61,19 @@ code { font: .88em ui-monospace, "DejaVu Sans Mono", "Liberation Mono", monospac
 figure { margin: 1rem 0; }
 figure svg, figure img { display: block; max-width: 100%; height: auto; }
 figcaption { color: #444; font-size: .9rem; }
-@media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; } }
+@media (max-width: 700px) { body { padding: .5rem .9rem 2rem; } .equation { padding-left: .6rem; gap: 0 .4rem; }
+  .equation .tex:not([open]) { width: .7rem; height: 1.2rem; overflow: hidden; } }
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; }
   .scroll, .equation .lines, pre { overflow: visible; } pre { white-space: pre-wrap; }
-  .equation, figure, tr { break-inside: avoid; } h2, h3, h4, thead { break-after: avoid; }
+  .tex { display: none; } .equation, figure, tr { break-inside: avoid; } h2, h3, h4, thead { break-after: avoid; }
 }
 """
 
 
 def html(title: str, blocks: Sequence[Block]) -> str:
     """The whole page."""
-    writer = _Writer()
+    writer = _Writer(symbols_of(blocks))
     body = "".join(writer.block(block, 2) for block in blocks)
     links = "".join(f'<a href="#{place}">{_text(title)}</a> ' for place, title in writer.places)
     contents = f'<nav aria-label="contents">{links}</nav>\n' if len(writer.places) > 3 else ""
@@ -88,7 +98,8 @@ def _text(text: str) -> str:
 class _Writer:
     """Writes blocks, and collects the sections for the table of contents."""
 
-    def __init__(self) -> None:
+    def __init__(self, symbols: Mapping[tuple[str, ...], str]) -> None:
+        self.symbols = symbols
         self.places: list[tuple[str, str]] = []
         self.tables = 0
         self.ids: set[str] = set()
@@ -100,7 +111,7 @@ class _Writer:
         if isinstance(block, Paragraph):
             return f"<p>{_text(block.text)}</p>\n"
         if isinstance(block, Equation):
-            return _equation(block)
+            return _equation(block, explained(block.latex, self.symbols))
         if isinstance(block, Table):
             return self.table(block)
         if isinstance(block, Code):
@@ -129,14 +140,19 @@ class _Writer:
         rows = "".join(f'<tr><th scope="row">{_text(row[0])}</th>{"".join(f"<td>{_text(c)}</td>" for c in row[1:])}</tr>\n'
                        for row in table.rows)  # fmt: skip
         label = escape(_plain(table.caption) or f"table {self.tables}")
+        if table.folded:
+            inside = self.table(replace(table, caption="", folded=False))
+            return f"<details><summary>{_text(table.caption)}</summary>{inside}</details>\n"
         return (f'{caption}<div class="scroll" role="region" aria-label="{label}" tabindex="0"><table><thead>'
                 f"<tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n")  # fmt: skip
 
 
-def _equation(equation: Equation) -> str:
+def _equation(equation: Equation, hint: str) -> str:
     number = f'<div class="number">({escape(str(equation.number))})</div>' if equation.number is not None else ""
     note = f'<div class="note">{_text(equation.note)}</div>\n' if equation.note else ""
-    return f'<div class="equation"><div class="lines">{display(equation.latex)}</div>{number}</div>\n{note}'
+    shown = f' title="{escape(hint)}"' if hint else ""
+    tex = f'<details class="tex"><summary>TeX</summary><code>{escape(equation.latex, quote=False)}</code></details>'
+    return f'<div class="equation"{shown}><div class="lines">{display(equation.latex)}</div>{number}{tex}</div>\n{note}'
 
 
 def _picture(picture: Picture) -> str:
@@ -144,5 +160,5 @@ def _picture(picture: Picture) -> str:
         data = b64encode(picture.content).decode()
         shown = f'<img alt="{escape(_plain(picture.caption))}" src="data:image/png;base64,{data}">'
     else:
-        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", picture.content)
+        shown = re.sub(r"^\s*(<\?xml[^>]*>|<!DOCTYPE[^>]*>|\s)+", "", str(picture.file))
     return f"<figure>{shown}<figcaption>{_text(picture.caption)}</figcaption></figure>\n"

@@ -2,30 +2,36 @@ r"""A document as a LaTeX article."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.formulas import folded, split_text
+from mbdae.documents.drawing import Drawing
+from mbdae.documents.formulas import extent, folded, split_text, width
 
 HEAD = r"""\documentclass[a4paper,10pt]{article}
 \usepackage[T1]{fontenc}
 \usepackage[utf8]{inputenc}
+\usepackage{lmodern}
 \usepackage[margin=22mm]{geometry}
-\usepackage{amsmath,amssymb,bm,graphicx,longtable,array}
+\usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
-\raggedright\sloppy\allowdisplaybreaks
+\setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
 """
 _SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
             "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}  # fmt: skip
 _UNICODE = {"²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "·": r"\ensuremath{\cdot}", "×": r"\ensuremath{\times}",
             "°": r"\ensuremath{^\circ}",
             "–": "--", "…": r"\ldots{}", "≤": r"\ensuremath{\le}", "≥": r"\ensuremath{\ge}", "−": r"\ensuremath{-}"}  # fmt: skip
+_NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations: they become one display
+_SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: between words, outside of formulas
+WIDEST = 44.0  #: em, a line that is wider is made smaller
 _LEVELS = {2: "section", 3: "subsection", 4: "subsubsection"}
 
 
 def latex(title: str, blocks: Sequence[Block], files: Mapping[int, str] | None = None) -> str:
     """The whole text; `files` names the file of a picture by its id."""
-    body = "\n\n".join(_block(block, 2, files or {}) for block in blocks)
+    body = "\n\n".join(_block(block, 2, files or {}) for block in blocks).replace(_NEXT, " \\\\\n")
     return f"{HEAD}\\begin{{document}}\n{{\\LARGE\\bfseries {_text(title)}\\par}}\n\\medskip\n\n{body}\n\\end{{document}}\n"
 
 
@@ -39,7 +45,6 @@ def _text(text: str) -> str:
             plain = "".join(_SPECIAL.get(c) or _UNICODE.get(c) or c for c in piece)
             out.append(f"\\texttt{{{plain}}}" if i % 2 else plain)
     return "".join(out)
-
 
 
 def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
@@ -62,22 +67,38 @@ def _equation(equation: Equation) -> str:
     lines = folded(equation.latex, 84.0)
     tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
+    if max(map(extent, lines)) > WIDEST:
+        body = f"\\resizebox{{0.9\\linewidth}}{{!}}{{$\\displaystyle {body}$}}"
     note = f"\n\n{{\\small {_text(equation.note)}}}" if equation.note else ""
-    return f"\\begin{{equation*}}\n{body}{tag}\n\\end{{equation*}}{note}"
+    return f"\\begin{{gather*}}\n{body}{tag}\n\\end{{gather*}}{note}"
 
 
 def _table(table: Table) -> str:
-    count = len(table.head)
-    share = 0.94 / count
-    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for _ in range(count))
+    columns = "".join(f">{{\\raggedright\\arraybackslash}}p{{{share:.3f}\\linewidth}}" for share in _shares(table))
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
     rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
     body = f"{head} \\\\\n\\hline\n\\endhead\n{rows} \\\\\n"
-    return f"{caption}{{\\small\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
+    size = "small" if len(table.head) < 6 else "scriptsize"
+    return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
+
+
+def _shares(table: Table) -> list[float]:
+    """Widths of the columns, by what stands in them: no narrower than their longest word, further room for long texts."""
+    cells = list(zip(table.head, *table.rows, strict=True))
+    words = [max(1.25 * width(word) + 1.2 for cell in column for word in re.split(_SPACE, cell)) for column in cells]
+    texts = [max(map(width, column)) for column in cells]
+    need, spare = sum(words), 86.0 - 2.2 * len(cells)
+    more = [text - word for text, word in zip(texts, words, strict=True)]
+    room = max(0.0, spare - need)
+    share = min(1.0, room / max(sum(more), 1e-9))
+    wide = [word + share * m for word, m in zip(words, more, strict=True)]
+    return [(0.98 - 0.014 * len(cells)) * w / max(sum(wide), spare) for w in wide]
 
 
 def _picture(picture: Picture, files: Mapping[int, str]) -> str:
     name = files.get(id(picture))
+    if isinstance(picture.content, Drawing):
+        return f"\\begin{{center}}\n{picture.content.tikz()}\n\n{_text(picture.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(picture.caption)}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from html import escape
 
-from mbdae.documents.formulas import BINARY, RELATIONS, pieces, tokens
+from mbdae.documents.formulas import BINARY, RELATIONS, extent, pieces, tokens
 from mbdae.errors import MbdaeError
 
 GREEK = {
@@ -43,6 +43,7 @@ FONTS = {"mathbf": "b", "boldsymbol": "bi", "bm": "bi", "mathrm": "n", "mathsf":
 _MATRICES = {"matrix": ("", ""), "bmatrix": ("[", "]"), "pmatrix": ("(", ")"), "cases": ("{", ""), "aligned": ("", ""),
              "array": ("", ""), "gathered": ("", "")}  # fmt: skip
 
+NARROW, MARGIN = 14.0, 1.3  #: em, the width that fits the narrowest windows; what fonts may add to an estimated width
 _DISPLAY = '<math displaystyle="true">'
 _FENCE, _FIXED = ' stretchy="true" fence="true"', ' stretchy="false"'
 
@@ -62,7 +63,15 @@ def display(latex: str) -> str:
 
 
 def _line(line: list[str], opening: str) -> str:
-    return " ".join(f"{opening}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
+    return " ".join(f"{_sized(opening, piece)}{_Reader(piece, i > 0).formula()}</math>" for i, piece in enumerate(line))
+
+
+def _sized(opening: str, piece: str) -> str:
+    """A piece that cannot be broken becomes smaller where the window is narrower than it is."""
+    wide = MARGIN * extent(piece)
+    if wide < NARROW:
+        return opening
+    return f'{opening[:-1]} style="font-size:max(.4em,min(1.06em,calc((100vw - 7.4rem)/{wide:.1f})))">'
 
 
 def _sign(text: str, attributes: str = "") -> str:
@@ -235,4 +244,3 @@ class _Reader:
     def _close(self, wanted: str) -> None:
         if self.take() != wanted:
             raise FormulaError(f"formula '{self.latex}': '{wanted}' is missing")
-

@@ -47,11 +47,23 @@ def tidy(e: Expr) -> Expr:
     return function(*map(tidy, e.args))
 
 
-class Motion:
-    """Forward derivative: `base` gives the change of a frame vector, `clock` that of a symbol; `sign` marks a change in LaTeX."""
+FIXED = ("x", "y", "z", "s", "bx", "by", "bz")  #: vectors that turn with their body
 
-    def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str) -> None:
-        self.record, self.base, self.clock, self.sign = record, base, clock, sign
+
+def body_of(record: Record, atom: Atom) -> str | None:
+    """The body to which all parts of a named vector are fixed, so that it turns with that body; None where there is none."""
+    parts = record.vectors[atom.number].terms if isinstance(atom, NamedVector) else {}
+    sides = {a.side if isinstance(a, Base) and a.kind in FIXED else body_of(record, a) for a in parts}
+    return sides.pop() if len(sides) == 1 else None
+
+
+class Motion:
+    """Forward derivative: `base` gives the change of a frame vector, `clock` that of a symbol, `turn` names the rotations in a
+    change; `sign` marks a change in LaTeX."""
+
+    def __init__(self, record: Record, base: Callable[[Base], Vector | None], clock: dict[Expr, Expr], sign: str,
+                 turn: str = "") -> None:  # fmt: skip
+        self.record, self.base, self.clock, self.sign, self.turn = record, base, clock, sign, turn
         self._known: dict[Any, Any] = {}
 
     def scalar(self, e: Expr) -> Expr:
@@ -85,13 +97,26 @@ class Motion:
         if isinstance(atom, Base):
             found = self.base(atom) or self.record.zero()
         elif isinstance(atom, NamedVector):
-            found = self.vector(self.record.vectors[atom.number])
+            found = self._named(atom)
             if len(found.terms) > 1 or any(c != 1 for c in found.terms.values()):
                 found = self.record.name_vector(found, (self.sign, atom.number))
         else:
-            found = _distributed(self.atom(atom.left), atom.right) - _distributed(self.atom(atom.right), atom.left)
+            found = distributed(self.atom(atom.left), atom.right) - distributed(self.atom(atom.right), atom.left)
         self._known[atom] = found
         return found
+
+    def _named(self, atom: NamedVector) -> Vector:
+        """Change of a named vector: where it is fixed to a body it turns as one."""
+        value, side = self.record.vectors[atom.number], body_of(self.record, atom)
+        if side is None or not self.turn or self.base(Base("x", side)) is None:
+            return self.vector(value)
+        return distributed(self.record.atom(self.turn, side), atom) + self._stretch(value)
+
+    def _stretch(self, value: Vector) -> Vector:
+        """Change of a vector that is fixed to a body, seen from that body."""
+        total = Vector(self.record, {a: self.scalar(c) for a, c in value.terms.items()})
+        inner = [(self.record.vectors[a.number], c) for a, c in value.terms.items() if isinstance(a, NamedVector)]
+        return sum((self._stretch(part) * c for part, c in inner), total)
 
     def vector(self, a: Vector) -> Vector:
         """Change of a vector."""
@@ -101,7 +126,7 @@ class Motion:
         return total
 
 
-def _distributed(a: Vector, b: Atom) -> Vector:
+def distributed(a: Vector, b: Atom) -> Vector:
     """a x b term by term."""
     total = a.record.zero()
     for atom, c in a.terms.items():
@@ -163,13 +188,23 @@ class Dual:
         if isinstance(atom, Base):
             self._base(atom, dual)
         elif isinstance(atom, NamedVector):
-            for inner, c in self.record.vectors[atom.number].terms.items():
-                self._atom(inner, dual * c)
-                if c.free_symbols:
-                    self._scalar(c, sum((q * self.record.dot(inner, other) for other, q in dual.terms.items()), _ZERO))
+            side = body_of(self.record, atom)
+            if side is not None:
+                self.pairs[side][1] = self.pairs[side][1] - distributed(dual, atom)
+            self._named_terms(atom, dual, side is not None)
         else:
-            self._atom(atom.left, -_distributed(dual, atom.right))
-            self._atom(atom.right, _distributed(dual, atom.left))
+            self._atom(atom.left, -distributed(dual, atom.right))
+            self._atom(atom.right, distributed(dual, atom.left))
+
+    def _named_terms(self, atom: NamedVector, dual: Vector, fixed: bool) -> None:
+        """The terms of a named vector; of one fixed to a body their factors alone."""
+        for inner, c in self.record.vectors[atom.number].terms.items():
+            if not fixed:
+                self._atom(inner, dual * c)
+            elif isinstance(inner, NamedVector):
+                self._named_terms(inner, dual * c, fixed)
+            if c.free_symbols:
+                self._scalar(c, sum((q * self.record.dot(inner, other) for other, q in dual.terms.items()), _ZERO))
 
     def _base(self, atom: Base, dual: Vector) -> None:
         if atom.kind == "E":
@@ -181,9 +216,9 @@ class Dual:
         elif atom.kind in ("r", "c"):
             pair[0] = pair[0] + dual
             if atom.kind == "c":  # s points from the centre to the point of the frame
-                pair[1] = pair[1] + _distributed(dual, Base("s", atom.side))
-        elif atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
-            pair[1] = pair[1] - _distributed(dual, atom)
+                pair[1] = pair[1] + distributed(dual, Base("s", atom.side))
+        elif atom.kind in (*FIXED, "w"):
+            pair[1] = pair[1] - distributed(dual, atom)
         elif atom.kind == "v":
             raise NotImplementedError("a potential that depends on velocities")
 
@@ -196,7 +231,7 @@ def virtual(record: Record) -> Callable[[Base], Vector | None]:
             return record.atom("du", atom.side)
         if atom.kind == "c":
             return record.atom("du", atom.side) - record.atom("dpsi", atom.side).cross(record.atom("s", atom.side))
-        if atom.kind in ("x", "y", "z", "s", "w", "bx", "by", "bz"):
+        if atom.kind in (*FIXED, "w"):
             return record.atom("dpsi", atom.side).cross(Vector(record, {atom: se.Integer(1)}))
         return None
 
@@ -216,7 +251,7 @@ def actual(record: Record, still: tuple[str, ...] = ()) -> Callable[[Base], Vect
             return record.atom("v", atom.side) - w.cross(record.atom("s", atom.side))
         if atom.kind == "v":
             return w.cross(w.cross(record.atom("s", atom.side)))
-        if atom.kind in ("x", "y", "z", "s", "bx", "by", "bz"):
+        if atom.kind in FIXED:
             return w.cross(Vector(record, {atom: se.Integer(1)}))
         return None
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.formulas import escaped
 from mbdae.formulations.ggl import ggl_outputs
 from mbdae.kernels.plan import LinearisedPlan, linearised_plan
 from mbdae.reports.evaluate import Numbers
-from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text
+from mbdae.reports.letters import Letter, letters, multiplier, name_scalars, name_vectors, unit_text, worded
 from mbdae.reports.statement import Statement
 from mbdae.reports.states import State
 from mbdae.reports.units import row_unit
@@ -34,6 +37,11 @@ _BASES = {
     "w": ("angular velocity of body ${side}$", "rad/s"),
     "du": ("virtual displacement of the point on body ${side}$", "m"),
     "dpsi": ("virtual rotation of body ${side}$", "rad"),
+    "vc": ("velocity of the centre of body ${side}$", "m/s"),
+    "ac": ("acceleration of the centre of body ${side}$", "m/s^2"),
+    "al": ("angular acceleration of body ${side}$", "rad/s^2"),
+    "F": ("all forces on body ${side}$ without those of the joint, left-hand side", "N"),
+    "M": ("all moments on body ${side}$ about its centre, likewise", "N m"),
     "bx": ("first axis of body ${side}$", "1"),
     "by": ("second axis of body ${side}$", "1"),
     "bz": ("third axis of body ${side}$", "1"),
@@ -46,20 +54,20 @@ _TURNED = {
     "w": ("angular velocity of the free rotation, components likewise", "rad/s"),
     "dpsi": ("virtual rotation of the free rotation, components likewise", "rad"),
 }  # fmt: skip
-BOUND = 1e-10  #: largest relative difference that passes as round-off
+class FormulaPage:
+    """A page whose formulas name no intermediate quantities."""
 
-
-@dataclass(frozen=True)
-class Check:
-    """A comparison at random states: what is compared, and the largest relative difference."""
-
-    what: str
-    residual: float
+    own: Sequence[str] = ()
 
     @property
-    def holds(self) -> bool:
-        """Whether the difference is round-off."""
-        return self.residual <= BOUND
+    def formulas(self) -> Any:
+        """What writes the formulas."""
+        return self
+
+    @staticmethod
+    def lines(*lines: str) -> list[Block]:
+        """Equations, one a line."""
+        return [Equation(line) for line in lines]
 
 
 @dataclass
@@ -69,7 +77,8 @@ class LawFormulas:
     statement: Statement
     what: str = "joint"
     rows: bool = True  #: whether its rows are written
-    checks: list[Check] = field(default_factory=list)
+    others: frozenset[str] = frozenset()  #: letters that other pages of the document have given
+    defined: set[tuple[str, str]] = field(default_factory=set)  #: intermediate quantities that equations have defined
 
     def __post_init__(self) -> None:
         s = self.statement
@@ -77,53 +86,75 @@ class LawFormulas:
         for row in s.rows if self.rows else ():
             self.known[f"lambda_{row}"] = Letter(multiplier(row), row_unit(s, s.rows[row]), f"multiplier of row {row}")
         self.known |= {name: replace(self.known[name], unit="") for name in s.turning}
+        for side in s.headings:
+            self.known |= {f"{side}_h": Letter(f"\\theta_{side}", "rad", f"rotation of body ${side}$ since the drawing"),
+                           f"{side}_w3": Letter(f"\\omega_{side}", "rad/s", f"angular velocity of body ${side}$ in the plane"),
+                           f"dpsi_{side}": Letter(f"\\delta\\theta_{side}", "rad", "its virtual rotation")}  # fmt: skip
         for name, symbol in s.coordinates.items():
             letter = self.known[name]
             self.known[str(symbol)] = letter
             self.known[str(s.clock[symbol])] = Letter(f"\\dot{{{letter.latex}}}", f"{letter.unit}/s", "its rate")
             self.known[str(s.virtual[symbol])] = Letter(f"\\delta {letter.latex}", letter.unit, "its virtual change")
         self.writer = Writer(s.record, {})
+        self.writer.renew = self.refresh
         self.refresh()
 
     def refresh(self) -> None:
         """Give letters to the intermediate quantities named since the last call."""
-        record = self.statement.record
-        self.writer.names = name_vectors(record)
-        self.writer.letters = {name: letter.latex for name, letter in self.known.items()} | name_scalars(record)
+        record, known = self.statement.record, {name: letter.latex for name, letter in self.known.items()}
+        others = self.others.union(known.values())
+        self.writer.names = name_vectors(record, others)
+        self.writer.letters = name_scalars(record, others) | known
+
+    @property
+    def taken(self) -> frozenset[str]:
+        """Letters given to intermediate quantities, here and on other pages."""
+        return self.others | {*self.own}
+
+    @property
+    def own(self) -> list[str]:
+        """Letters given to intermediate quantities here."""
+        return sorted(self._letter(*key) for key in self.defined)
 
     def numbers(self, state: State) -> Numbers:
         """Evaluates formulas of the law at random states."""
         return Numbers(self.statement.record, state.atom, state.symbol)
 
-    def definitions(self, start: tuple[set[str], set[int]]) -> list[Block]:
-        """Definitions of the intermediate quantities that appear in the formulas written since `start`, a `mark`."""
-        self.refresh()
+    def known_at(self, state: State) -> dict[str, Any]:
+        """Values of all symbols that are no definitions, as functions, by their LaTeX."""
+        axes = zip("xyz", np.eye(3), strict=True)
+        found: dict[str, Any] = {rf"\mathbf{{i}}_{a}": np.broadcast_to(e, (state.points, 3)) for a, e in axes}
+        for name, letter in self.known.items():
+            found[letter.latex] = lambda name=name: state.symbol(name)
+        for side in self.statement.record.sides:
+            for kind in _BASES:
+                base = Base(kind, side)
+                found[Writer.plain(base)] = lambda base=base: state.atom(base)
+        return found
+
+    def lines(self, *lines: str, note: str = "") -> list[Block]:
+        """Equations, one a line, and below them the definitions of what they name for the first time."""
+        blocks: list[Block] = [Equation(line, note=note if i == len(lines) - 1 else "") for i, line in enumerate(lines)]
+        return blocks + self.definitions()
+
+    def definitions(self) -> list[Block]:
+        """Definitions of the intermediate quantities that formulas name and no equation has defined yet."""
         record, w = self.statement.record, self.writer
-        lines: dict[tuple[int, int], str] = {}
+        found: list[Block] = []
         while True:
-            scalars = {s for s in record.scalars if str(s) in w.used and str(s) not in start[0]}
-            numbers = {n for n in w.vectors if n not in start[1]}
-            todo = [(0, n) for n in numbers if (0, n) not in lines]
-            order = {str(symbol): i for i, symbol in enumerate(record.scalars)}
-            todo += [(1, order[str(s)]) for s in scalars if (1, order[str(s)]) not in lines]
+            self.refresh()
+            written = {("v", str(n)): record.vectors[n] for n in sorted(w.vectors)}
+            written |= {("s", str(symbol)): e for symbol, e in record.scalars.items() if str(symbol) in w.used}
+            todo = {key: e for key, e in written.items() if key not in self.defined}
             if not todo:
-                break
-            for kind, n in sorted(todo):
-                if kind == 0:
-                    lines[kind, n] = f"{w.names[n]} = {w.vector(record.vectors[n])}"
-                else:
-                    symbol, value = list(record.scalars.items())[n]
-                    lines[kind, n] = f"{w.letters[str(symbol)]} = {w.scalar(value)}"
-        return [Equation(joined(lines[key] for key in sorted(lines)))] if lines else []
+                return [Paragraph("with"), *found] if found else []
+            for (kind, name), e in todo.items():
+                self.defined.add((kind, name))
+                found.append(Equation(f"{self._letter(kind, name)} = {w.vector(e) if kind == 'v' else w.scalar(e)}"))
 
-    def explained(self, start: tuple[set[str], set[int]]) -> list[Block]:
-        """The definitions under the word "with"; nothing where there are none."""
-        named = self.definitions(start)
-        return [Paragraph("with"), *named] if named else []
-
-    def mark(self) -> tuple[set[str], set[int]]:
-        """Symbols and named vectors written so far."""
-        return set(self.writer.used), set(self.writer.vectors)
+    def _letter(self, kind: str, name: str) -> str:
+        """The letter of an intermediate quantity."""
+        return self.writer.names[int(name)] if kind == "v" else self.writer.letters[name]
 
     def symbols(self) -> Table:
         """Every symbol of the report, with unit and meaning."""
@@ -146,29 +177,15 @@ def _base_row(base: Base, what: str) -> list[str]:
 
 
 def described(law: Any) -> list[Block]:
-    """The docstring of a law in paragraphs."""
-    text = inspect.getdoc(law) or ""
-    return [Paragraph(escaped(" ".join(part.split()))) for part in text.split("\n\n") if part.strip()]
-
-
-def checks_table(checks: Sequence[Check], points: int) -> list[Block]:
-    """The checks with their residuals, and a verdict."""
-    rows = [[c.what, f"${_power_of_ten(c.residual)}$", "yes" if c.holds else "NO"] for c in checks]
-    wrong = [c.what for c in checks if not c.holds]
-    verdict = f"All {len(checks)} comparisons hold." if not wrong else f"NOT EQUAL: {'; '.join(wrong)}."
-    told = (
-        f"Every formula of this report was evaluated at {points} random states of motion (attitudes, positions, velocities and"
-        f" parameters that satisfy no constraint) and compared with the equations that are integrated. {verdict}"
-    )
-    return [Paragraph(told), Table(["compared", "largest relative difference", f"below ${_power_of_ten(BOUND)}$"], rows)]
-
-
-def _power_of_ten(x: float) -> str:
-    if x == 0:
-        return "0"
-    mantissa, exponent = f"{x:.1e}".split("e")
-    power = f"10^{{{int(exponent)}}}"
-    return power if mantissa == "1.0" else f"{mantissa}\\cdot {power}"
+    """What a law does, in a sentence: the first one of its docstring with its vectors as symbols."""
+    text = " ".join((inspect.getdoc(law) or "").split("\n\n")[0].split())
+    text = re.sub(r"[,;]? *\(?[Pp]aper Eqs?\. [0-9, to-]*[0-9]\)?", "", text)
+    sentence = re.split(r"(?<=[.;])\s", text)[0].rstrip(";.")
+    if "=" in sentence and law.__module__.startswith("mbdae."):
+        sentence = (sys.modules[law.__module__].__doc__ or "").split("\n")[0].rstrip(".")
+    told = worded(escaped(sentence))
+    told = re.sub(r"^([klm])(?=\W)", r"body \1", told)
+    return [Paragraph(f"{told[:1].upper()}{told[1:]}.")] if told else []
 
 
 def kernel_counts(d: Derived, planar: Derived | None) -> list[list[str]]:
@@ -178,16 +195,9 @@ def kernel_counts(d: Derived, planar: Derived | None) -> list[list[str]]:
         if derived is None:
             continue
         p: LinearisedPlan = linearised_plan(derived, ggl_outputs)
-        rows.append(
-            [
-                name,
-                str(len(p.targets)),
-                str(len(p.nonlinear)),
-                str(p.residual.operations if p.nonlinear else 0),
-                str(len(p.jacobian_places)),
-                str(p.jacobian.operations if p.jacobian_places else 0),
-            ]
-        )
+        sizes = (len(p.targets), len(p.nonlinear), p.residual.operations if p.nonlinear else 0, len(p.jacobian_places),
+                 p.jacobian.operations if p.jacobian_places else 0)  # fmt: skip
+        rows.append([name, *map(str, sizes), f"`{fingerprint(derived)[:32]}…`"])
     return rows
 
 
@@ -199,18 +209,13 @@ def provenance(d: Derived, planar: Derived | None) -> Section:
             " The sha256 of its derived equations in space is:"
         ),
         Paragraph(f"`{fingerprint(d)}`"),
+        Paragraph("With the rates of its rows, its coordinates and its branches:"),
+        Paragraph(f"`{fingerprint(d, rates=True)}`"),
     ]
-    head = [
-        "in",
-        "outputs",
-        "nonlinear ones",
-        "operations of the residual",
-        "varying derivatives",
-        "operations of the derivatives",
-    ]
-    blocks.append(
-        Table(head, kernel_counts(d, planar), "Compiled kernels in the form GGL, operations after common subexpressions")
-    )
+    head = ["in", "outputs", "nonlinear ones", "operations of the residual", "varying derivatives",
+            "operations of the derivatives", "sha256"]  # fmt: skip
+    caption = "Compiled kernels in the form GGL, operations after common subexpressions; between two bodies that move"
+    blocks.append(Table(head, kernel_counts(d, planar), caption))
     return Section("Origin", blocks)
 
 
@@ -222,11 +227,6 @@ def external(s: Statement) -> bool:
 def row_name(name: str) -> str:
     """Name of a row in text."""
     return name.replace("_", " ")
-
-
-def joined(lines: Iterable[str]) -> str:
-    """The lines of one displayed formula, joined."""
-    return r" \\ ".join(lines)
 
 
 def title_of(law: type) -> str:

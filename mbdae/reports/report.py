@@ -18,13 +18,13 @@ from mbdae.laws.elements.beam import Beam
 from mbdae.laws.forces.line_load import LineLoad
 from mbdae.laws.friction import Coulomb, LuGre
 from mbdae.laws.joints import ClearanceRevolute, Revolute
-from mbdae.reports.element import element_report
-from mbdae.reports.force import force_report
-from mbdae.reports.joint import joint_report
-from mbdae.reports.line import line_report
-from mbdae.reports.parts import part_report
-from mbdae.reports.recursive import recursive_report
-from mbdae.reports.scene_sheet import scene_sheet
+from mbdae.reports.pages.element import element_report
+from mbdae.reports.pages.force import force_report
+from mbdae.reports.pages.joint import joint_report
+from mbdae.reports.pages.line import line_report
+from mbdae.reports.pages.parts import part_report
+from mbdae.reports.pages.recursive import recursive_report
+from mbdae.reports.scenes.sheet import scene_sheet
 from mbdae.reports.statement import structure_of
 from mbdae.scene.components import Classical, Clearance, Connection, JointModel, Kinematic, Recursive
 from mbdae.scene.scene import SceneData

@@ -117,19 +117,21 @@ def derived(law: type[Law], structure: Structure, planar: bool = False) -> Deriv
 
 
 class Statement:
-    """A law evaluated with recorded vectors; `derived` is the same law as it is integrated, `still` names fixed sides."""
+    """A law evaluated with recorded vectors; `derived` is the same law as it is integrated, `still` names fixed sides.
 
-    def __init__(self, law: type[Law], structure: Structure) -> None:
-        self.cls, self.structure = law, structure
-        self.derived = derived(law, structure)
+    planar: all vectors lie in the plane, rotations are numbers."""
+
+    def __init__(self, law: type[Law], structure: Structure, planar: bool = False) -> None:
+        self.cls, self.structure, self.planar = law, structure, planar
+        self.derived = derived(law, structure, planar)
         self.law = law.symbolic(structure)
         own = dict(zip(self.law.own_coordinates, self.derived.frames[len(law.frames) :], strict=True))
         self.places = {name: c.side for name, c in own.items()}  #: frames of the coordinates that are unknowns
         scalars = {name: c for name, c in own.items() if c.kind is NodeKind.COORDINATE}
         self.turning = {name: c.side for name, c in own.items() if name not in scalars}  #: frames of free rotations among them
         self.record = Record((*law.frames, *self.turning.values()))
-        self.record.resolve = self.names
-        self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law), strict=True))
+        self.record.resolve, self.record.flat = self.names, planar
+        self.frames = tuple(self._frame(side, *kind) for side, kind in zip(law.frames, sides_of(law, planar), strict=True))
         self.sides = law.frames  #: names of the bodies' frames
         self.still = tuple(f.side for f in self.frames if not f.kind.moves)
         self.coordinates: dict[str, Expr] = {name: c.q[0] for name, c in scalars.items()}  #: angles and displacements among them
@@ -138,37 +140,24 @@ class Statement:
         vars(self.law).update(self.values)
         self.clock = self.derived.variation.clock | {c.q[0]: c.u[0] for c in scalars.values()}
         self.virtual = {c.q[0]: se.Symbol(f"d{c.q[0]}") for c in scalars.values()}  #: virtual changes of the coordinates
+        self.headings = {f.side: f.heading for f in self.frames if planar and f.kind.moves}  #: rotations in the plane
+        self.clock |= {h: se.Symbol(f"{side}_w3") for side, h in self.headings.items()}
+        self.virtual |= {h: se.Symbol(f"dpsi_{side}") for side, h in self.headings.items()}
 
     def _frame(self, side: str, kind: NodeKind, axes: Axes) -> Frame:
         a = self.record.atom
         zero = self.record.zero()
         r, s, v, w = (a(n, side) for n in "rsvw") if kind.moves else (a("r", side), zero, zero, zero)
         center = a("c", side) if kind.moves else r
+        z, normal = a("z", side), self.record.axis(2)
+        if self.planar:
+            z, w = normal, normal * se.Symbol(f"{side}_w3") if kind.moves else zero
         own, fixed = [a(b, side) for b in ("bx", "by", "bz")], [self.record.axis(i) for i in range(3)]
         body = (own[0], own[1], own[2]) if kind.moves else (fixed[0], fixed[1], fixed[2])
         spin = Vec(*(se.Symbol(f"{side}_W{i + 1}") for i in range(3)))
-        return Frame(
-            side,
-            kind,
-            axes,
-            r,
-            v,
-            a("x", side),
-            a("y", side),
-            a("z", side),
-            w,
-            center,
-            v - w.cross(s),
-            s,
-            body,
-            se.Symbol(f"{side}_h"),
-            spin,
-            [],
-            [],
-            [],
-            {},
-            {},
-        )
+        heading = se.Symbol(f"{side}_h") if kind.moves else se.Integer(0)
+        return Frame(side, kind, axes, r, v, a("x", side), a("y", side), z, w, center, v - w.cross(s), s, body, heading, spin,
+                     [], [], [], {}, {})  # fmt: skip
 
     def _rotation(self, c: Frame) -> Rotation:
         """A free rotation, its turned axes vectors."""
@@ -197,8 +186,7 @@ class Statement:
         if name == "let":
             return self.record.name_scalar(args[0], str(args[1]) if len(args) > 1 else "")
         if name == "rate":
-            inner = Motion(self.record, actual(self.record, self.still), self.clock, r"\dot")
-            return self.record.name_scalar(inner.scalar(args[0]))
+            return self.record.name_scalar(self.motion.scalar(args[0]))
         if name == "atan2":
             args = [self.record.name_scalar(a) for a in args]
         function = se.Function(e.get_name()) if isinstance(e, se.FunctionSymbol) else e.func
@@ -244,7 +232,20 @@ class Statement:
 
     def gradient(self, e: Expr) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
         """Derivatives of a scalar by displacement and rotation of every body, and by the coordinates that are unknowns."""
-        return Dual(self.record, symbols=tuple(self.coordinates.values())).of(e)
+        pairs, partial = Dual(self.record, symbols=(*self.coordinates.values(), *self.headings.values())).of(e)
+        for side, h in self.headings.items():
+            pairs[side] = (pairs[side][0], pairs[side][1] + self.record.axis(2) * partial.pop(h))
+        return pairs, partial
+
+    @cached_property
+    def drag(self) -> tuple[dict[str, Pair], dict[Expr, Expr]]:
+        """Derivatives of the dissipation function by the velocities of every body, and of the coordinates that are unknowns."""
+        speeds = {self.clock[h]: side for side, h in self.headings.items()}
+        own = tuple(self.clock[c] for c in self.coordinates.values())
+        pairs, partial = Dual(self.record, velocities=True, symbols=(*own, *speeds)).of(self.dissipation)
+        for speed, side in speeds.items():
+            pairs[side] = (pairs[side][0], pairs[side][1] + self.record.axis(2) * partial.pop(speed))
+        return pairs, partial
 
     @cached_property
     def energy(self) -> Expr:
@@ -291,13 +292,15 @@ class Statement:
 
     # -- motions
 
+    @cached_property
     def motion(self) -> Motion:
         """Time derivative, without the terms of nodal accelerations."""
-        return Motion(self.record, actual(self.record, self.still), self.clock, r"\dot")
+        return Motion(self.record, actual(self.record, self.still), self.clock, r"\dot", "w")
 
+    @cached_property
     def variation(self) -> Motion:
         """Derivative along a virtual displacement."""
-        return Motion(self.record, virtual(self.record), self.virtual, r"\delta")
+        return Motion(self.record, virtual(self.record), self.virtual, r"\delta", "dpsi")
 
     def of_time(self) -> Motion:
         """Partial time derivative, at bodies and coordinates at rest."""

@@ -26,7 +26,6 @@ class State:
         self.d, self.given = d, given
         self._known: dict[Expr, Any] = {}
         self._meaning = {s: e for f in d.frames for table in (f.structure, f.meaning) for s, e in table.items()}
-        self._meaning |= d.variation.values
 
     def get(self, symbol: Expr) -> Any:
         """Value of a symbol: given, or by its meaning."""
@@ -35,8 +34,13 @@ class State:
             if name in self.given:
                 self._known[symbol] = self.given[name]
             else:
-                self._known[symbol] = value(se.sympify(self._meaning[symbol]), self.get)
+                self._known[symbol] = value(se.sympify(self._stated(symbol)), self.get)
         return self._known[symbol]
+
+    def _stated(self, symbol: Expr) -> Expr:
+        """A symbol of a frame, or an intermediate quantity that the derivation has named so far."""
+        values = self.d.variation.values
+        return values[symbol] if symbol in values else self._meaning[symbol]
 
     def symbol(self, name: str) -> Any:
         """The same by name."""
@@ -96,7 +100,8 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
     rng = np.random.default_rng(seed)
     given: Values = {}
     for f in d.frames:
-        J = np.array([_matrix(rng.uniform(-spread, spread, 3)) for _ in range(points)])
+        turns = rng.uniform(-spread, spread, (points, 3)) * ([0, 0, 1] if f.kind.flat else 1)
+        J = np.array([_matrix(turn) for turn in turns])
         Q = np.array([_matrix(rng.uniform(-1, 1, 3)) for _ in range(points)])
         if f.kind.by_quaternion:
             P = np.array([quaternion(j @ q.T) for j, q in zip(J, Q, strict=True)]) * rng.uniform(0.5, 2, (points, 1))
@@ -107,6 +112,7 @@ def random_state(d: Derived, seed: int = 7, points: int = POINTS, spread: float 
             given |= {f"{f.side}_Q{a}{i + 1}": Q[:, i, j] for j, a in enumerate("xyz") for i in range(3)}
             given |= {f"{f.side}_p{i + 1}": rng.normal(size=points) for i in range(3)}
         given |= {str(s): rng.normal(size=points) for s in (*f.q, *f.u) if str(s) not in given}
+        given |= {f"{f.side}_theta0": rng.normal(size=points)} if f.kind is NodeKind.PLANAR else {}
     for name in d.law.params:
         given[name] = rng.uniform(0.5, 1.5, points)
         given |= {name + end: rng.normal(size=points) for end in ("_dot", "_ddot")}

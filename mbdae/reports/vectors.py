@@ -62,7 +62,7 @@ Atom = Base | NamedVector | Product
 
 def _turning(atom: Atom) -> tuple[Any, ...]:
     """Order of the factors of a vector product: rotations come first."""
-    return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi")), atom.key)
+    return (not (isinstance(atom, Base) and atom.kind in ("w", "dpsi", "al")), atom.key)
 
 
 AXES = tuple(Base("E", side) for side in "xyz")
@@ -81,6 +81,7 @@ class Record:
         self.resolve: Callable[[Expr], Expr] = lambda e: e  #: replaces intermediates inside a scalar by their names
         self.cache: dict[Any, Any] = {}  #: gradients of named scalars
         self.changes: dict[int, tuple[str, int]] = {}  #: vectors that are the change of another: sign and number
+        self.flat = False  #: whether all frame vectors lie in the plane normal to the third inertial axis
 
     def atom(self, kind: str, side: str) -> Vector:
         """A vector of a frame."""
@@ -107,12 +108,22 @@ class Record:
         a, b = sorted((a, b), key=lambda atom: atom.key)
         if isinstance(a, Base) and a.kind == "E":
             a, b = b, a
+        if self.flat and AXES[2] in (a, b) and self.in_plane(b if a == AXES[2] else a):
+            return _ZERO
         for symbol, factors in self.dots.items():
             if factors == (a, b):
                 return symbol
         symbol = se.Symbol(f"dot{len(self.dots) + 1}")
         self.dots[symbol] = (a, b)
         return symbol
+
+    def in_plane(self, atom: Atom) -> bool:
+        """Whether a vector of a planar record has no part along the normal of the plane."""
+        if isinstance(atom, Product):
+            return (atom.left == AXES[2]) != (atom.right == AXES[2])
+        if isinstance(atom, NamedVector):
+            return all(map(self.in_plane, self.vectors[atom.number].terms))
+        return atom != AXES[2]
 
     def single(self, a: Vector) -> Vector:
         """The vector as a factor of a product: a sum gets a name."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 
 import symengine as se
 
@@ -14,6 +15,8 @@ _SUM, _PRODUCT, _POWER, _ATOM = 0, 1, 2, 3  #: how tightly a formula holds toget
 _VECTORS = {"r": r"\mathbf{r}", "s": r"\mathbf{s}", "c": r"\mathbf{c}", "x": r"\mathbf{x}", "y": r"\mathbf{y}",
             "z": r"\mathbf{z}",
             "v": r"\mathbf{v}", "w": r"\boldsymbol{\omega}", "du": r"\delta\mathbf{r}", "dpsi": r"\delta\boldsymbol{\psi}",
+            "vc": r"\dot{\mathbf{c}}", "ac": r"\ddot{\mathbf{c}}", "al": r"\dot{\boldsymbol{\omega}}", "F": r"\mathbf{F}",
+            "M": r"\mathbf{M}", "dc": r"\delta\mathbf{c}",
             "bx": r"\mathbf{b}^x", "by": r"\mathbf{b}^y", "bz": r"\mathbf{b}^z"}  # fmt: skip
 _FUNCTIONS = {"sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh", "exp": r"\exp", "log": r"\ln",
               "atan2": r"\operatorname{atan2}", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "sinh": r"\sinh",
@@ -29,7 +32,7 @@ class Writer:
         self.used: set[str] = set()  #: scalar symbols
         self.bases: set[Base] = set()
         self.vectors: set[int] = set()
-        self.frame: Callable[[Base], str] | None = None  #: how frame vectors are written, where not as usual
+        self.renew: Callable[[], None] = lambda: None  #: gives names to what has been named since
 
     @staticmethod
     def plain(base: Base) -> str:
@@ -81,6 +84,8 @@ class Writer:
         name = str(e)
         self.used.add(name)
         if name not in self.letters:
+            self.renew()
+        if name not in self.letters:
             raise LawError(f"the report has no letter for the symbol '{name}'")
         return self.letters[name], _ATOM
 
@@ -91,8 +96,11 @@ class Writer:
             p, q = abs(int(e.p)), int(e.q)
             return f"{'-' if e < 0 else ''}\\tfrac{{{p}}}{{{q}}}", _ATOM if e > 0 else _SUM
         value = float(e)
+        simple = Fraction(value).limit_denominator(100)
+        if float(simple) == value and simple.denominator > 1:
+            return self._number(se.Rational(simple.numerator, simple.denominator))
         if value != int(value) or abs(value) > 1e6:
-            text = f"{value:g}"
+            text = repr(value)
             if "e" in text:
                 mantissa, exponent = text.split("e")
                 power = f"10^{{{int(exponent)}}}"
@@ -188,13 +196,11 @@ class Writer:
         """A vector without a factor."""
         if isinstance(atom, Base):
             self.bases.add(atom)
-            if self.frame is not None:
-                return self.frame(atom)
             return self.plain(atom)
         if isinstance(atom, NamedVector):
             self.vectors.add(atom.number)
-            if self.frame is not None:
-                return f"\\bar{{{self.names[atom.number]}}}"
+            if atom.number not in self.names:
+                self.renew()
             return self.names[atom.number]
         text = f"{self.atom(atom.left, True)}\\times {self.atom(atom.right, True)}"
         return f"({text})" if nested else text
@@ -206,6 +212,13 @@ class Writer:
             text = self._term(c, atom)
             out += text if not out else f" - {text[1:].lstrip()}" if text.startswith("-") else f" + {text}"
         return out or r"\mathbf{0}"
+
+    def signed(self, a: Vector) -> tuple[str, str]:
+        """A sum of vectors as a sign and a factor, in brackets unless it is one vector."""
+        ((atom, c),) = a.terms.items() if len(a.terms) == 1 else ((None, 0),)
+        if atom is not None and c in (1, -1):
+            return "-" if c == -1 else "", self.atom(atom, True)
+        return "", f"\\left({self.vector(a)}\\right)" if a.terms else r"\mathbf{0}"
 
     def _term(self, c: Expr, atom: Atom) -> str:
         if c in self.record.dots or -c in self.record.dots:

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import symengine as se
 
 from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.outputs import dynamics, position, state_rows
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.outputs import Target, acceleration, dynamics, position, state_rows, velocity
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import Expr
 
 
-def fingerprint(d: Derived) -> str:
-    """sha256 of the terms of a law: rows, their forces, states."""
+def fingerprint(d: Derived, rates: bool = False) -> str:
+    """sha256 of the terms of a law: rows, their forces, states; rates: those of its rows, its coordinates and branches too."""
+    further = _further(d) if rates else []
     memo: dict[Expr, str] = {}
     parts = [f"{type(d.law).__name__} {' '.join(f.kind.value for f in d.frames)} {' '.join(d.rows)}"]
     parts += [f"{name}={canonical(value, memo)}" for name, value in d.variation.values.items() if name in _reached(d)]
-    outputs = [*position(d), *dynamics(d), *state_rows(d)]
+    outputs = [*position(d), *dynamics(d), *state_rows(d), *further]
     parts += [f"{target}: {canonical(e, memo)}" for target, e in outputs]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _further(d: Derived) -> list[Target]:
+    """Rates of rows, coordinates and branches, in terms of the unknowns."""
+    branches = {name: d.variation.name(e) for name, e in d.law.positives(*d.sides).items()} if isinstance(d.law, Joint) else {}
+    stated = [*velocity(d), *acceleration(d), *d.coordinates.items(), *branches.items()]
+    table = d.variation.insertion(shared=True)
+    return [(("further", target), substituted(se.sympify(e), table)) for target, e in stated]
 
 
 def canonical(e: Expr, memo: dict[Expr, str] | None = None) -> str:
@@ -44,3 +57,10 @@ def _reached(d: Derived) -> set[Expr]:
             found.add(name)
             open_ |= d.variation.values[name].free_symbols
     return found
+
+
+def program_fingerprint(program: Program, outputs: Sequence[Expr]) -> str:
+    """sha256 of a straight-line program up to some outputs."""
+    memo: dict[Expr, str] = {}
+    parts = [f"{name}={canonical(program.steps[name], memo)}" for name in program.needed(outputs)]
+    return hashlib.sha256("\n".join([*parts, *(canonical(e, memo) for e in outputs)]).encode()).hexdigest()

@@ -50,6 +50,11 @@ class Program:
         """A vector of named components."""
         return Vec(*map(self.let, v))
 
+    def axes(self, axes: tuple[Vec, Vec, Vec]) -> tuple[Vec, Vec, Vec]:
+        """Axes after an elementary rotation, of named components."""
+        x, y, z = map(self.vec, axes)
+        return x, y, z
+
     def needed(self, outputs: Iterable[Expr]) -> list[Expr]:
         """Names the outputs depend on, in order."""
         wanted = set().union(*(e.free_symbols for e in outputs)) if outputs else set()

@@ -47,7 +47,7 @@ class TreeProgram:
     """
 
     def __init__(self, structure: TreeStructure) -> None:
-        self.structure, self.program = structure, Program()
+        self.structure, self.program = structure, self._program()
         self.inputs: dict[Expr, tuple[Any, ...]] = {}
         self.nodes = [self._root(structure.root)]
         self._ways: list[Way] = []
@@ -56,6 +56,10 @@ class TreeProgram:
         self.force = self._projected("wu", self._members())
         self.correction = self._projected("wq", {}) if structure.loaded else {}
         self.size = len(self.program.steps)  #: before it is differentiated
+
+    @staticmethod
+    def _program() -> Program:
+        return Program()
 
     def _input(self, *place: Any) -> Expr:
         symbol = se.Symbol("_".join(map(str, place)).replace("-", "c"))
@@ -135,14 +139,22 @@ class TreeProgram:
         if not link.kind.turns:
             child.r, child.v, child.a = vec(k.r + found.total), v, a
             return child
-        w, al = found.w, found.al
+        w, al = self._spins(found)
         child.w, child.al = w, al
         self._orient(child, k, (j, link, other), found)
-        offset, _ = self._in_body(j, link, other, link.axes[1])
-        found.back = t = vec(child.of_body([offset])[0])
+        found.back = t = self._arm(j, link, other, child)
         wt = vec(w.cross(t))
         child.r, child.v, child.a = vec(k.r + found.total - t), vec(v - wt), vec(a - al.cross(t) - w.cross(wt))
         return child
+
+    def _spins(self, found: Way) -> tuple[Vec, Vec]:
+        """Angular velocity of the node carried and its rate."""
+        return found.w, found.al
+
+    def _arm(self, j: int, link: Link, side: str, node: State) -> Vec:
+        """From a node to the joint's point on it."""
+        offset, _ = self._in_body(j, link, side, link.axes[side != link.side])
+        return self.program.vec(node.of_body([offset])[0])
 
     def _orient(self, child: State, k: State, place: tuple[int, Link, str], found: Way) -> None:
         """Rotation of the node carried: the joint's axes at the end of its motion, times Q^T."""

@@ -141,8 +141,7 @@ class _Group:
 def _turn(program: Program, found: Way, m: Moved) -> None:
     """The axes after a rotation, with their angular velocity and its rate."""
     vec, before, w = program.vec, found.axes, found.w
-    x, y, z = turned(before, m.step)
-    after = vec(x), vec(y), vec(z)
+    after = program.axes(turned(before, m.step))
     if m.step.rotation is None:
         e = vec(m.step.direction(before))
         found.parts.append(Part(m, e, ZERO, ()))

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 import mbdae as mb
 from mbdae.documents.blocks import Code, Equation, Paragraph, Picture, Section, Table
-from mbdae.documents.document import Document
+from mbdae.documents.document import COMPILERS, Document
 from mbdae.documents.formulas import folded, pieces
 from mbdae.documents.mathml import FormulaError, inline
+from mbdae.reports.report import names
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SAMPLE = Document("A & B", [
@@ -53,8 +58,8 @@ def test_save_writes_pictures_beside_the_text(tmp_path):
     assert "![a photo](a-2.png)" in (tmp_path / "a.md").read_text(encoding="utf-8")
     SAMPLE.save(tmp_path / "a.tex")
     assert r"{a-2.png}" in (tmp_path / "a.tex").read_text(encoding="utf-8")
-    with pytest.raises(mb.OptionError, match=r"does not end in \.html or \.md or \.tex"):
-        SAMPLE.save(tmp_path / "a.pdf")
+    with pytest.raises(mb.OptionError, match=r"does not end in \.html or \.md or \.tex or \.pdf"):
+        SAMPLE.save(tmp_path / "a.doc")
 
 
 def test_formulas_break_between_terms_only():
@@ -72,13 +77,42 @@ def test_unknown_commands_are_told():
         inline("a } b")
 
 
-def test_latex_compiles(tmp_path):
-    """Once, where there is TeX."""
-    compiler = next((found for found in map(shutil.which, ("lualatex", "pdflatex", "tectonic")) if found), None)
-    if compiler is None:
-        pytest.skip("no TeX here: install texlive-latex-recommended to compile the reports")
-    mb.report(mb.Revolute).save(tmp_path / "revolute.tex")
-    flags = [] if "tectonic" in compiler else ["-interaction=nonstopmode", "-halt-on-error"]
-    done = subprocess.run([compiler, *flags, "revolute.tex"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-2000:]
-    assert not re.search(r"Overfull .hbox \((\d{3,})", done.stdout)
+TEX = next((found for found in map(shutil.which, COMPILERS) if found), None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*names(), "four_bar", "heavy_top"])
+def test_reports_are_typeset(name, tmp_path):
+    """By a real TeX: no line leaves the page by more than two letters, all fonts are outlines."""
+    if TEX is None:
+        pytest.skip("no TeX here: install texlive-latex-recommended, texlive-pictures and lmodern to typeset the reports")
+    example = EXAMPLES / f"{name}.py"
+    what = runpy.run_path(str(example))["scene"]() if example.exists() else name
+    mb.report(what).save(tmp_path / "report.tex")
+    flags = ["-interaction=nonstopmode", "-halt-on-error"]
+    done = subprocess.run([TEX, *flags, "report.tex"], cwd=tmp_path, capture_output=True, check=False)
+    log = done.stdout.decode(errors="replace")
+    assert done.returncode == 0, log[-2000:]
+    assert [w for w in re.findall(r"Overfull .hbox \((\d+)\.", log) if int(w) > 90] == []
+    if shutil.which("pdffonts"):
+        fonts = subprocess.run(["pdffonts", "report.pdf"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        assert "Type 3" not in fonts
+
+
+def test_a_pdf_without_tex_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("mbdae.documents.document.COMPILERS", ("no-such-tex",))
+    with pytest.raises(mb.OptionError, match="install TeX"):
+        SAMPLE.save(tmp_path / "a.pdf")
+
+
+@pytest.mark.skipif(TEX is None, reason="no TeX here")
+def test_a_pdf_is_written(tmp_path):
+    found = mb.report("gear").save(tmp_path / "a.pdf")
+    assert found.read_bytes().startswith(b"%PDF")
+
+
+def test_equations_explain_their_symbols_and_give_their_tex():
+    html = mb.report("gear").to_html()
+    assert 'class="equation" title="' in html
+    assert "<summary>TeX</summary><code>" in html
+    assert "<details><summary>The " in html

@@ -1,139 +1,93 @@
-"""Single edits of the formulas of a report are caught by its own checks."""
+"""Single edits of what a report prints are caught by the report itself: it reads its equations back."""
 
 from __future__ import annotations
 
 import random
+import re
 
-import numpy as np
 import pytest
-import symengine as se
 
-from mbdae.reports.force import ForceReport
-from mbdae.reports.joint import JointReport
-from mbdae.reports.report import exported
-from mbdae.reports.statement import structure_of
-from mbdae.reports.states import random_state
-from mbdae.reports.vectors import Base, Product, Vector
-from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.law import Force
+from mbdae.documents.blocks import Equation, Section, numbered
+from mbdae.reports import page
+from mbdae.reports.printed import equations
+from mbdae.reports.report import report
 
-EDITS = 20
-LAWS = sorted((law for law in exported().values() if issubclass(law, Joint | Force)), key=lambda law: law.__name__)
-OTHER_AXIS = {"x": "y", "y": "z", "z": "x", "r": "c", "v": "w", "w": "v", "s": "r"}
-
-
-def edited_atom(atom, kind, rng):
-    """The atom with another axis, or of the other body."""
-    if isinstance(atom, Product):
-        left = rng.random() < 0.5
-        inner = edited_atom(atom.left if left else atom.right, kind, rng)
-        return None if inner is None else Product(inner, atom.right) if left else Product(atom.left, inner)
-    if not isinstance(atom, Base):
-        return None
-    if kind == "body":
-        return Base(atom.kind, {"k": "l", "l": "k"}[atom.side]) if atom.side in "kl" else None
-    if atom.kind == "E":
-        return Base("E", OTHER_AXIS[atom.side])
-    return Base(OTHER_AXIS[atom.kind], atom.side) if atom.kind in OTHER_AXIS else None
+EDITS = 24
+NAMES = ["revolute", "classical", "recursive", "universal", "screw", "spherical", "gear", "pointspring", "jointdamper", "hertz",
+         "lugre", "beam", "rigidbody", "bushing"]  # fmt: skip
+VECTOR = r"(\\(?:mathbf|boldsymbol)\{[^{}]*\}_[kl])"
+#: edits of a line: a pattern and what takes its place
+KINDS = {
+    "sign of a term": (r" \+ ", " - "),
+    "factors of a vector product": (rf"{VECTOR}\\times {VECTOR}", r"\2\\times \1"),
+    "another body": (r"\}_k(?![a-z])", "}_l"),
+    "another axis": (r"\\mathbf\{x\}", r"\\mathbf{y}"),
+    "a factor": (r"= (?!0)", "= 2\\\\,"),
+    "a dropped term": (r" [+-] [^+]*$", ""),
+    "a dropped rate": (r"\\dot\{", "{"),
+    "sine for cosine": (r"\\cos ", r"\\sin "),
+    "a power": (r"\^\{2\}", "^{3}"),
+}  # fmt: skip
 
 
-def edited(vector, kind, rng):
-    """The vector after one edit; None where it has no place for it."""
-    atom = rng.choice(list(vector.terms))
-    terms = dict(vector.terms)
-    c = terms.pop(atom)
-    if kind == "sign":
-        return Vector(vector.record, {**terms, atom: -c})
-    if kind == "factor":
-        return Vector(vector.record, {**terms, atom: 2 * c})
-    if kind == "dropped term":
-        return Vector(vector.record, terms)
-    other = edited_atom(atom, kind, rng)
-    return None if other is None else Vector(vector.record, terms) + Vector(vector.record, {other: c})
+def edited(blocks, number, line):
+    """The blocks with another line in place of the equation of a number."""
+    out = []
+    for block in blocks:
+        if isinstance(block, Section):
+            block = Section(block.title, edited(block.blocks, number, line), block.level)
+        out.append(Equation(line, block.number, block.note) if isinstance(block, Equation) and block.number == number else block)
+    return out
 
 
-def places(r):
-    """Vectors the report displays: (get, set)."""
-    found = []
-    record, written = r.s.record, r.formulas.writer.vectors
-    shown = [n for n in written if n not in record.changes]
-    found += [(lambda n=n: record.vectors[n], lambda v, n=n: record.vectors.__setitem__(n, v)) for n in shown]
-    tables = [*([r.stated_pairs] if isinstance(r, ForceReport) and r.stated_pairs else [])]
-    tables += [pairs for pairs, _ in r.duals.values()] if isinstance(r, JointReport) else [r.elastic[0], r.drag[0]]
-    for pairs in tables:
-        for side in [side for side in r.s.sides if side not in r.s.still]:
-            for i in range(2):
-                def put(v, pairs=pairs, side=side, i=i):
-                    pairs[side] = tuple(v if j == i else pairs[side][j] for j in range(2))
-
-                found.append((lambda pairs=pairs, side=side, i=i: pairs[side][i], put))
-    return [(get, put) for get, put in found if get().terms]
+def with_edit(monkeypatch, name, edit):
+    """The text of a report whose numbered blocks are changed by `edit` before they are read back."""
+    with monkeypatch.context() as patch:
+        patch.setattr(page, "numbered", lambda blocks: edit(numbered(blocks)))
+        return report(name).to_markdown()
 
 
-def checked(r):
-    """The report's checks, run again."""
-    r.formulas.checks.clear()
-    if isinstance(r, JointReport):
-        rate = r.s.motion()
-        rates = {row: rate.scalar(e) for row, e in r.s.rows.items()}
-        r.rates(rate, rates)
-        r.run_checks(rate, rates)
-    else:
-        r.power()
-        r.run_checks()
-    return [c for c in r.formulas.checks if not c.holds]
+@pytest.fixture(scope="module")
+def lines():
+    """The equations of every report, by name."""
+    found, patch = {}, pytest.MonkeyPatch()
+    for name in NAMES:
+        with_edit(patch, name, lambda blocks, name=name: found.setdefault(name, list(equations(blocks))) and blocks)
+    return found
 
 
-def report_of(law):
-    shape = structure_of(law, {})
-    r = JointReport(law, shape) if issubclass(law, Joint) else ForceReport(law, shape)
-    r.document()
-    return r
+@pytest.mark.parametrize("seed", range(EDITS))
+def test_single_edits_of_the_print_are_caught(seed, lines, monkeypatch):
+    rng, kind = random.Random(seed), list(KINDS)[seed % len(KINDS)]
+    pattern, place = KINDS[kind]
+    open_ = [(name, e) for name, found in lines.items() for e in found if re.search(pattern, e.latex)]
+    name, e = rng.choice(open_)
+    at = rng.choice(list(re.finditer(pattern, e.latex)))
+    line = e.latex[: at.start()] + re.sub(pattern, place, at[0] if kind != "a dropped term" else "") + e.latex[at.end() :]
+    line = line if kind != "a dropped term" else e.latex[: at.start()]
+    text = with_edit(monkeypatch, name, lambda blocks: edited(blocks, e.number, line))
+    assert "NOT EQUAL" in text, f"{kind} in {name} ({e.number}): {e.latex} -> {line}"
 
 
-def one_edit(seed):
-    """(law, edit, whether it was caught) of one edit that changes the formula; None where the choice has none."""
-    rng = random.Random(seed)
-    law, kind = rng.choice(LAWS), rng.choice(["sign", "index", "body", "factor", "dropped term"])
-    r = report_of(law)
-    assert checked(r) == []
-    open_places = places(r)
-    if not open_places:
-        return None
-    get, put = rng.choice(open_places)
-    before, after = get(), edited(get(), kind, rng)
-    if after is None:
-        return None
-    state = random_state(r.d, seed=1000 + seed)
-    n = r.formulas.numbers(state)
-    try:
-        if np.max(np.abs(n.vector(before) - n.vector(after))) < 1e-9:
-            return None  # says the same
-    except (KeyError, StopIteration):
-        return None  # a vector the ground does not have
-    put(after)
-    return law.__name__, kind, bool(checked(r))
+def test_a_line_that_is_missing_is_told(lines, monkeypatch):
+    for name, found in lines.items():
+        e = found[len(found) // 2]
+        text = with_edit(monkeypatch, name, lambda blocks, e=e: without(blocks, e.number))
+        if not e.latex.startswith("="):
+            assert "NOT EQUAL" in text, f"{name} without {e.latex}"
 
 
-def test_single_edits_are_caught():
-    found, seed = [], 0
-    while len(found) < EDITS:
-        edit = one_edit(seed)
-        seed += 1
-        found += [edit] if edit is not None else []
-    missed = [(law, kind) for law, kind, caught in found if not caught]
-    assert missed == []
-    assert len({law for law, _, _ in found}) >= 8
-    assert {kind for _, kind, _ in found} == {"sign", "index", "body", "factor", "dropped term"}
+def without(blocks, number):
+    found = [Section(b.title, without(b.blocks, number), b.level) if isinstance(b, Section) else b for b in blocks]
+    return [b for b in found if not (isinstance(b, Equation) and b.number == number)]
 
 
-@pytest.mark.parametrize("edit", ["-", "2", "other axis", "other body"])
-def test_edits_of_a_row_are_caught(edit):
-    r = report_of(exported()["revolute"])
-    e = r.s.rows["tilt_y"]
-    (symbol,) = e.free_symbols
-    z, x = r.s.record.dots[symbol]
-    dot = r.s.record.dot
-    change = {"-": -e, "2": 2 * e, "other axis": dot(z, Base("y", "l")), "other body": dot(Base("z", "l"), x)}
-    r.s.rows["tilt_y"] = se.sympify(change[edit])
-    assert checked(r)
+def test_all_that_is_displayed_is_compared(lines, monkeypatch):
+    """Every number appears among the checks, or defines what a checked equation uses."""
+    for name, found in lines.items():
+        text = report(name).to_markdown()
+        checked = {int(n) for n in re.findall(r"^\| \((\d+)\)", text, re.M)}
+        rest = [e for e in found if e.number not in checked]
+        for e in rest:
+            symbol = e.latex.split("=")[0].strip()
+            assert sum(symbol in other.latex for other in found) >= 2, f"{name}: {e.latex}"

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.documents.blocks import Block, Equation, Paragraph
-from mbdae.reports.joint_checks import JointChecks
+from mbdae.documents.blocks import Block, Paragraph
 from mbdae.reports.states import State, random_state
 
 STARTS = 60  #: random attitudes from which the rows are solved
 
 
-def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
+def jacobian(r: Any, state: State) -> NDArray[Any]:
     """Derivatives (points, rows, 6) of the rows by displacement and rotation of l."""
     n, out = r.formulas.numbers(state), []
     for pairs, _ in r.duals.values():
@@ -23,7 +22,7 @@ def jacobian(r: JointChecks, state: State) -> NDArray[Any]:
     return np.stack(out, axis=1)
 
 
-def solved(r: JointChecks, state: State) -> State:
+def solved(r: Any, state: State) -> State:
     """The states with l moved until the rows vanish (Gauss-Newton, steps up to 0.7 rad); where a row is not defined l stays."""
     for _ in range(60):
         n = r.formulas.numbers(state)
@@ -40,7 +39,7 @@ def solved(r: JointChecks, state: State) -> State:
     return state
 
 
-def solution_set(r: JointChecks) -> list[Block]:
+def solution_set(r: Any) -> list[Block]:
     """Rank and degrees of freedom on the solution set, and the unwanted solutions of the rows."""
     state = solved(r, random_state(r.d, seed=11, points=STARTS, spread=3.0))
     n = r.formulas.numbers(state)
@@ -50,30 +49,29 @@ def solution_set(r: JointChecks) -> list[Block]:
         J = jacobian(r, state)
     reached &= np.isfinite(J).all(axis=(1, 2))
     J = J[reached]
+    blocks, wrong = _told(r, J), np.zeros(STARTS, dtype=bool)
+    if not r.s.branches:
+        return [*blocks, Paragraph("The rows have no unwanted branch.")]
+    blocks.append(Paragraph("The rows alone allow the opposite too; required is:"))
+    for i, (name, e) in enumerate(r.s.branches.items()):
+        wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
+        blocks += r.formulas.lines(f"b_{{{i + 1}}} = {r.formulas.writer.scalar(e)} > 0", note=name)
+    if not len(J):
+        return blocks
+    count = int((wrong & reached).sum())
+    return [*blocks, Paragraph(f"{count} of the {len(J)} solutions lie on an unwanted branch; a start refuses them.")]
+
+
+def _told(r: Any, J: NDArray[Any]) -> list[Block]:
+    """The rank of the Jacobians at the solutions, and the motions that are left."""
     if not len(J):
         return [Paragraph(f"From none of {STARTS} random attitudes were the rows solved by moving l alone.")]
     rank = int(np.linalg.matrix_rank(J, tol=1e-7).max())
     count = len(r.s.rows) - sum(not np.any(np.abs(J[:, i]) > 1e-12) for i in range(J.shape[1]))
     free, motions = 6 - rank, ("motion", "motions")
     text = (
-        f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {int(reached.sum())} reached a solution."
+        f"The rows were solved from {STARTS} random attitudes of l by moving l alone; {len(J)} reached a solution."
         f" There the {count} rows that depend on the motion of l have rank {rank}: {free} relative {motions[free != 1]} of the"
         f" bodies {'is' if free == 1 else 'are'} left."
     )
-    blocks: list[Block] = [Paragraph(text)]
-    if not r.s.branches:
-        return [*blocks, Paragraph("The rows have no unwanted branch.")]
-    wrong = np.zeros(STARTS, dtype=bool)
-    for name, e in r.s.branches.items():
-        wrong |= np.broadcast_to(n.scalar(e), (STARTS,)) <= 0
-        blocks.append(
-            Equation(f"{r.formulas.writer.scalar(e)} > 0", note=f"{name}: required, as the rows alone allow the opposite too")
-        )
-    ended = int((wrong & reached).sum())
-    blocks.append(
-        Paragraph(
-            f"{ended} of the {int(reached.sum())} solutions lie on an unwanted branch; the start of a scene refuses them."
-        )
-    )
-    return blocks
-
+    return [Paragraph(text)]

@@ -21,7 +21,7 @@ class LineState:
             P, dP = (np.stack([self.given[f"P{i}{end}"] for i in range(1, 5)]) for end in ("", "_xi"))
             dP = dP - P * np.sum(P * dP, axis=0) / np.sum(P * P, axis=0)
             self.given |= {f"P{i + 1}_xi": dP[i] for i in range(4)}
-            self.given |= {f"{n}{end}_t": np.zeros(POINTS) for n in names for end in ("", "_xi")}
+            self.given |= {f"{n}{end}_t": rng.normal(size=POINTS) for n in names for end in ("", "_xi")}
             self.given |= {"ds": rng.uniform(0.5, 1.5, POINTS), "weight": rng.uniform(0.5, 1.5, POINTS)}
             self.given |= {n: rng.uniform(0.5, 1.5, POINTS) for n in law.params}
             self.given |= {n: rng.normal(size=POINTS) for n in ("N1", "N2", "N3", "M1", "M2", "M3")}
@@ -53,6 +53,14 @@ class LineState:
         _, dP = self._fields("_xi")
         vector = P[:, :1] * dP[:, 1:] - dP[:, :1] * P[:, 1:] - np.cross(P[:, 1:], dP[:, 1:])
         return 2 * vector / np.sum(P * P, axis=-1, keepdims=True) / self.given["ds"][:, None]
+
+    def at_rest(self) -> LineState:
+        """The state without rates."""
+        return LineState(None, None, {n: 0 * v if n.endswith("_t") else v for n, v in self.given.items()})
+
+    def moving(self) -> LineState:
+        """The state after a complex step along its rates."""
+        return LineState(None, None, {n: v + 1j * STEP * self.given.get(f"{n}_t", 0) for n, v in self.given.items()})
 
     def changed(self) -> LineState:
         """The state after a complex step along dr', dpsi and dpsi': P changes by (0, dpsi) o P / 2, its slope likewise."""

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
-from mbdae.reports.common import LawFormulas, joined, title_of
-from mbdae.reports.joint_checks import JointChecks
-from mbdae.reports.letters import specs_of_coordinates, unit_text
+from mbdae.documents.blocks import Block, Paragraph, Section, Table
+from mbdae.reports.common import LawFormulas, title_of
+from mbdae.reports.letters import specs_of_coordinates, unit_text, worded
+from mbdae.reports.page import DERIVED, LawPage
 from mbdae.reports.statement import Statement
-from mbdae.reports.states import POINTS
 from mbdae.reports.vectors import Vector
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.motion import AXES, Motion, Step, motion_of, no_rotation
@@ -53,7 +50,7 @@ def motion_in(s: Statement) -> Motion | None:
     return motion_of(s.law, symbols)
 
 
-def coordinates_section(r: JointChecks) -> Section | None:
+def coordinates_section(r: LawPage) -> Section | None:
     """Table of the coordinates, chain of motions, pose of l, coordinates as frames show them; None for a joint without."""
     specs, motion = specs_of_coordinates(r.s.law), motion_in(r.s)
     if not specs and motion is None:
@@ -61,7 +58,7 @@ def coordinates_section(r: JointChecks) -> Section | None:
     blocks: list[Block] = []
     if specs:
         known = r.formulas.known
-        rows = [[f"`{name}`", f"${known[name].latex}$", _unit(spec.unit), spec.meaning] for name, spec in specs.items()]
+        rows = [[f"`{name}`", f"${known[name].latex}$", _unit(spec.unit), worded(spec.meaning)] for name, spec in specs.items()]
         if not isinstance(r.s.law, Joint):
             said = "The coordinates are those of joints."
         elif r.s.places:
@@ -72,7 +69,7 @@ def coordinates_section(r: JointChecks) -> Section | None:
         r.formulas.writer.used |= {str(r.s.coordinates.get(name, name)) for name in specs}
     if motion is not None:
         blocks += chain(motion, r.formulas, list(specs))
-    return Section("Coordinates and motion", [*blocks, *_pose(r, motion), *_read(r)])
+    return Section("Coordinates and motion", [*blocks, *_read(r)])
 
 
 def _unit(unit: str) -> str:
@@ -111,26 +108,12 @@ def pose_of(s: Statement, motion: Motion) -> tuple[Vector, tuple[Vec, Vec, Vec]]
     return s.vector(moved), tuple(s.vector(a) for a in axes)  # type: ignore[return-value]
 
 
-def _pose(r: JointChecks, motion: Motion | None) -> list[Block]:
-    """The pose of l on the motion, where all coordinates have symbols."""
-    if motion is None or r.s.law.coordinates.keys() - r.s.law.scalars().keys() - r.s.values.keys():
-        return []
-    moved, axes = pose_of(r.s, motion)
-    r.formulas.refresh()
-    w, mark = r.formulas.writer, r.formulas.mark()
-    lines = [rf"\mathbf{{r}}_l = {w.vector(r.s.record.atom('r', 'k') + moved)}"]
-    lines += [rf"\mathbf{{{name}}}_l = {w.vector(a)}" for name, a in zip("xyz", axes, strict=True)]  # type: ignore[arg-type]
-    return [Paragraph("Point and axes of l on the motion:"), Equation(joined(lines)), *r.formulas.explained(mark)]
-
-
-def _read(r: JointChecks) -> list[Block]:
+def _read(r: LawPage) -> list[Block]:
     """The coordinates as the frames show them, with the derived ones."""
     if not r.s.read:
         return []
-    r.formulas.refresh()
-    w, mark, n = r.formulas.writer, r.formulas.mark(), r.formulas.numbers(r.state)
-    lines = [f"{r.formulas.known[name].latex} = {w.scalar(e)}" for name, e in r.s.read.items()]
-    for name, e in r.s.read.items():
-        r.check(f"coordinate {name}", np.broadcast_to(n.scalar(e), (POINTS,)), r.state.scalar(r.d.coordinates[name]))
-    return [Paragraph("The coordinates as the frames show them, whether the rows vanish or not:"), Equation(joined(lines)),
-            *r.formulas.explained(mark)]  # fmt: skip
+    for name in r.s.read:
+        r.want(r.formulas.known[name].latex, r.state.scalar(r.d.coordinates[name]), DERIVED)
+    lines = [f"{r.formulas.known[name].latex} = {r.formulas.writer.scalar(e)}" for name, e in r.s.read.items()]
+    text = "The coordinates as the frames show them, whether the rows vanish or not:"
+    return [Paragraph(text), *r.formulas.lines(*lines)]

@@ -1,0 +1,1 @@
+"""The pages of laws: joints, couplings, forces, bodies, lines, friction and normal laws."""

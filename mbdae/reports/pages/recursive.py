@@ -1,0 +1,205 @@
+"""A joint as a recursive one: the program of a tree, run with vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.document import Document
+from mbdae.errors import LawError
+from mbdae.laws.joints import Prismatic, Revolute
+from mbdae.reports.calculus import Motion
+from mbdae.reports.common import row_name, title_of
+from mbdae.reports.page import BOTH, document
+from mbdae.reports.pages.coordinates import chain, motion_in
+from mbdae.reports.pages.recursive_values import MATRIX, ORACLE, RecursiveValues
+from mbdae.reports.pages.tree_vectors import inserted
+from mbdae.reports.statement import Statement, structure_of
+from mbdae.reports.vectors import Base, Vector
+from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.vectors import Expr
+
+INTRODUCED = (
+    "Without rows and multipliers the coordinates are the only unknowns of body l: its state follows from that of k, outwards,"
+    " and the forces on it are passed on to k and to the equations of the coordinates, inwards. These lines are the program that"
+    " is integrated, run with vectors. All forces on l but those of the joint stand on the left-hand side:"
+    " $\\mathbf{F}_l, \\mathbf{M}_l$ at its centre."
+)
+
+
+VELOCITIES = [r"\dot{\mathbf{c}}_l", r"\boldsymbol{\omega}_l"]
+ACCELERATIONS = [r"\ddot{\mathbf{c}}_l", r"\dot{\boldsymbol{\omega}}_l"]
+FORCES, BIAS = [r"\mathbf{F}_l", r"\mathbf{M}_l"], r"\mathbf{a}_0"
+
+
+class RecursivePage(RecursiveValues):
+    """One joint as the link of a tree: its lines."""
+
+    # -- sections
+
+    def blocks(self) -> list[Block]:
+        """Outwards, map and bias, inwards, mass and geometric stiffness."""
+        parts = {"Motion outwards": self.outwards, "Forces inwards": self.inwards, "Map, mass and bias": self.map,
+                 "Geometric stiffness of the recursion": self.stiffness}  # fmt: skip
+        return [Paragraph(INTRODUCED), *(Section(title, make()) for title, make in parts.items())]
+
+    def outwards(self) -> list[Block]:
+        """Position, attitude, velocity and acceleration of l."""
+        w, t, l = self.formulas.writer, self.tree, self.tree.l
+        lines = []
+        if t.reached and not any(step.rotation for step in self.motion.steps):
+            lines += [rf"\mathbf{{{name}}}_l = {w.vector(a)}" for name, a in zip("xyz", t.reached, strict=True)]
+        for latex, e in ((r"\mathbf{c}_l", l.r), (r"\boldsymbol{\omega}_l", t.spins[0]), (r"\dot{\mathbf{c}}_l", l.v),
+                         (r"\dot{\boldsymbol{\omega}}_l", t.spins[1]), (r"\ddot{\mathbf{c}}_l", l.a)):  # fmt: skip
+            lines.append(f"{latex} = {w.vector(self.s.record.lift(e))}")
+        self.want(r"\dot{\boldsymbol{\omega}}_l", np.einsum("pij,pj->pi", self.Rl, self.upl[:, 3:]))
+        self.want(r"\ddot{\mathbf{c}}_l", self.upl[:, :3])
+        for kind in ("c", "w", "vc", "ac", "al"):
+            w.bases.add(Base(kind, "l"))
+        return [*chain(self.motion, self.formulas, list(self.s.law.coordinates)), *self.formulas.lines(*lines)]
+
+    @cached_property
+    def motion(self) -> Any:
+        """The motion the joint states, in the symbols of its coordinates."""
+        return motion_in(self.s)
+
+    @cached_property
+    def efforts(self) -> list[tuple[str, Expr]]:
+        """Letter and row of every coordinate, and of every component of a free rotation."""
+        found = []
+        for number, name in enumerate(self.tree.link.coordinates):
+            rows = [(place, e) for place, e in self.tree.force.items() if place[0] == -1 - number]
+            for place, e in rows:
+                below = row_name(name) + (f" {place[1] + 1}" if name in self.s.turning else "")
+                found.append((f"\\bar r_{{\\text{{{below}}}}}", e))
+        return found
+
+    def inwards(self) -> list[Block]:
+        """What the joint leaves on k and in the equations of the coordinates."""
+        w, (F, N), rows = self.formulas.writer, self.tree.root, self._rows()
+        lines = [rf"\bar{{\mathbf{{F}}}}_k = {w.vector(F)}", rf"\bar{{\mathbf{{M}}}}_k = {w.vector(N)}"]
+        lines += [f"{latex} = {w.scalar(e)}" for latex, e in self.efforts]
+        self.want(r"\bar{\mathbf{F}}_k", rows[:, :3])
+        self.want(r"\bar{\mathbf{M}}_k", rows[:, 3:6])
+        for i, (latex, _) in enumerate(self.efforts):
+            self.want(latex, rows[:, 6 + i])
+        text = (
+            "They add to the equations of k, at its centre, and are the equation $\\bar r = 0$ of each coordinate; springs,"
+            " dampers and loads of the coordinate add to it. The joint carries the force and the moment that are passed on."
+        )
+        return [*self.formulas.lines(*lines), Paragraph(text)]
+
+    @cached_property
+    def rates(self) -> list[tuple[Expr, Expr]]:
+        """Symbols of the rates and of the virtual changes of the coordinates, component by component."""
+        found = []
+        for name, side in self.s.places.items():
+            if name in self.s.turning:
+                found += [(se.Symbol(f"{side}_W{i}"), se.Symbol(f"d{side}_W{i}")) for i in "123"]
+            else:
+                symbol = self.s.coordinates[name]
+                found.append((self.s.clock[symbol], self.s.virtual[symbol]))
+        return found
+
+    def map(self) -> list[Block]:
+        """The map from the velocities of k and of the coordinates, what it makes of forces and mass, and the bias."""
+        w, record, t = self.formulas.writer, self.s.record, self.tree
+        zero, spin = record.zero(), Base("w", "l")
+        v, d = inserted(t.l.v, {spin: t.spins[0]}, {}), (t.l.r - record.atom("c", "k"))
+        slopes = [Motion(record, lambda _: None, {rate: se.Integer(1)}, rf"\partial_{{{i + 1}}}")
+                  for i, (rate, _) in enumerate(self.rates)]  # fmt: skip
+        columns = [(slope.vector(v), slope.vector(t.spins[0])) for slope in slopes]
+        below = [f"_{{{i + 1}}}" if len(columns) > 1 else "" for i in range(len(columns))]
+        lines = [rf"\mathbf{{h}} = {w.vector(d)}"]
+        for i, pair in zip(below, columns, strict=True):
+            lines += [rf"\mathbf{{{letter}}}{i} = {w.vector(a)}" for letter, a in zip("tj", pair, strict=True)]
+        starts = {"t": r"\mathbf{1} & -\tilde{\mathbf{h}}", "j": r"\mathbf{0} & \mathbf{1}"}
+        cells = [" & ".join([start, *(rf"\mathbf{{{letter}}}{i}" for i in below)]) for letter, start in starts.items()]
+        bias = {Base("al", "l"): inserted(t.spins[1], *self._still(zero)).named(r"\boldsymbol{\alpha}_0")}
+        atoms, symbols = self._still(zero)
+        at_rest = inserted(t.l.a, atoms | bias, symbols)
+        speeds = [r"\dot{\mathbf{c}}_k", r"\boldsymbol{\omega}_k", *(w.scalar(rate) for rate, _ in self.rates)]
+        seconds = [r"\ddot{\mathbf{c}}_k", r"\dot{\boldsymbol{\omega}}_k", *map(w.scalar, self._seconds())]
+        rows = [r"\bar{\mathbf{F}}_k", r"\bar{\mathbf{M}}_k", *(latex for latex, _ in self.efforts)]
+        alpha = w.vector(bias[Base("al", "l")])
+        product = [
+            rf"\mathbf{{B}} = {_column(cells)}",
+            rf"{_column(VELOCITIES)} = \mathbf{{B}}\,{_column(speeds)}",
+            rf"{_column(ACCELERATIONS)} = \mathbf{{B}}\,{_column(seconds)} + {_column([BIAS, alpha])}",
+            rf"\mathbf{{a}}_0 = {w.vector(at_rest)}",
+            rf"{_column(rows)} = \mathbf{{B}}^{{\mathsf{{T}}}}\,{_column(FORCES)}",
+        ]  # fmt: skip
+        self.wanted |= dict.fromkeys([_column(VELOCITIES), _column(ACCELERATIONS), _column(rows)], BOTH)
+        self._want_mass()
+        self.formulas.known["mass"] = MATRIX
+        w.used.add("mass")
+        text = "The rates of the coordinates and of k enter linearly; accelerations leave a rest, the bias, where they are zero:"
+        mass = r"\bar{\mathbf{M}} = \mathbf{B}^{\mathsf{T}}\,\mathbf{M}\,\mathbf{B}"
+        told = "The mass of l, passed on in the same way:"
+        return [Paragraph(text), *self.formulas.lines(*lines, *product), Paragraph(told), Equation(mass)]
+
+    def _still(self, zero: Vector) -> tuple[dict[Base, Vector], dict[Expr, Expr]]:
+        """Accelerations of k and of the coordinates, replaced by zero."""
+        return {Base("ac", "k"): zero, Base("al", "k"): zero}, {symbol: se.Integer(0) for symbol in self._seconds()}
+
+    def _seconds(self) -> list[Expr]:
+        found = []
+        for name, side in self.s.places.items():
+            turns = name in self.s.turning
+            found += [se.Symbol(f"{side}_Wp{i}") for i in "123"] if turns else [self.tree.second(name)]
+        return found
+
+    def stiffness(self) -> list[Block]:
+        """Change of what is passed on, at constant force and moment."""
+        rule, w, (F, N) = self.s.variation, self.formulas.writer, self.tree.root
+        changes = [(rf"\delta\bar{{\mathbf{{{letter}}}}}_k", w.vector(rule.vector(a))) for letter, a in (("F", F), ("M", N))]
+        changes += [(rf"\delta {latex}", w.scalar(rule.scalar(e))) for latex, e in self.efforts]
+        virtual = {Base("w", "k"): self.s.record.atom("dpsi", "k")}
+        turned = inserted(self.tree.spins[0], virtual, dict(self.rates))
+        wanted = self._varied()
+        for (latex, _), values in zip(changes, [wanted[:, :3], wanted[:, 3:6], *wanted[:, 6:].T], strict=True):
+            self.want(latex, values, ORACLE)
+        lines = [rf"\delta\boldsymbol{{\psi}}_l = {w.vector(turned)}", *(f"{latex} = {e}" for latex, e in changes)]
+        text = "Change in a virtual displacement at constant $\\mathbf{F}_l, \\mathbf{M}_l$ (all of it, not a part):"
+        return [Paragraph(text), *self.formulas.lines(*lines)]
+
+
+def _column(rows: list[str]) -> str:
+    inside: str = r" \\ ".join(rows)
+    return rf"\begin{{bmatrix}} {inside} \end{{bmatrix}}"
+
+
+def recursive_pages(s: Statement, others: frozenset[str]) -> list[tuple[Any, list[Block]]]:
+    """The page on a joint as a recursive one; none for a joint that states no motion of l relative to k."""
+    if not (isinstance(s.law, Joint) and s.law.states_motion() and s.sides == ("k", "l")):
+        return []
+    page = RecursivePage(type(s.law), s.structure, others)
+    return [(page, [Section("As a recursive joint", page.blocks())])]
+
+
+def recursive_report(laws: tuple[type[Joint], ...] = (Revolute, Prismatic), options: Mapping[str, Any] | None = None) -> Document:
+    """The report of recursive joints, each with its own sections. options: those of the laws."""
+    pages: list[tuple[Any, list[Block]]] = []
+    for law in laws:
+        if not law.states_motion() or law.frames != ("k", "l"):
+            raise LawError(f"{law.__name__} states no motion of l relative to k: without motion(self, from_k) no recursion")
+        others = frozenset().union(*(page.formulas.taken for page, _ in pages))
+        page = RecursivePage(law, structure_of(law, dict(options or {}) | {"kept": True}), others)
+        pages.append((page, [Section(f"{title_of(law)} joint", page.blocks())]))
+    title = "Recursive joint" if len(laws) > 1 else f"{title_of(laws[0])} joint, recursive"
+    text = "The same section of any other joint: `mb.report(MyJoint, model=mb.Recursive())`."
+    return document(title, [Paragraph(text)], pages, "", [origin([page for page, _ in pages])])
+
+
+def origin(pages: list[RecursivePage]) -> Section:
+    """The hashes of the programs and of the rows."""
+    rows = [[f"`{type(p.s.law).__name__}`", f"`{p.hash[:32]}…`", f"`{fingerprint(p.s.derived)[:32]}…`"] for p in pages]
+    text = "The lines are those of the program that is integrated; the rows name the reactions."
+    head = ["law", "sha256 of the program", "sha256 of the rows"]
+    return Section("Origin of the recursion", [Paragraph(text), Table(head, rows)])

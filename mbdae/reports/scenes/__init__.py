@@ -1,0 +1,1 @@
+"""The report of a scene: its sheet, and its joint forces in closed form."""

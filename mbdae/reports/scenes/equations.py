@@ -1,0 +1,273 @@
+"""The equations of motion of a scene in symbols, solved for the multipliers.
+
+The rows are M u' + G^T lambda = f with the entries of G that the laws of this scene have. Force balances give one multiplier
+each (its coefficient is 1 or -1); what is left falls into the smallest blocks that stand for themselves: single rows of trees,
+from the leaves to the root, and the two rows of a dyad. Each block is solved by determinants.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+
+from mbdae.reports.evaluate import value
+from mbdae.reports.letters import of_name
+from mbdae.reports.states import POINTS
+from mbdae.reports.vectors import Record
+from mbdae.reports.writer import Writer
+from mbdae.symbolic.derive import Derived
+from mbdae.symbolic.outputs import Target, scatter_pair
+from mbdae.symbolic.vectors import Expr
+from mbdae.system.prepare import Prepared
+
+LARGEST_BLOCK = 3  #: rows that are solved together by determinants
+LARGEST_SCENE = 60  #: multipliers above which no closed form is sought
+SHORT = 2  #: symbols of an entry of G that is written out
+_ZERO = se.Integer(0)
+Row = dict[Any, Expr]  #: coefficients by multiplier; under None what has none
+
+
+def symbols_of_rows(d: Derived) -> list[tuple[Target, Expr]]:
+    """Every symbol in the gradients of the rows of a law."""
+    found = set().union(*(se.sympify(c).free_symbols for row in d.G for pair in row.values() for part in pair for c in part))
+    return [(("symbol", str(s)), s) for s in sorted(found, key=str)]
+
+
+class Velocity(NamedTuple):
+    """A velocity of a body: its subscript, the letter of what it moves, and that of its inertia."""
+
+    below: str
+    letter: str
+    mass: str
+
+
+class SceneEquations:
+    """Rows of a scene with letters for their coefficients, their solution, and values at states. Raises ValueError, with the
+    reason, where a scene has no closed form."""
+
+    def __init__(self, prepared: Prepared) -> None:
+        self.prepared, self.m = prepared, prepared.mechanics
+        self._refuse()
+        self.latex: dict[str, str] = {}
+        self.writer = Writer(Record(), self.latex)
+        self.unknowns = [self.letter(f"l{i}", rf"\lambda_{{{said(row.name)}}}") for i, row in enumerate(self.m.rows)]
+        self.entries: dict[str, tuple[int, int]] = {}  #: letters of entries of G, with row and place in u
+        self.places: dict[Any, str] = {}  #: (group, instance, symbol of the law) -> name of the letter
+        self.rows = self._equations()
+        self.steps: list[tuple[list[Any], list[Row]]] = []  #: unknowns with the rows that give them, in order
+        self._solve()
+
+    def _refuse(self) -> None:
+        model = self.prepared.model
+        reasons = {"the scene has no joints": not self.m.m, "its beams are flexible": bool(model.lines),
+                   "its reactions are not unique": bool(self.prepared.rank.dropped),
+                   "friction follows from the reactions": bool(self.m.reactive),
+                   f"it has more than {LARGEST_SCENE} multipliers": self.m.m > LARGEST_SCENE}  # fmt: skip
+        for reason, holds in reasons.items():
+            if holds:
+                raise ValueError(reason)
+
+    def letter(self, name: str, latex: str) -> Expr:
+        """A symbol with its LaTeX."""
+        self.latex[name] = latex
+        return se.Symbol(name)
+
+    # -- the equations
+
+    @cached_property
+    def velocities(self) -> dict[int, Velocity]:
+        """Every velocity of the scene by its place in u."""
+        found = {}
+        for node in self.prepared.model.nodes:
+            name = said(node.body.name if node.body is not None else f"{node.joint}.{node.coordinate}")
+            for i in range(node.kind.sizes[1]):
+                turns = i >= node.kind.translations
+                axis = "" if node.kind.sizes[1] == 1 or (turns and node.kind.flat) else "xyz"[i % 3]
+                letter = (r"\theta" if node.kind.flat else r"\psi") if turns else "c"
+                found[node.u + i] = Velocity(f"{{{name}{',' if axis else ''}{axis}}}", letter, "J" if turns else "m")
+        return found
+
+    def mass_letter(self, i: int, j: int) -> str:
+        """The letter of an entry of the mass matrix."""
+        v, name = self.velocities[i], self.velocities[i].below
+        if i != j:
+            return f"{v.mass}_{{{name[1:-1]}{self.velocities[j].below[-2]}}}"
+        return f"{v.mass}_{name.rpartition(',')[0]}}}" if v.mass == "m" and "," in name else f"{v.mass}_{name}"
+
+    @cached_property
+    def mass(self) -> dict[int, dict[int, float]]:
+        """The entries of the mass matrix that are not zero, by row and column."""
+        full = np.asarray(self.m.mass.todense() if hasattr(self.m.mass, "todense") else self.m.mass)
+        return {i: {int(j): float(row[j]) for j in np.flatnonzero(row)} for i, row in enumerate(full)}
+
+    def _equations(self) -> dict[int, Row]:
+        """Every row of the equations of motion, by its place in u."""
+        rows: dict[int, Row] = {at: {None: self.letter(f"p{at}", f"p^{v.letter}_{v.below}")} for at, v in self.velocities.items()}
+        groups = self.prepared.model.groups
+        for n, row in enumerate(self.m.rows):
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            for f, node in zip(d.frames, instance.nodes, strict=True):
+                first = node.u if node is not None else 0
+                for (_, _, i), e in scatter_pair(f, d.G[row.row][f.side]) if node is not None else []:
+                    rows[first + i][self.unknowns[n]] = self._entry(n, first + i, e)
+        return rows
+
+    def _entry(self, n: int, at: int, e: Expr) -> Expr:
+        """An entry of G in the letters of the scene: one letter where it is made of more than an arm or two."""
+        row = self.m.rows[n]
+        if len(se.sympify(e).free_symbols) <= SHORT:
+            return self._renamed(row, self.prepared.model.groups[row.group].derived, e)
+        self.entries[f"g{n}_{at}"] = (n, at)
+        v = self.velocities[at]
+        return self.letter(f"g{n}_{at}", f"g^{{{said(row.name)}}}_{{{v.below[1:-1]},{v.letter}}}")
+
+    def _renamed(self, row: Any, d: Derived, e: Expr) -> Expr:
+        """An entry of G in the letters of the scene."""
+        instance = self.prepared.model.groups[row.group].instances[row.instance]
+        table = {}
+        for s in se.sympify(e).free_symbols:
+            key = (row.group, row.instance, str(s))
+            if key not in self.places:
+                self.places[key] = f"c{len(self.places)}"
+                side, _, what = str(s).partition("_")
+                node = dict(zip([f.side for f in d.frames], instance.nodes, strict=True)).get(side)
+                body = node.body.name if node is not None and node.body is not None else "ground" if side in "kl" else ""
+                axis = "xyz"[int(what[-1]) - 1] if body and what[-1:].isdigit() else ""
+                letter = what[:-1] if axis else of_name(str(s), "rad")
+                on = f"{{{letter}}}^{{{said(body)}}}" if body else f"{{{letter}}}"
+                self.letter(self.places[key], f"{on}_{{{said(instance.item)}{',' if axis else ''}{axis}}}")
+            table[s] = se.Symbol(self.places[key])
+        return se.sympify(e).subs(table)
+
+    # -- their solution
+
+    def _solve(self) -> None:
+        """Fill `steps`: blocks of what force balances leave, then the multipliers that these give."""
+        left, later = {at: dict(row) for at, row in self.rows.items()}, list[tuple[list[Any], list[Row]]]()
+        while (found := self._pivot(left)) is not None:
+            at, unknown = found
+            row = left.pop(at)
+            c = row.pop(unknown)
+            value = {key: -e * c for key, e in row.items()}  # c is 1 or -1
+            later.insert(0, ([unknown], [value]))
+            left = {a: _inserted(r, unknown, value) for a, r in left.items()}
+        open_ = {a: r for a, r in left.items() if len(r) > 1}
+        known: set[Any] = set()
+        while open_:
+            block = self._block(open_, known)
+            if block is None:
+                raise ValueError(f"more than {LARGEST_BLOCK} rows hang together")
+            places, unknowns = block
+            self.steps.append((unknowns, [open_.pop(at) for at in places]))
+            known |= set(unknowns)
+            open_ = {a: r for a, r in open_.items() if self._unsolved(r, known)}
+        self.steps += later
+
+    @staticmethod
+    def _pivot(left: dict[int, Row]) -> tuple[int, Any] | None:
+        """A row and a multiplier with the coefficient 1 or -1: the one that stands in the fewest rows."""
+        counts: dict[Any, int] = {}
+        for row in left.values():
+            for key in row:
+                counts[key] = counts.get(key, 0) + 1
+        found = [(counts[key], at, str(key), key) for at, row in left.items() for key, e in row.items()
+                 if key is not None and e in (1, -1) and len(row) > 1]  # fmt: skip
+        best = min(found, key=lambda entry: entry[:3], default=None)
+        return None if best is None else (best[1], best[3])
+
+    @staticmethod
+    def _unsolved(row: Row, known: set[Any]) -> list[Any]:
+        return sorted((key for key in row if key is not None and key not in known), key=str)
+
+    def _block(self, rows: dict[int, Row], known: set[Any]) -> tuple[list[int], list[Any]] | None:
+        """The smallest set of rows with as many multipliers as rows, with the largest determinant at the start."""
+        for size in range(1, LARGEST_BLOCK + 1):
+            found = []
+            for places in combinations(sorted(rows), size):
+                unknowns = sorted({key for at in places for key in self._unsolved(rows[at], known)}, key=str)
+                if len(unknowns) == size:
+                    A = [[self._number(rows[at].get(unknown, _ZERO)) for unknown in unknowns] for at in places]
+                    found.append((-abs(float(np.linalg.det(A))), list(places), unknowns))
+            if found:
+                return min(found, key=lambda entry: (round(entry[0], 9), entry[1]))[1:]
+        return None
+
+    @cached_property
+    def _at_start(self) -> dict[str, Any]:
+        start = self.prepared.start
+        known, _ = self.values(np.array([start.t]), start.q[None], start.u[None], start.s[None])
+        return {name: known[latex] for name, latex in self.latex.items() if latex in known}
+
+    def _number(self, e: Expr) -> float:
+        """A coefficient at the start."""
+        return float(np.broadcast_to(value(se.sympify(e), lambda symbol: self._at_start[str(symbol)]), (1,))[0])
+
+    def forces_on_l(self) -> dict[tuple[str, int], Expr]:
+        """Components of the forces of the joints on their bodies l, by item and axis."""
+        found: dict[tuple[str, int], Expr] = {}
+        groups = self.prepared.model.groups
+        for n, row in enumerate(self.m.rows):
+            d, instance = groups[row.group].derived, groups[row.group].instances[row.instance]
+            nodes = dict(zip([f.side for f in d.frames], instance.nodes, strict=True))
+            side, sign = ("l", -1) if nodes.get("l") is not None else ("k", 1)
+            for i, e in enumerate(d.G[row.row][side][0] if nodes.get(side) is not None else ()):
+                if e != 0:
+                    old = found.get((instance.item, i), _ZERO)
+                    found[instance.item, i] = old + sign * self._renamed(row, d, e) * self.unknowns[n]
+        return found
+
+    # -- values
+
+    def values(self, t: Any, q: Any, u: Any, s: Any = None) -> tuple[dict[str, Any], Any]:
+        """Values of all letters by their LaTeX, and the multipliers (nt, m), at states of the scene."""
+        change, multipliers = self.m.accelerations(t, q, u, s)
+        load, known = self.m.load(t, q, u, s), dict[str, Any]()
+        for at, v in self.velocities.items():
+            known |= {f"\\ddot{{{v.letter}}}_{v.below}": change[:, at], f"f^{v.letter}_{v.below}": load[:, at]}
+            known |= {self.mass_letter(at, j): np.full(len(t), m) for j, m in self.mass[at].items()}
+        G = self.m.constraint_jacobian(t, q)
+        known |= {self.latex[name]: G[:, n, at] for name, (n, at) in self.entries.items()}
+        for g, p, found in self.m.evaluate(symbols_of_rows, t, q, u, s):
+            for (group, instance, symbol), name in self.places.items():
+                if group == g and ("symbol", symbol) in p.targets:
+                    known[self.latex[name]] = found[:, instance, p.targets.index(("symbol", symbol))]
+        return known, multipliers
+
+    def states(self) -> tuple[Any, Any, Any, Any]:
+        """Random states around the start, closed or not: the balances hold at any."""
+        start, rng = self.prepared.start, np.random.default_rng(8)
+        q = start.q + 1e-3 * self.prepared.length * rng.normal(size=(POINTS, len(start.q)))
+        return np.full(POINTS, start.t), q, rng.normal(size=(POINTS, len(start.u))), np.tile(start.s, (POINTS, 1))
+
+
+def said(name: str) -> str:
+    """A name of the scene as text in a formula."""
+    return f"\\text{{{re.sub(r'[^A-Za-z0-9.-]', ' ', name)}}}"
+
+
+def _inserted(row: Row, unknown: Any, value: Row) -> Row:
+    """A row with a multiplier replaced."""
+    if unknown not in row:
+        return row
+    c, out = row[unknown], {key: e for key, e in row.items() if key != unknown}
+    for key, e in value.items():
+        out[key] = se.expand(out.get(key, _ZERO) + c * e)
+    return {key: e for key, e in out.items() if key is None or e != 0}
+
+
+def total(row: Row) -> Expr:
+    """The sum of a row."""
+    return sum((e if key is None else e * key for key, e in row.items()), _ZERO)
+
+
+def determinant(A: list[list[Expr]]) -> Expr:
+    """By minors."""
+    if len(A) == 1:
+        return A[0][0]
+    minors = [[row[:j] + row[j + 1 :] for row in A[1:]] for j in range(len(A))]
+    return sum(((-1) ** j * A[0][j] * determinant(minor) for j, minor in enumerate(minors)), _ZERO)

@@ -1,0 +1,208 @@
+"""The sheet of a scene: bodies, joints, forces, unknowns and equations, as in the system that is integrated."""
+
+from __future__ import annotations
+
+from collections import Counter
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from mbdae.analysis import linearize
+from mbdae.documents.blocks import Block, Paragraph, Picture, Section, Table, numbered
+from mbdae.documents.document import Document
+from mbdae.documents.drawing import pattern
+from mbdae.documents.formulas import escaped
+from mbdae.errors import MbdaeError
+from mbdae.formulations import system_for
+from mbdae.reports.printed import checks_table
+from mbdae.reports.scenes.forces import ClosedForms
+from mbdae.run.checks import Check
+from mbdae.run.reductions import absent
+from mbdae.scene.scene import SceneData
+from mbdae.show.drawing import draw
+from mbdae.symbolic.fingerprint import fingerprint
+from mbdae.system.prepare import prepare
+
+KINDS = {"q": "positions", "v": "velocities", "s": "internal states", "z": "stresses of beams", "lambda": "multipliers",
+         "mu": "stabilising multipliers"}  # fmt: skip
+LISTED = 60  #: names in a list; further ones are only counted
+EIGEN_UP_TO = 1500  #: largest number of unknowns for which eigenvalues are computed
+
+
+class Sheet:
+    """A scene with its system."""
+
+    def __init__(self, scene: SceneData) -> None:
+        self.scene = scene
+        self.prepared = prepare(scene)
+        self.check = Check(self.prepared)
+        self.system = system_for(self.prepared)
+
+    def document(self) -> Document:
+        """The whole sheet."""
+        first = (self.summary, self.bodies, self.joints, self.forces, self.unknowns, self.pruned, self.redundant)
+        last = (self.eigenvalues, self.sparsity, self.laws)
+        sections = [*(part() for part in first), *self.closed(), *(part() for part in last)]
+        return Document(escaped(f"Scene {self.scene.name}"), sections)
+
+    def closed(self) -> list[Section]:
+        """The equations of the bodies and their joint forces in closed form, read back; or why there is none."""
+        try:
+            page = ClosedForms(self.prepared)
+        except ValueError as reason:
+            return [Section("Joint forces in closed form", [Paragraph(f"There is none: {reason}.")])]
+        blocks = numbered(page.blocks())
+        return [*blocks, Section("Numeric check", checks_table(page.printed(blocks)))]  # type: ignore[list-item]
+
+    def summary(self) -> Section:
+        """Drawing and the main numbers."""
+        c, m = self.check, self.prepared.model
+        told = (
+            f"{'Planar' if c.planar else 'Spatial'}: {m.why}. {c.degrees_of_freedom} degrees of freedom; {self.system.n} unknowns"
+            f" and {len(self.system.equations)} equations in the form {self.system.label}. Length {m.length:.4g} m,"
+            f" characteristic time {self.prepared.time:.4g} s; gravity ({', '.join(f'{x:g}' for x in self.scene.gravity)})"
+            " m/s$^{2}$."
+        )
+        start, chosen = self.prepared.start, f"{self.check.accuracy:g} by default: {escaped(str(self.check.choice))}"
+        blocks: list[Block] = [Paragraph(told), Paragraph(f"To an accuracy of {chosen}.")]
+        blocks += [Paragraph("Start: " + "; ".join(map(str, start.changes)))] if start.changes else []
+        return Section("Scene", [*blocks, Picture(self.drawing(), f"The scene as it starts, t = {start.t:g} s.")])
+
+    def drawing(self) -> bytes:
+        """PNG of the scene."""
+        figure = draw(self.prepared)
+        out = BytesIO()
+        figure.savefig(out, format="png", dpi=110)
+        return out.getvalue()
+
+    def bodies(self) -> Section:
+        """Bodies with their mass."""
+        rows = []
+        for b in self.scene.bodies:
+            line = self.prepared.model.line(b)
+            what = f"beam, {len(line.mesh.elements)} elements" if line else "point mass" if b.is_point else "rigid"
+            node = self.prepared.model.node(b)
+            kind = node.kind.value if node is not None else ("nodes of the beam" if line else "")
+            centre = ", ".join(f"{round(x, 12) + 0.0:.4g}" for x in b.position)
+            rows.append([escaped(b.name), what, f"{b.mass:.6g}", centre, _inertia(b), kind])
+        head = ["body", "is", "mass [kg]", "centre as drawn [m]", "principal inertia [kg m$^2$]", "node"]
+        return Section("Bodies", [Table(head, rows)])
+
+    def joints(self) -> Section:
+        """Joints with models and rows."""
+        rows, m = [], self.prepared.model
+        kept = {row.name for row in self.system.numbering.rows}
+        stated = {i.item: m.groups[g].derived.rows for g, _, i in m.instances() if m.groups[g].derived.rows}
+        for c in self.scene.joints:
+            names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
+            model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
+            model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
+            drive = escaped(str(c.prescribed)) if c.prescribed is not None else ""
+            rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
+        head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
+        return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
+
+    def forces(self) -> Section:
+        """Laws of force."""
+        joints, rows = {c.name for c in self.scene.joints}, []
+        for group in self.prepared.model.groups:
+            for i in group.instances if group.derived.force else ():
+                given = {name: v for name in i.law.params if (v := getattr(i.law, name)) is not None}
+                numbers = [f"{n} = {v:g}" if isinstance(v, int | float) else f"{n} = {v}" for n, v in given.items()]
+                if not (i.item in joints and group.derived.rows):
+                    rows.append([escaped(i.item), type(i.law).__name__, escaped(", ".join(numbers))])
+        return Section("Forces", [Table(["item", "law", "values (SI)"], rows)] if rows else [Paragraph("There are none.")])
+
+    def unknowns(self) -> Section:
+        """Unknowns and equations by kind and name."""
+        y, rows = self.system, list[list[str]]()
+        for kind, n in Counter(y.kinds).items():
+            own = [i for i, k in enumerate(y.kinds) if k == kind]
+            lowest = min(int(y.index[i]) for i in own)
+            rows.append([KINDS.get(kind, kind), str(n), str(lowest), listed([y.names[i] for i in own])])
+        heads = Counter(name.split(" of ")[0].split(" ")[0] if " of " in name else name[name.rfind("(") + 1 :].rstrip(")")
+                        for name in y.equations)  # fmt: skip
+        equations = "; ".join(f"{n} of {kind}" for kind, n in heads.items())
+        shared = listed(list(self.check.shared))
+        text = f"Rows that need no equation, because bodies share unknowns with a node of a beam: {shared}."
+        table = Table(["unknowns", "number", "index", "names"], rows, f"{y.n} unknowns in the form {y.label}")
+        told = [Paragraph(f"{len(y.equations)} equations: {equations}."), *([Paragraph(text)] if self.check.shared else [])]
+        return Section("Unknowns and equations", [table, *told])
+
+    def pruned(self) -> Section:
+        """Unknowns, equations and terms that the scene does not need."""
+        keys = ("unknowns", "equations", "multipliers", "kernels", "operations")
+        rows = [[step.reason, *(str(getattr(step.size, key)) for key in keys)] for step in self.check.reductions]
+        lacking = absent(self.scene)
+        caption = ("From the naive formulation to what is integrated. Kernels and operations: of residuals and derivatives of all"
+                   " laws but beams, after common subexpressions")  # fmt: skip
+        gone = f"Rows that vanish identically for this scene: {listed(list(self.check.pruned))}."
+        told = [f"Without any term for: {', '.join(lacking)}." if lacking else "No kind of term is absent.",
+                gone if self.check.pruned else "No row vanishes identically."]  # fmt: skip
+        return Section("Pruned", [Table(["after", *keys], rows, caption), *map(Paragraph, told)])
+
+    def redundant(self) -> Section:
+        """Redundant rows, and reactions that are not unique."""
+        c = self.check
+        if not self.prepared.rows:
+            return Section("Redundant rows", [Paragraph("The scene has no constraint rows.")])
+        told = f"Left out: {listed(list(c.redundant))}." if c.redundant else "No row is redundant."
+        unique = f" Reactions that are not unique: {listed(list(c.not_unique))}." if c.not_unique else ""
+        smallest = f"Smallest singular value of the rows kept (of unit length): {self.prepared.rank.smallest:.3g}."
+        return Section("Redundant rows", [Paragraph(f"{told}{unique} {smallest}")])
+
+    def eigenvalues(self) -> Section:
+        """Eigenvalues of small motions about the start."""
+        title = "Eigenvalues at the start"
+        if self.system.n > EIGEN_UP_TO:
+            return Section(title, [Paragraph(f"Not computed for {self.system.n} unknowns.")])
+        try:
+            found = linearize(self.scene)
+        except MbdaeError as error:
+            return Section(title, [Paragraph(f"Not available: {escaped(str(error))}")])
+        values = [v for v in found.eigenvalues[:40] if v.imag >= 0]
+        rows = [[f"{v.real:.6g}", f"{v.imag:.6g}", f"{abs(v.imag) / 2 / np.pi:.6g}"] for v in values]
+        head = ["real part [1/s]", "imaginary part [rad/s]", "frequency [Hz]"]
+        caption = f"Of small motions about the start, {len(found.eigenvalues)} in all; one of each conjugate pair"
+        return Section(title, [Table(head, rows, caption)])
+
+    def sparsity(self) -> Section:
+        """Pattern of the iteration matrix."""
+        m = self.system.pattern.tocoo()
+        n, nnz = self.system.n, self.system.pattern.nnz
+        entries = sorted(zip(m.row.tolist(), m.col.tolist(), strict=True))
+        text = (
+            f"Jacobian of the system: {n} x {n}, {nnz} entries ({100 * nnz / max(1, n * n):.1f} %); columns are unknowns in the"
+            " order above."
+        )
+        if len(entries) > 20000:
+            return Section("Sparsity", [Paragraph(text)])
+        return Section("Sparsity", [Picture(pattern(entries, n, "entries of the Jacobian"), text)])
+
+    def laws(self) -> Section:
+        """The laws with their hashes."""
+        rows = [[g.key[0].__name__, str(len(g.instances)), " - ".join(kind.value for kind, _ in g.key[2]),
+                 f"`{fingerprint(g.derived)[:32]}…`"] for g in self.prepared.model.groups]  # fmt: skip
+        text = ("Every law as it is derived for this scene; the report of a law prints the sha256 of the same equations between"
+                " two bodies in space.")  # fmt: skip
+        head = ["law", "times", "between nodes", "sha256 of the derived equations"]
+        return Section("Laws", [Paragraph(text), Table(head, rows)])
+
+
+def listed(names: list[str]) -> str:
+    """Names, at most `LISTED` of them."""
+    shown = ", ".join(escaped(n) for n in names[:LISTED])
+    return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
+
+
+def _inertia(b: Any) -> str:
+    if b.inertia is None:
+        return ""
+    principal = np.linalg.eigvalsh(b.inertia)
+    return ", ".join(f"{x if abs(x) > 1e-12 * np.max(np.abs(principal)) else 0.0:.4g}" for x in principal)
+
+
+def scene_sheet(scene: SceneData) -> Document:
+    """The sheet of a scene; raises SceneError with every problem found."""
+    return Sheet(scene).document()
