@@ -23,9 +23,9 @@ class Count:
 
     @property
     def verdict(self) -> str:
-        """RIGHT, MISPRINT where the number is another, NOT EVALUABLE."""
+        """RIGHT, MISPRINT where the number is another, CANNOT JUDGE."""
         if self.counted is None:
-            return "NOT EVALUABLE"
+            return "CANNOT JUDGE"
         return "RIGHT" if self.counted == self.claimed.count else "MISPRINT"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, size
 from mbdae.audit.notation import Node, Statement
-from mbdae.audit.phrases import Env
+from mbdae.audit.phrases import Definition, Env
 from mbdae.audit.units import BASIC, Unit
 
 FACTOR = 1.25  #: by which a basic unit changes its size
@@ -41,6 +41,9 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     """Errors in the units of a statement, in words; none where they agree."""
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
+        wrong = _of_definitions(statement, envs)
+        if wrong:
+            return wrong
         sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)
         if len(sizes) > 1:
             return [f"sizes do not fit: {' = '.join(sizes)}"]
@@ -56,6 +59,22 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         if p.shape == q.shape and np.nanmax(np.abs(p - q), initial=0.0) > 1e-6:
             return [f"{first} has the unit {shown(p)}, {side} the unit {shown(q)}"]
     return []
+
+
+def _of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
+    """Definitions of the text whose unit is not the one that their formula has."""
+    scope, out = envs[0].scope, []
+    for name in sorted(scope.reached(statement.symbols())):
+        meaning = scope.symbols[name]
+        if isinstance(meaning, Definition):
+            inside = [replace(env, scope=meaning.scope, known={}) for env in envs]
+            p, declared = powers(meaning.node, inside), np.array([u.powers for u in meaning.units]).T
+            if p is None:
+                return [_culprit(meaning.node, inside) or f"the definition of {name} has no unit"]
+            rows = np.repeat(declared, max(1, p.shape[1] // declared.shape[1]), axis=1)
+            if rows.shape == p.shape and np.nanmax(np.abs(p - rows), initial=0.0) > 1e-6:
+                out.append(f"{name} is defined with the unit {shown(p)} and declared with {', '.join(map(str, meaning.units))}")
+    return out
 
 
 def _culprit(node: Node, envs: Sequence[Env]) -> str:

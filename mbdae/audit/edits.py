@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit import latex
 from mbdae.audit.evaluate import SizeError
+from mbdae.audit.fits import places
 from mbdae.audit.notation import Node, negated, number, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.errors import MbdaeError
@@ -32,6 +34,13 @@ class Edit:
     def words(self) -> str:
         """What is changed."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
+
+    def tex(self, letters: Mapping[str, str]) -> str:
+        """The same with formulas in TeX."""
+        shown = [f"${latex.formula(p, letters) if isinstance(p, Node) else latex.name(str(p), letters)}$"
+                 for p in (*self.pieces, *filter(None, [self.where]))]  # fmt: skip
+        form = self.form.replace("->", r"$\to$") + (" in {}" if self.where is not None else "")
+        return form.format(*shown)
 
 
 class Candidates:
@@ -191,55 +200,17 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
                 yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
 
 
-def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula with a factor, a tilde or a transposition added at one place."""
-    yield from _added(node, candidates, lambda new: new)
-
-
-def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) -> Iterator[Edited]:
-    if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
-        factors = node.parts if node.kind == "product" else (node,)
-        for name in candidates.numbers():
-            inverse = () if candidates.scope.symbols[name].phrase.vanishes else (Node("inverse", None, (symbol(name),)),)
-            for extra in (symbol(name), *inverse):
-                yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
-    if node.kind in ("symbol", "cross"):
-        for kind in ("cross", "transposed"):
-            new = Node(kind, None, (node,))
-            yield Edit("{} -> {}", (node, new)), rebuilt(new)
-    for i, part in enumerate(node.parts):
-
-        def outer(new: Node, i: int = i) -> Node:
-            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
-
-        yield from _added(part, candidates, outer)
-
-
 def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula with a term, or a factor that is a vector or a matrix, added: one that the text left out altogether."""
-    yield from _supplied(node, candidates, lambda new: new, True)
-
-
-def _supplied(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], top: bool = False) -> Iterator[Edited]:
+    """The formula with a factor added that is a vector or a matrix: one that the text left out altogether."""
     numbers = set(candidates.numbers())
-    if node.kind in ("product", "symbol", "cross", "transposed"):
-        factors = node.parts if node.kind == "product" else (node,)
-        for name in candidates.known():
-            if name not in numbers:
-                for extra in (symbol(name), Node("transposed", None, (symbol(name),)), Node("cross", None, (symbol(name),))):
-                    for around in ((extra, *factors), (*factors, extra)):
-                        yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, around))
-    if top or node.kind == "sum":
-        terms = node.parts if node.kind == "sum" else (node,)
-        for name in candidates.known():
-            for term in (symbol(name), negated(symbol(name))):
-                yield Edit("the term {} more", (term,)), rebuilt(Node("sum", None, (*terms, term)))
-    for i, part in enumerate(node.parts):
-
-        def outer(new: Node, i: int = i) -> Node:
-            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
-
-        yield from _supplied(part, candidates, outer)
+    columns = [symbol(name) for name in candidates.known() if name not in numbers]
+    for piece, rebuilt in places(node):
+        if piece.kind in ("product", "symbol", "cross", "transposed", "sum"):
+            factors = piece.parts if piece.kind == "product" else (piece,)
+            for extra in (form for v in columns for form in (v, Node("transposed", None, (v,)), Node("cross", None, (v,)))):
+                for i in range(len(factors) + 1):
+                    new = Node("product", None, (*factors[:i], extra, *factors[i:]))
+                    yield Edit("{} -> {}", (piece, new)), rebuilt(new)
 
 
 def applied(edit: Edit, node: Node) -> Node:

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit import notation
 from mbdae.audit.compare import SAME, States, compared, difference
-from mbdae.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
+from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.fits import Fit, factors, terms, wrapped
 from mbdae.audit.notation import Node, Statement, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
@@ -24,6 +26,7 @@ class Repair:
 
     words: tuple[str, ...]
     equation: Printed
+    tex: str = ""  #: the changes with the formulas in TeX, in the letters of the text
 
     def __str__(self) -> str:
         return "; ".join(self.words)
@@ -34,11 +37,11 @@ def repair(equation: Printed, states: States) -> Repair | None:
     other = _other_roles(equation, states)
     if other is not None:
         return other
-    used = set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+    used = set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
     scope = equation.scope.widened(used)
     wide = replace(equation, scope=scope)
-    states = States(wide, states.inner, states.side, shared=states.shared)
-    words: list[str] = []
+    states = replace(states, equation=wide)
+    done: list[Edit] = []
     statements, known = [], list[Edit]()
     for statement in equation.statements:
         found = (statement, []) if compared(statement, states).same else _statement(statement, states, known)
@@ -46,8 +49,9 @@ def repair(equation: Printed, states: States) -> Repair | None:
             return None
         statements.append(found[0])
         known += found[1]
-        words += [e.words for e in found[1] if e.words not in words]
-    return Repair(tuple(words), replace(wide, statements=tuple(statements)))
+        done += [e for e in found[1] if e.words not in [d.words for d in done]]
+    letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
+    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), "; ".join(e.tex(letters) for e in done))
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
@@ -56,7 +60,7 @@ def _other_roles(equation: Printed, states: States) -> Repair | None:
         return None
     inner = "l" if equation.inner == "k" else "k"
     other = replace(equation, inner=inner)
-    turned = States(other, inner, states.side, shared=states.shared)
+    turned = replace(states, equation=other, inner=inner)
     if not all(compared(s, turned).same for s in equation.statements):
         return None
     return Repair((f"the roles of the races exchanged: {equation.inner} is the outer, {inner} the inner one",), other)
@@ -80,7 +84,7 @@ class _Goal:
             with np.errstate(all="ignore"):
                 pairs = zip(self.envs, self.values, strict=True)
                 return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
-        except (SizeError, MbdaeError):
+        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
             return False
 
     def sized(self, node: Node) -> bool:
@@ -88,7 +92,7 @@ class _Goal:
         try:
             with np.errstate(all="ignore"):
                 return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
-        except SizeError:
+        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
             return False
 
     def rows(self, count: int) -> list[_Goal]:
@@ -122,16 +126,21 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
     order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
-    for envs in [states.free] if states.equation.only else [states.free, states.joint]:
+    for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
             if sides[i].kind == "number":
                 continue
+            other = sides[0 if i else 1] if len(sides) > 1 else None
             try:
-                values = [said.value(e) if said else evaluate(sides[0 if i else 1], e) for e in envs]
+                with np.errstate(all="ignore"):
+                    values = [said.value(e) if said else evaluate(other, e) for e in envs]  # type: ignore[arg-type]
             except SizeError:
                 continue
+            if other is not None and notation.is_zero(other) and not said:
+                values = [0 * v for v in (evaluate(sides[i], e) for e in envs)]
             goal = _Goal(envs, values, frozenset(sides[:i] + sides[i + 1 :]))
-            if max(float(np.max(np.abs(t))) for t in values) > 1e-9 and not (goal.met(sides[i]) and not said):
+            shows = other is not None and notation.is_zero(other) or max(float(np.max(np.abs(t))) for t in values) > 1e-9
+            if shows and not (goal.met(sides[i]) and not said):
                 yield i, goal
 
 
@@ -166,8 +175,23 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
             once[new] = edit
             if goal.met(new):
                 return new, [edit]
-    return (_first(additions(node, candidates), goal) or _twice(node, once, goal, candidates)
+    return (_first(lacking(node, goal, candidates), goal) or _twice(node, once, goal, candidates)
             or _first(supplements(node, candidates), goal))  # fmt: skip
+
+
+def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
+    """The formula with a factor, a function or a term that is missing."""
+    used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
+    others = [symbol(n) for n in candidates.known() if symbol(n) not in used]
+    inside = [n for n in dict.fromkeys(node.walk()) if n.kind in ("product", "sum", "call")]
+    fit = Fit(goal.envs, [*used, *others, *inside])
+    for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
+        sign = monomial.c == -1 and not monomial.powers
+        yield Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece)), new
+    for piece, wrap, new in wrapped(node):
+        yield Edit("{} -> {}", (piece, wrap)), new
+    for term, new in terms(node, goal.envs, goal.values, fit, [*used, *others][:10]):
+        yield Edit("the term {} more", (term,)), new
 
 
 def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
@@ -202,7 +226,7 @@ def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> 
     """A term, linear in a symbol the text does not name, that is missing in the last side of an equation, and its place there."""
     (statement,) = equation.statements
     wide = replace(equation, scope=scope)
-    envs = States(wide, states.inner, states.side, shared=states.shared).joint
+    envs = replace(states, equation=wide).joint
     gaps = [evaluate(statement.sides[0], e) - evaluate(statement.sides[-1], e) for e in envs]
     if np.ndim(gaps[0]) == 0:
         return None
