@@ -166,7 +166,17 @@ def compared(statement: Statement, states: States) -> Compared:
     if free.same or equation.only or equation.states == "free":
         return free
     joint = _in_states(statement, equation, states.joint)
-    if joint.same:
+    if joint.same and (free.doubt or not _vanishing(statement, states)):
         return Compared(joint.gap, everywhere=False)
-    sure = [c for c in (free, joint) if not c.doubt]
+    sure = [free] if joint.same and not free.doubt else [c for c in (free, joint) if not c.doubt]
     return min(sure, key=lambda c: c.gap) if sure else free
+
+
+def _vanishing(statement: Statement, states: States) -> bool:
+    """Whether a quantity of the statement is zero in the states of the joint alone: agreement there says nothing of its terms."""
+    symbols = statement.symbols() & set(states.equation.scope.symbols)
+
+    def size(name: str, envs: Sequence[Env]) -> float:
+        return max(float(np.max(np.abs(env.value(name)))) for env in envs)
+
+    return any(size(n, states.joint) < SAME < size(n, states.free) for n in symbols)

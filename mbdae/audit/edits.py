@@ -29,6 +29,7 @@ class Edit:
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether sizes may change
     where: Node | None = None  #: the surrounding piece, where the changed one appears several times
+    size: float = 2.0  #: how far the change goes: among several single ones the smallest is the repair
 
     @property
     def words(self) -> str:
@@ -54,7 +55,7 @@ class Candidates:
         if name not in self.sizes:
             try:
                 self.sizes[name] = np.shape(self.env.value(name))
-            except (SizeError, MbdaeError):
+            except (SizeError, MbdaeError, ArithmeticError):
                 self.sizes[name] = (0,)
         return self.sizes[name]
 
@@ -78,6 +79,11 @@ class Candidates:
     def numbers(self) -> list[str]:
         """Symbols that are numbers."""
         return [name for name in self.scope.symbols if self._size(name) == ()]
+
+
+def _alike(a: str, b: str) -> bool:
+    """Whether two names share their letter, as b1k and b2l do."""
+    return a[0] == b[0]
 
 
 def _dots(name: str) -> tuple[str, int]:
@@ -119,27 +125,23 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
     kind, parts = node.kind, node.parts
     if kind == "symbol":
         for other in candidates.of(node.value):
-            yield Edit("{} -> {}", (node, other)), symbol(other)
+            yield Edit("{} -> {}", (node, other), size=1.2 if _alike(node.value, other) else 1.6), symbol(other)
     if kind in ("cross", "transposed", "power"):
-        yield Edit("{} -> {}", (node, parts[0]), resizes=True), parts[0]
+        yield Edit("{} -> {}", (node, parts[0]), resizes=True, size=1.4), parts[0]
     if kind == "neg":
-        yield Edit("sign of {}", (parts[0],)), parts[0]
+        yield Edit("sign of {}", (parts[0],), size=1), parts[0]
     if kind == "sum":
         yield from _in_sum(node)
     if kind == "product":
         yield from _in_product(node)
     if kind == "call":
         yield from _in_call(node)
-    if kind == "number" and node.value not in (0.0, 1.0):
-        yield Edit("{} -> 1", (node,)), number(1.0)
-    if kind == "number" and node.value == 1.0:
-        yield Edit("1 -> 2"), number(2.0)
 
 
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit("sign of {}", (_bare(term),)), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        yield Edit("sign of {}", (_bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
@@ -151,7 +153,7 @@ def _in_sum(node: Node) -> Iterator[Edited]:
 
 def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
-    yield Edit("sign of {}", (node,)), negated(node)
+    yield Edit("sign of {}", (node,), size=1), negated(node)
     for i, factor in enumerate(parts):
         yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
@@ -159,7 +161,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
             yield Edit("no bracket around {}", (factor,), resizes=True), Node("sum", None, (head, *factor.parts[1:]))
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True)
+            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 
@@ -167,9 +169,9 @@ def _in_call(node: Node) -> Iterator[Edited]:
     if node.value in ("abs",):
         yield Edit("{} -> {}", (node, node.parts[0])), node.parts[0]
     if node.value in _EXCHANGED:
-        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value])), Node("call", _EXCHANGED[node.value], node.parts)
+        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":
-        yield Edit("arguments of atan2 exchanged"), Node("call", "atan2", node.parts[::-1])
+        yield Edit("arguments of atan2 exchanged", size=1.1), Node("call", "atan2", node.parts[::-1])
 
 
 def _bare(node: Node) -> Node:

@@ -12,7 +12,7 @@ from mbdae.audit.notation import Node
 from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: of the complex step
-FINITE = 0.05  #: of the differences by which a derivative of a derivative is taken
+FINITE = 0.02  #: of the differences by which a derivative of a derivative is taken
 #: coefficients of central differences of order 10 at 1 to 5 steps
 _CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import Value
+from mbdae.audit.expressions import value
 from mbdae.audit.motion import Motion
 from mbdae.laws import contact, forces, friction, joints
 from mbdae.laws.contact import Hertz, JournalContact
@@ -89,27 +89,17 @@ class LawState:
                 self._put(list(v), Q[:, i])
 
     def _put(self, symbols: Any, numbers: Any) -> None:
-        for s, n in zip(symbols, numbers, strict=True):
-            if isinstance(n, se.Basic):
-                self.values[s] = n
-                continue
-            n = complex(n)
-            self.values[s] = se.RealDouble(n.real) if n.imag == 0 else se.sympify(n)
+        self.values.update((s, n if isinstance(n, se.Basic) else complex(n)) for s, n in zip(symbols, numbers, strict=True))
 
-    def number(self, e: Any, raw: bool = False) -> Any:
+    def number(self, e: Any) -> Any:
         """The value of an expression in the law's symbols."""
         e = se.sympify(e)
         names = self.d.variation.values
         for name in e.free_symbols - self.values.keys():
-            self.values[name] = se.sympify(self.number(names[name], raw=True))
-        e = e.subs({x: self.values[x] for x in e.free_symbols})
+            self.values[name] = self.number(names[name])
         if self.motion.symbolic:
-            return e
-        if isinstance(e, se.atan2 | se.floor):  # always intermediates with a name of their own
-            numbers = [float(a.n(real=True)) for a in e.args]
-            e = se.RealDouble(float((math.atan2 if isinstance(e, se.atan2) else math.floor)(*numbers)))
-        found = e.n()
-        return found if raw else complex(found)
+            return e.subs({x: self.values[x] for x in e.free_symbols})
+        return value(e, self.values)
 
     def vector(self, v: Any) -> Value:
         """The value of a vector in the law's symbols."""

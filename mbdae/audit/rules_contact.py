@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import STEP, Value, cross
+from mbdae.audit.expressions import value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase, random_positive
@@ -175,14 +177,13 @@ def part(env: Env, name: str, base: type, options: dict[str, Any] | None = None,
     return made
 
 
-def number_of(e: object) -> Value:
-    """A number of a law's expression."""
-    return complex(se.sympify(e).n())
+_X, _Y = se.symbols("x y")
 
 
-def argument(value: Value) -> Any:
-    """A number as an argument of a law."""
-    return se.sympify(complex(value)) if np.imag(value) else se.RealDouble(float(np.real(value)))
+def number_of(law: Callable[..., Any], *arguments: Value, state: str = "") -> Value:
+    """A function of a law at some arguments; the entry `state` of what it returns."""
+    stated = law(*(_X, _Y)[: len(arguments)])
+    return value(se.sympify(stated[state] if state else stated), dict(zip((_X, _Y), map(complex, arguments), strict=False)))
 
 
 _penetration = random_positive("penetration")
@@ -201,12 +202,12 @@ def _damping(env: Env, name: str) -> Value:
 
 @phrase("elastic force of {name}")
 def _elastic(env: Env, name: str) -> Value:
-    return number_of(part(env, name, Normal).elastic_force(argument(_penetration(env))))
+    return number_of(part(env, name, Normal).elastic_force, _penetration(env))
 
 
 @phrase("damping force of {name}", vanishes=True)
 def _damping_force(env: Env, name: str) -> Value:
-    return number_of(part(env, name, Normal).damping_force(argument(_penetration(env)), argument(_penetration_rate(env))))
+    return number_of(part(env, name, Normal).damping_force, _penetration(env), _penetration_rate(env))
 
 
 @phrase("damping factor of {name}", vanishes=True)
@@ -226,4 +227,4 @@ def _restitution(env: Env, name: str) -> Value:
 
 def potential(env: Env, name: str) -> Value:
     """Energy of a normal law at the penetration."""
-    return number_of(part(env, name, Normal).energy(argument(_penetration(env))))
+    return number_of(part(env, name, Normal).energy, _penetration(env))

@@ -9,7 +9,7 @@ import symengine as se
 
 from mbdae.audit.evaluate import Value
 from mbdae.audit.phrases import Env, phrase, random_number, random_positive
-from mbdae.audit.rules_contact import _normal_force, argument, number_of, part, rubbing_sense
+from mbdae.audit.rules_contact import _normal_force, number_of, part, rubbing_sense
 from mbdae.integrators.runge_kutta.tables import radau_table
 from mbdae.laws.friction import Friction
 
@@ -30,7 +30,7 @@ def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
     for p in law.params:
         setattr(law, p, _parameter(env, p).real)
     for state in law.states:
-        setattr(law, state, argument(z))
+        setattr(law, state, se.sympify(complex(z)))
     return law
 
 
@@ -44,7 +44,7 @@ def _parameter(env: Env, name: str) -> Value:
 
 @phrase("coefficient of {name}", vanishes=True)
 def _coefficient(env: Env, name: str) -> Value:
-    return number_of(_friction(env, name, _deflection(env)).coefficient(argument(_speed(env))))
+    return number_of(_friction(env, name, _deflection(env)).coefficient, _speed(env))
 
 
 @phrase("friction force of {name}", vanishes=True)
@@ -60,17 +60,23 @@ def _sense(env: Env) -> float:
 
 @phrase("friction force of sliding", vanishes=True)
 def _saturated(env: Env) -> Value:
-    fast = argument(1e3 * _parameter(env, "v_c"))
-    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient(fast)) * _normal_force(env)
+    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient, 1e3 * _parameter(env, "v_c")) * _normal_force(env)
 
 
 @phrase("steady deflection of {name}")
 def _steady(env: Env, name: str) -> Value:
-    return abs(number_of(next(iter(_friction(env, name).initial(argument(_speed(env))).values()))))
+    return abs(_start(env, name))
+
+
+def _start(env: Env, name: str) -> Value:
+    """Steady value of the first state at the sliding speed."""
+    law = _friction(env, name)
+    return number_of(law.initial, _speed(env), state=next(iter(law.states)))
 
 
 def _rate_at(env: Env, name: str, z: Value) -> Value:
-    return number_of(next(iter(_friction(env, name, z).rate(argument(_speed(env))).values())))
+    law = _friction(env, name, z)
+    return number_of(law.rate, _speed(env), state=next(iter(law.states)))
 
 
 @phrase("rate of deflection of {name}", vanishes=True)
@@ -81,23 +87,21 @@ def _rate(env: Env, name: str) -> Value:
 @phrase("bristle energy of {name}", vanishes=True)
 def _stored(env: Env, name: str) -> Value:
     """Energy stored in the states, over the normal force, m."""
-    return number_of(_friction(env, name, _deflection(env)).stored(argument(_speed(env))))
+    return number_of(_friction(env, name, _deflection(env)).stored, _speed(env))
 
 
 @phrase("steady coefficient of {name}", vanishes=True)
 def _steady_coefficient(env: Env, name: str) -> Value:
-    v = argument(_speed(env))
-    law = _friction(env, name)
-    z = number_of(next(iter(law.initial(v).values()))) if law.states else 0.0
-    return number_of(_friction(env, name, z).coefficient(v))
+    z = _start(env, name) if _friction(env, name).states else 0.0
+    return number_of(_friction(env, name, z).coefficient, _speed(env))
 
 
 @phrase("friction force of sticking", vanishes=True)
 def _sticking(env: Env) -> Value:
     """Force of bristles at rest, deflected up to break-away; half of the states are at break-away, in both directions."""
-    breaking = abs(number_of(_friction(env, "LuGre").initial(se.RealDouble(1e-12))["z"]))
+    breaking = abs(number_of(_friction(env, "LuGre").initial, 1e-12, state="z"))
     share = (1.0, -1.0)[env.motion.seed % 2] if env.motion.seed % 4 < 2 else env.motion.number("share") / 1.5
-    return _sense(env) * number_of(_friction(env, "LuGre", share * breaking).coefficient(se.RealDouble(0.0))) * _normal_force(env)
+    return _sense(env) * number_of(_friction(env, "LuGre", share * breaking).coefficient, 0.0) * _normal_force(env)
 
 
 # -- a law with a state over one stage of Radau IIA by the trapezoidal rule

@@ -9,6 +9,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.audit.evaluate import Value
+from mbdae.audit.expressions import value
 from mbdae.audit.motion import axial, quaternion
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase
@@ -44,11 +45,11 @@ def _values(env: Env, law: Any) -> dict[Any, Any]:
     v, spin = (env.changes("time", lambda e: e.motion.section()[0]), Q.T @ env.of("angular velocity of the section"))
     numbers |= {f"u{i + 1}": x for i, x in enumerate(np.vstack([v, spin])[:, 0])}
     numbers |= {p: env.motion.positive(f"parameter {p}") for p in law.params}
-    return {se.Symbol(n): se.sympify(complex(x)) for n, x in numbers.items()} | {LENGTH: se.Integer(1), WEIGHT: se.Integer(1)}
+    return {se.Symbol(n): complex(x) for n, x in numbers.items()} | {LENGTH: 1 + 0j, WEIGHT: 1 + 0j}
 
 
 def _number(e: Any, values: dict[Any, Any]) -> Value:
-    return complex(se.sympify(e).subs(values).n())
+    return value(se.sympify(e), values)
 
 
 @phrase("strain {name} of {name2}", vanishes=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -83,6 +84,8 @@ class _Goal:
         try:
             with np.errstate(all="ignore"):
                 pairs = zip(self.envs, self.values, strict=True)
+                if notation.is_zero(node):
+                    return max(float(np.max(np.abs(v))) for v in self.values) < SAME
                 return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
         except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
             return False
@@ -125,7 +128,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
-    order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
+    order = sorted(range(len(sides)), key=lambda i: -sum(1 for _ in sides[i].walk()))  # the longest first, bare symbols last
     for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
             if sides[i].kind == "number":
@@ -171,31 +174,47 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
         return again, list(known)
     once = dict[Node, Edit]()
     for edit, new in edits(node, candidates):
-        if new not in once and new != node:
-            once[new] = edit
-            if goal.met(new):
-                return new, [edit]
-    return (_first(lacking(node, goal, candidates), goal) or _twice(node, once, goal, candidates)
-            or _first(supplements(node, candidates), goal))  # fmt: skip
+        if new != node:
+            once.setdefault(new, edit)
+    return (_smallest(chain(((e, n) for n, e in once.items()), lacking(node, goal, candidates)), goal)
+            or _smallest(missing(node, goal, candidates), goal) or _twice(node, once, goal, candidates)
+            or _smallest(supplements(node, candidates), goal))  # fmt: skip
 
 
-def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
-    """The formula with a factor, a function or a term that is missing."""
+def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    """The smallest of the changes after which a formula meets its goal."""
+    found = [(edit, new) for edit, new in tried if goal.met(new)]
+    if not found:
+        return None
+    edit, new = min(found, key=lambda pair: pair[0].size)
+    return new, [edit]
+
+
+def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
+    """The fit of powers of the quantities of a formula and its text, and their symbols; without the other sides."""
     used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
     others = [symbol(n) for n in candidates.known() if symbol(n) not in used]
     inside = [n for n in dict.fromkeys(node.walk()) if n.kind in ("product", "sum", "call")]
-    fit = Fit(goal.envs, [*used, *others, *inside])
+    lengths = [Node("call", "norm", (n,)) for n in used]
+    return Fit(goal.envs, [n for n in (*used, *others, *inside, *lengths) if n not in goal.banned]), [*used, *others][:10]
+
+
+def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
+    """The formula with a factor, a power or a function that is missing."""
+    fit, _ = _fit(node, goal, candidates)
     for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
         sign = monomial.c == -1 and not monomial.powers
-        yield Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece)), new
+        size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
+        yield Edit("sign of {}", (piece,), size=1) if sign else Edit("the factor {} at {}", (monomial.times(), piece), size=size), new
     for piece, wrap, new in wrapped(node):
-        yield Edit("{} -> {}", (piece, wrap)), new
-    for term, new in terms(node, goal.envs, goal.values, fit, [*used, *others][:10]):
-        yield Edit("the term {} more", (term,)), new
+        yield Edit("{} -> {}", (piece, wrap), size=1.7), new
 
 
-def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
-    return next(((new, [edit]) for edit, new in tried if goal.met(new)), None)
+def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
+    """The formula with a term that is missing."""
+    fit, vectors = _fit(node, goal, candidates)
+    for term, new in terms(node, goal.envs, goal.values, fit, vectors):
+        yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
 
 
 def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:

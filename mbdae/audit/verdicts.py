@@ -24,7 +24,7 @@ from mbdae.audit.dimensions import faults
 from mbdae.audit.evaluate import SizeError, evaluate
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
-from mbdae.audit.phrases import Scope
+from mbdae.audit.phrases import Definition, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.rules_joints import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
@@ -175,8 +175,6 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     found = repair(equation, states) if search else None
     if found is not None:
         return _repaired(Row(equation, MISPRINT, residual, str(found), units, tex=found.tex), found, states)
-    if doubt and doubt not in units:
-        return _cannot(equation, doubt)
     free = _free_numbers(equation) if search else ""
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
@@ -240,7 +238,8 @@ def _undefined_at(equation: Printed, states: States) -> str:
     """A quantity that may vanish, and where it does a side of the equation is not finite; empty where there is none."""
     for statement in equation.statements:
         for name in sorted(statement.symbols() & set(equation.scope.symbols)):
-            if not equation.scope.symbols[name].phrase.vanishes:
+            meaning = equation.scope.symbols[name]
+            if not meaning.phrase.vanishes or isinstance(meaning, Definition):
                 continue
             for side in statement.sides:
                 if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
