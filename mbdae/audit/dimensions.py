@@ -26,7 +26,7 @@ def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
         for env in envs:
             with np.errstate(all="ignore"):
                 before = np.asarray(evaluate(node, env))
-                after = evaluate(node, replace(env, scale=scale, known={}))
+                after = evaluate(node, replace(env, scale=scale, store={}))
                 ratio = np.where(np.abs(before) > 1e-9, np.abs(after / before), np.nan)
             ratios.append(np.log(np.atleast_1d(ratio)) / np.log(FACTOR))
         stacked = np.array(ratios)
@@ -41,9 +41,6 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     """Errors in the units of a statement, in words; none where they agree."""
     try:
         found = [(side, powers(side, envs)) for side in statement.sides if not notation.is_zero(side)]
-        wrong = _of_definitions(statement, envs)
-        if wrong:
-            return wrong
         sizes = dict.fromkeys(size(evaluate(side, envs[0])) for side, _ in found)
         if len(sizes) > 1:
             return [f"sizes do not fit: {' = '.join(sizes)}"]
@@ -61,13 +58,13 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
     return []
 
 
-def _of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
+def of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
     """Definitions of the text whose unit is not the one that their formula has."""
     scope, out = envs[0].scope, []
     for name in sorted(scope.reached(statement.symbols())):
         meaning = scope.symbols[name]
-        if isinstance(meaning, Definition):
-            inside = [replace(env, scope=meaning.scope, known={}) for env in envs]
+        if isinstance(meaning, Definition) and meaning.units:
+            inside = [replace(env, scope=meaning.scope, store={}) for env in envs]
             p, declared = powers(meaning.node, inside), np.array([u.powers for u in meaning.units]).T
             if p is None:
                 return [_culprit(meaning.node, inside) or f"the definition of {name} has no unit"]

@@ -50,6 +50,7 @@ class Candidates:
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
+        self.any_size = False  #: whether symbols of another size may replace one
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
@@ -69,7 +70,8 @@ class Candidates:
             if other != name:
                 near = _dots(other)
                 family = near[0] == stem and near[1] != dots
-                if (family or self.scope.symbols[other].units == units) and self._size(other) == self._size(name):
+                if (family or self.scope.symbols[other].units == units) and (
+                        self.any_size or self._size(other) == self._size(name)):
                     yield other
 
     def known(self) -> list[str]:
@@ -167,7 +169,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
 
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value in ("abs",):
-        yield Edit("{} -> {}", (node, node.parts[0])), node.parts[0]
+        yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
     if node.value in _EXCHANGED:
         yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":

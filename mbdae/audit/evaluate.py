@@ -52,6 +52,9 @@ class Source(Protocol):
     def shifted(self, name: str, amount: complex, entry: int = 0) -> Source:
         """The same state with one symbol, or one entry of it, moved."""
 
+    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
+        """The value of a piece of a formula, computed once."""
+
     def bound(self, name: str, value: Value) -> Source:
         """The same state with a name that stands for a value."""
 
@@ -168,15 +171,15 @@ def _call(node: Node, at: Source) -> Value:
     name, parts = node.value, node.parts
     if name in _MOVES:
         how = _MOVES[name]
-        change = derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped)
+        change = at.kept(node, lambda: derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped))
         return change / at.size_of(how)
     if name == "diff":
-        return _partial(parts[0], parts[1], at)
+        return at.kept(node, lambda: _partial(parts[0], parts[1], at))
     if name == "sum":
         first, last = (int(np.real(_number(evaluate(p, at)))) for p in parts[2:])
         return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
     if name == "integral":
-        return _integral(node, at)
+        return at.kept(node, lambda: _integral(node, at))
     values = [evaluate(p, at) for p in parts]
     if name in _PLAIN:
         return _PLAIN[name](*values)

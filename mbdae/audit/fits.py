@@ -23,7 +23,7 @@ from mbdae.errors import MbdaeError
 UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: of fitted exponents and logarithms
-MOST = 24  #: quantities among which powers are sought
+MOST = 30  #: quantities among which powers are sought
 
 
 def attempt(node: Node, env: Env) -> Value | None:
@@ -97,10 +97,21 @@ class Fit:
         if not np.all(np.isfinite(r)) or np.max(np.abs(np.imag(r))) > 1e-9 or np.min(np.abs(r)) < 1e-12:
             return None
         r = np.real(r)
+        if np.ptp(np.abs(r)) < EXACT * abs(r[0]) and np.ptp(np.sign(r)):
+            return self._sense(r)
         for count in (0, 1, 2):
             found = [m for some in combinations(self._scalars, count) if (m := self._of(r, some)) is not None]
             if found:
                 return min(found, key=lambda m: (sum(abs(p) for _, p in m.powers), m.c.denominator + abs(m.c.numerator)))
+        return None
+
+    def _sense(self, r: Any) -> Monomial | None:
+        """A number whose sign is that of a quantity."""
+        for piece, v in self._scalars:
+            sense = np.sign(r) * np.sign(v)
+            if not np.ptp(sense):
+                c = Fraction(float(abs(r[0]))).limit_denominator(48)
+                return Monomial(c * int(sense[0]), ((Node("call", "sign", (piece,)), Fraction(1)),))
         return None
 
     def _of(self, r: Any, some: Sequence[tuple[Node, Any]]) -> Monomial | None:
@@ -171,6 +182,18 @@ def factors(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit) 
         found = fit.monomial(r) if r is not None else None
         if found is not None and found != Monomial(Fraction(1)):
             yield piece, found, rebuilt(_merged(found, piece))
+        if not np.shape(values[0]) and piece.kind in ("symbol", "call", "sum"):
+            yield from _powers(piece, rebuilt, envs, values, fit)
+
+
+def _powers(piece: Node, rebuilt: Any, envs: Sequence[Env], values: Sequence[Value], fit: Fit) -> Iterator[
+        tuple[Node, Monomial, Node]]:  # fmt: skip
+    """A piece with an exponent that is missing: a quantity of the text."""
+    r = _first_two(rebuilt(Node("power", None, (piece, UNKNOWN))), envs, values)
+    found = fit.monomial(r) if r is not None else None
+    if found is not None and found.powers:
+        power = Node("power", None, (piece, found.times()))
+        yield piece, Monomial(Fraction(1), ((power, Fraction(1)), (piece, Fraction(-1)))), rebuilt(power)
 
 
 def _first_two(probe: Node, envs: Sequence[Env], values: Sequence[Value]) -> list[complex] | None:
@@ -188,11 +211,12 @@ def terms(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit, ve
         tuple[Node, Node]]:  # fmt: skip
     """Terms that are missing in the formula or in one of its sums, and the formula with them."""
     for piece, rebuilt in places(node):
-        if piece is not node and piece.kind != "sum" or piece.kind in ("block", "row"):
+        if piece is not node and piece.kind not in ("sum", "symbol") or piece.kind in ("block", "row"):
             continue
         inside = piece.parts if piece.kind == "sum" else (piece,)
         base = attempt(piece, envs[0])
-        for shape in _shapes(np.shape(base), vectors, envs[0]) if base is not None else ():
+        longest = 3 if piece is node or piece.kind == "sum" else 1
+        for shape in _shapes(np.shape(base), vectors, envs[0], longest) if base is not None else ():
             term = UNKNOWN if shape == _ONE else Node("product", None, (UNKNOWN, shape))
             r = _first_two(rebuilt(Node("sum", None, (*inside, term))), envs, values)
             found = fit.monomial(r) if r is not None else None
@@ -201,8 +225,8 @@ def terms(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit, ve
                 yield more, rebuilt(Node("sum", None, (*inside, more)))
 
 
-def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env) -> Iterator[Node]:
-    """Products of the vectors and matrices of a text that have a size."""
+def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: int) -> Iterator[Node]:
+    """Products of up to so many vectors and matrices of a text that have a size."""
     if size == ():
         yield _ONE
     forms: list[Node] = []
@@ -214,9 +238,9 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env) -> Iterato
             forms += [v, Node("transposed", None, (v,))]
     shapes = {f: np.shape(attempt(f, env)) for f in forms}
     chains: list[tuple[tuple[Node, ...], tuple[int, ...]]] = [((f,), s) for f, s in shapes.items()]
-    for length in (1, 2, 3):
+    for length in range(1, longest + 1):
         yield from (_product(c) for c, s in chains if _fits(s, size))
-        if length < 3:
+        if length < longest:
             chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items() if s[1] == t[0]]
         if len(chains) > 4000:
             return

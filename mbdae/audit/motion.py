@@ -193,6 +193,12 @@ class Motion:
 
     def section(self) -> tuple[Value, Value]:
         """Position and attitude of a section, functions of time and of the length along the line."""
+        if "section" not in self.memory:
+            self.memory["section"] = self._section()
+        found: tuple[Value, Value] = self.memory["section"]
+        return found
+
+    def _section(self) -> tuple[Value, Value]:
         r, angles = (self._field(n) for n in ("place", "angles"))
         Q = turned(self.virtual * self._field("virtual turn")) @ turned(angles[:1] * np.eye(3)[:, [0]])
         Q = Q @ turned(angles[1:2] * np.eye(3)[:, [1]]) @ turned(angles[2:] * np.eye(3)[:, [2]])

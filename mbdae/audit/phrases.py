@@ -179,15 +179,28 @@ class Env:
     zero: str | None = None  #: a symbol that is set to zero
     shift: tuple[str, int, Value] | None = None  #: a symbol's wording and entry, and what is added to it
     names: Mapping[str, Value] = field(default_factory=dict)  #: bound by a sum or an integral
-    known: dict[str, Value] = field(default_factory=dict)
+    store: dict[Any, Any] = field(default_factory=dict)  #: values of symbols and of derivatives in this state; stores of others
 
     def value(self, name: str) -> Value:
         """The value of a symbol."""
         if name in self.names:
             return self.names[name]
-        if name not in self.known:
-            self.known[name] = self._value(name)
-        return self.known[name]
+        if name not in self.store:
+            self.store[name] = self._value(name)
+        return self.store[name]
+
+    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
+        """The value of a piece of a formula, computed once."""
+        if self.names:
+            return compute()
+        if node not in self.store:
+            self.store[node] = compute()
+        return self.store[node]
+
+    def _inner(self, *key: Any) -> dict[Any, Any]:
+        """The store of a state that is reached from this one."""
+        found: dict[Any, Any] = self.store.setdefault(key, {})
+        return found
 
     def _value(self, name: str) -> Value:
         if name == "I":
@@ -196,7 +209,7 @@ class Env:
             return se.pi if self.motion.symbolic else complex(np.pi)
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            value = evaluate(meaning.node, replace(self, scope=meaning.scope, names={}, known={}))
+            value = evaluate(meaning.node, replace(self, scope=meaning.scope, names={}, store=self._inner(id(meaning))))
         else:
             value = meaning.value(self.plain) * self._sign(meaning.phrase)
         if self.shift is not None and self.shift[0] == meaning.text and not meaning.phrase.drawn:
@@ -235,11 +248,11 @@ class Env:
     @cached_property
     def plain(self) -> Env:
         """The same in SI units and with no symbol set to zero: the rules compute in this."""
-        return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, known={})
+        return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, store={})
 
     def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
         """The same in the state after a step: "virtual", "time", "line" or "linear"."""
-        return replace(self, motion=self.motion.moved(how, amount), known={})
+        return replace(self, motion=self.motion.moved(how, amount), store=self._inner(how, amount))
 
     def changes(self, how: str, value: Callable[[Env], Value]) -> Value:
         """Derivative of a value by such a step."""
@@ -247,28 +260,28 @@ class Env:
 
     def at_base(self) -> Env:
         """The same in the state before the complex step."""
-        return replace(self, motion=self.motion.base, known={}) if self.motion.stepped else self
+        return replace(self, motion=self.motion.base, store={}) if self.motion.stepped else self
 
     def shifted(self, name: str, amount: complex, entry: int = 0) -> Env:
         """The same with a number, or one entry of a column, increased."""
         if name in self.names:
-            return replace(self, names={**self.names, name: self.names[name] + amount}, known={})
+            return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
             raise SizeError("diff of a diff")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             raise SizeError(f"diff by '{name}', which is defined by others")
         size = 1.0 if self.scale is None else float(np.real(np.ravel(scaled(meaning.units, self.plain.value(name), self.scale))[0]))
-        return replace(self, shift=(meaning.text, entry, amount / size), known={})
+        return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
 
     def touching(self) -> Env:
-        """A state, not moved, in which a pin may touch its race: this one, else one with a clearance."""
+        """A state, not moved, in which a pin touches its race."""
         base = self.at_base()
-        if base.motion.kind in ("free", "clearance"):
+        if base.motion.kind == "clearance":
             return base
         memory = base.motion.memory
         memory.setdefault("touching", Motion(base.motion.seed, "clearance"))
-        return replace(base, motion=memory["touching"], known={})
+        return replace(base, motion=memory["touching"], store={})
 
     def bound(self, name: str, value: Value) -> Env:
         """The same with a name that stands for a value."""

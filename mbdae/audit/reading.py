@@ -6,7 +6,7 @@
     states: revolute                 the section speaks of bodies connected by that joint ("only": of no other states)
     forces: applied                  (or left) side of the equations of motion of the forces that follow in the section
     NAME [UNIT]: MEANING             a symbol, from here on; NAME [UNIT] $TEX$: MEANING says how the text prints it
-    let NAME [UNIT] = FORMULA        a symbol that the text defines
+    let NAME [UNIT] = FORMULA        a symbol that the text defines; [?] where its entries have several units
     NUMBER: STATEMENT                an equation; further statements and lines are indented
     NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
@@ -170,7 +170,7 @@ class _File:
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
         self.symbols.pop(name, None)
         try:
-            known = tuple(unit(u, at) for u in units.split(","))
+            known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
                 self._understood(at, name, words, known, letter or ""))  # fmt: skip

@@ -34,6 +34,13 @@ def _derived(cls: type[LineLaw]) -> tuple[LineDerived, Any]:
 
 def _values(env: Env, law: Any) -> dict[Any, Any]:
     """Symbols of a point of a line in the state of the section, ds/dxi = 1; parameters as random positive numbers."""
+    if "line" not in env.motion.memory:
+        env.motion.memory["line"] = _point(env, law)
+    found: dict[Any, Any] = env.motion.memory["line"]
+    return found
+
+
+def _point(env: Env, law: Any) -> dict[Any, Any]:
     r, Q = env.motion.section()
     r_s, Q_s = (env.changes("line", lambda e, i=i: e.motion.section()[i]) for i in (0, 1))
     P = quaternion(Q)
@@ -52,26 +59,26 @@ def _number(e: Any, values: dict[Any, Any]) -> Value:
     return value(se.sympify(e), values)
 
 
-@phrase("strain {name} of {name2}", vanishes=True)
-def _strain(env: Env, name: str, of: str) -> Value:
-    _, law = _derived(_class(of, env))
-    stated = law.strains(make_point(NodeKind.SPATIAL))
-    if name not in stated:
-        raise AuditError(f"{of} has no strain '{name}'; it has {', '.join(stated)}")
-    return _number(stated[name], _values(env, law))
-
-
 @phrase("strains {names} of {name2}", vanishes=True)
+@phrase("strain {names} of {name2}", vanishes=True)
 def _strains(env: Env, names: str, of: str) -> Value:
-    return np.array([[_strain(env, n.strip(), of)] for n in names.split(",")])
+    _, law = _derived(_class(of, env))
+    stated, values = law.strains(make_point(NodeKind.SPATIAL)), _values(env, law)
+    return _column(env, of, names, stated, values)
+
+
+def _column(env: Env, of: str, names: str, known: dict[str, Any], values: dict[Any, Any]) -> Value:
+    wanted = [n.strip() for n in names.split(",")]
+    if missing := [n for n in wanted if n not in known]:
+        raise AuditError(f"{of} has no strain '{missing[0]}'; it has {', '.join(known)}")
+    found = np.array([[_number(known[n], values)] for n in wanted])
+    return found if len(wanted) > 1 else found[0, 0]
 
 
 @phrase("stress resultants {names} of {name2}", vanishes=True)
 def _resultants(env: Env, names: str, of: str) -> Value:
     d, law = _derived(_class(of, env))
-    known = dict(d.resultants)
-    values = _values(env, law)
-    return np.array([[_number(known[n.strip()], values)] for n in names.split(",")])
+    return _column(env, of, names, dict(d.resultants), _values(env, law))
 
 
 @phrase("energy of {name} per length")

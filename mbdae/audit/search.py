@@ -18,6 +18,8 @@ from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
+COLUMNS = 10  #: vectors and matrices of which missing terms are made
+PLAIN = 1.4  #: size of a change beside which no factor is looked for that would do the same
 LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
@@ -113,22 +115,27 @@ def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> F
     best: Found | None = None
     envs: Sequence[Env] = ()
     for i, goal in _places(statement, states):
-        if best is not None and (statement.sides[i].kind == "symbol" or goal.envs is not envs):
+        if best is not None and (_extent(best[1]) <= (1, PLAIN) or statement.sides[i].kind == "symbol" or goal.envs is not envs):
             break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
         envs = goal.envs
         found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
-        if found is not None and (best is None or len(found[1]) < len(best[1])):
+        if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
             if compared(tried, states).same:
                 best = tried, found[1]
     return best
 
 
+def _extent(done: Sequence[Edit]) -> tuple[int, float]:
+    """Number of changes and how far they go."""
+    return len(done), round(sum(e.size for e in done), 6)
+
+
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
-    order = sorted(range(len(sides)), key=lambda i: -sum(1 for _ in sides[i].walk()))  # the longest first, bare symbols last
+    order = sorted(range(len(sides)), key=lambda i: (sides[i].kind == "symbol", -i))  # the last first, bare symbols last
     for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
             if sides[i].kind == "number":
@@ -172,11 +179,15 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
         again = applied(edit, again)
     if again != node and goal.met(again):
         return again, list(known)
+    candidates.any_size = not goal.sized(node)
     once = dict[Node, Edit]()
     for edit, new in edits(node, candidates):
         if new != node:
             once.setdefault(new, edit)
-    return (_smallest(chain(((e, n) for n, e in once.items()), lacking(node, goal, candidates)), goal)
+    plain = _smallest(((e, n) for n, e in once.items()), goal)
+    if plain is not None and plain[1][0].size <= PLAIN:
+        return plain
+    return (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
             or _smallest(missing(node, goal, candidates), goal) or _twice(node, once, goal, candidates)
             or _smallest(supplements(node, candidates), goal))  # fmt: skip
 
@@ -193,10 +204,12 @@ def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
     """The fit of powers of the quantities of a formula and its text, and their symbols; without the other sides."""
     used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
-    others = [symbol(n) for n in candidates.known() if symbol(n) not in used]
+    others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
+    numbers = set(candidates.numbers())
+    columns = [n for n in (*used, *others) if n.value not in numbers]
     inside = [n for n in dict.fromkeys(node.walk()) if n.kind in ("product", "sum", "call")]
-    lengths = [Node("call", "norm", (n,)) for n in used]
-    return Fit(goal.envs, [n for n in (*used, *others, *inside, *lengths) if n not in goal.banned]), [*used, *others][:10]
+    lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
+    return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
 
 
 def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:

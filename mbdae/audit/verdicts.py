@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared
-from mbdae.audit.dimensions import faults
+from mbdae.audit.dimensions import faults, of_definitions
 from mbdae.audit.evaluate import SizeError, evaluate
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
@@ -91,7 +91,10 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
         return _cannot(equation, equation.trouble)
     states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
     try:
-        return _verdict(equation, states.fitting(), search)
+        with np.errstate(all="ignore"):
+            states = states.fitting()
+            wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            return _cannot(equation, wrong[0]) if wrong else _verdict(equation, states, search)
     except UnlistedError as error:
         return Row(equation, INCOMPLETE, 0.0, remark=str(error))
     except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
@@ -242,7 +245,7 @@ def _undefined_at(equation: Printed, states: States) -> str:
             if not meaning.phrase.vanishes or isinstance(meaning, Definition):
                 continue
             for side in statement.sides:
-                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
+                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, store={})):
                     return name
     return ""
 
