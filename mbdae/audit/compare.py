@@ -103,6 +103,7 @@ class Compared:
     gap: float
     everywhere: bool = True  #: found in free states; False: in states of the joint alone
     doubt: str = ""  #: why the difference says nothing
+    mendable: bool = False  #: whether a change of the formula could remove the doubt, as it can where sizes do not fit
 
     @property
     def same(self) -> bool:
@@ -127,7 +128,7 @@ def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> 
         try:
             rows.append(_values(sides, env) + ([said.value(env)] if said else []))
         except SizeError as error:
-            return Compared(INFINITE, doubt=str(error))
+            return Compared(INFINITE, doubt=str(error), mendable=True)
     if statement.relation == "<=":
         return _bound(rows)
     gap = max(max((difference(v[0], other) for other in v[1:]), default=0.0) for v in rows)

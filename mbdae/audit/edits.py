@@ -32,6 +32,13 @@ class Edit:
     size: float = 2.0  #: how far the change goes: among several single ones the smallest is the repair
 
     @property
+    def accent(self) -> bool:
+        """Whether a tilde or a transposition is all that changes."""
+        marks = ("cross", "transposed")
+        return len(self.pieces) == 2 and any(isinstance(a, Node) and a.kind in marks and a.parts == (b,)
+                                             for a, b in (self.pieces, self.pieces[::-1]))  # fmt: skip
+
+    @property
     def words(self) -> str:
         """What is changed."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")

@@ -51,6 +51,7 @@ class Printed:
     inner: str | None = None
     trouble: str = ""  #: why it cannot be read
     raw: str = ""  #: as it stands in the file, where it cannot be read
+    before: Mapping[str, str] = field(default_factory=dict)  #: symbols that had another unit and meaning earlier in the text
 
     @property
     def text(self) -> str:
@@ -86,6 +87,7 @@ class _File:
     def __init__(self, text: str, own: Own, quantities: Mapping[str, Any]) -> None:
         self.lines, self.own, self.quantities, self.found = text.splitlines(), own, quantities, Text()
         self.symbols: dict[str, Meaning] = {}
+        self.before: dict[str, str] = {}
         self.unread: dict[str, str] = {}  #: why a symbol has no meaning
         self.printed: dict[str, tuple[Statement, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
@@ -168,13 +170,15 @@ class _File:
         self.states, self.only = kind, only
 
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
-        self.symbols.pop(name, None)
+        old = self.symbols.pop(name, None)
         try:
             known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
                 self._understood(at, name, words, known, letter or ""))  # fmt: skip
             self.unread.pop(name, None)
+            if old is not None and [u.powers for u in old.units] != [u.powers for u in known]:
+                self.before[name] = old.text
         except AuditError as error:
             self.unread[name] = str(error)
             raise
@@ -215,7 +219,8 @@ class _File:
         for statement in statements:
             self._known(statement, f"line {statement.line}", statement.symbols(), scope)
         self.printed[match[1]] = statements
-        self._add(Printed(match[1], statements, scope, self.section, self.states, self.only, said, self.found.inner, self.doubt))
+        self._add(Printed(match[1], statements, scope, self.section, self.states, self.only, said, self.found.inner, self.doubt,
+                          before=dict(self.before)))  # fmt: skip
 
     def _add(self, equation: Printed) -> None:
         self.found.equations.append(equation)

@@ -90,6 +90,24 @@ def _stored(env: Env, name: str) -> Value:
     return number_of(_friction(env, name, _deflection(env)).stored, _speed(env))
 
 
+def energy_fed(env: Env, name: str) -> float | None:
+    """The lowest of some sliding speeds (m/s) at which a law with a state feeds energy at a deflection that it may have, 0.0 where
+    none does; None of a law without states."""
+    law = _friction(env, name)
+    if not law.states:
+        return None
+    state = next(iter(law.states))
+    most = abs(number_of(law.initial, 1e-12, state=state))
+    for v in np.logspace(-3, 4, 71):
+        for z in most * np.linspace(-1, 1, 41):
+            law = _friction(env, name, z)
+            dz = 1e-6 * most
+            slope = (number_of(_friction(env, name, z + dz).stored, v) - number_of(_friction(env, name, z - dz).stored, v)) / (2 * dz)
+            if np.real(number_of(law.coefficient, v) * v - slope * number_of(law.rate, v, state=state)) < -1e-6:
+                return float(v)
+    return 0.0
+
+
 @phrase("steady coefficient of {name}", vanishes=True)
 def _steady_coefficient(env: Env, name: str) -> Value:
     z = _start(env, name) if _friction(env, name).states else 0.0

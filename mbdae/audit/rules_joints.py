@@ -24,7 +24,9 @@ def law(env: Env, name: str) -> LawState:
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
         raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
-    if cls.frames != ("k", "l") or issubclass(cls, LineLaw):
+    if issubclass(cls, LineLaw):
+        raise AuditError(f"{name} is a law on a line: say `strains NAMES of {name}` or `energy of {name} per length`")
+    if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
     key = ("law", name)
     if key not in env.motion.memory:

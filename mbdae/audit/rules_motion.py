@@ -14,6 +14,7 @@ ROTATIONS: dict[str, Rule] = {
     "axis {i} of {side}": lambda env, i, side: env.motion.rotation(side)[:, [int(i) - 1]],
     "attitude of {side}": lambda env, side: env.motion.rotation(side),
     "Euler parameters of {side}": lambda env, side: env.motion.euler_parameters(side),
+    "quaternion of {side}": lambda env, side: env.motion.euler_parameters(side),
     "rotation vector of {side}": lambda env, side: _rotation_vector(env.motion.euler_parameters(side)),
     "reference rotation of {side}": lambda env, side: env.motion.R0 + 0j,
     "rotation of {side} from its reference": lambda env, side: env.motion.rotation(side) @ env.motion.R0.T,

@@ -30,6 +30,7 @@ class Repair:
     words: tuple[str, ...]
     equation: Printed
     tex: str = ""  #: the changes with the formulas in TeX, in the letters of the text
+    accents: bool = False  #: whether all changes are tildes and transpositions
 
     def __str__(self) -> str:
         return "; ".join(self.words)
@@ -54,7 +55,8 @@ def repair(equation: Printed, states: States) -> Repair | None:
         known += found[1]
         done += [e for e in found[1] if e.words not in [d.words for d in done]]
     letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
-    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), "; ".join(e.tex(letters) for e in done))
+    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), "; ".join(e.tex(letters) for e in done),
+                  all(e.accent for e in done))  # fmt: skip
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:

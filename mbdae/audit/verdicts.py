@@ -26,6 +26,7 @@ from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
 from mbdae.audit.phrases import Definition, Scope
 from mbdae.audit.reading import Printed, Text
+from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_joints import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
 from mbdae.audit.symbolic import identical
@@ -123,7 +124,8 @@ def _verdict(equation: Printed, states: States, search: bool) -> Row:
         return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
                    f"not defined where {undefined} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
     units = _units(equation, states)
-    return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else,
+    said = units or "; ".join(filter(None, [nowhere_else, *remarks(equation, states)]))
+    return Row(equation, MISPRINT if units else RIGHT, residual, remark=said,
                symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
 
 
@@ -164,6 +166,8 @@ def _units(equation: Printed, states: States) -> str:
 def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
     residual = max(c.gap for c in gaps)
     doubt = next((c.doubt for c in gaps if c.doubt), "")
+    if doubt and not any(c.mendable for c in gaps):
+        return _cannot(equation, doubt)
     defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
     if defined:
         return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
@@ -175,6 +179,9 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
         found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
+    if not doubt and _joined(equation, states):
+        return Row(equation, INCOMPLETE, residual, "states: revolute", "holds where a revolute joint connects the bodies, which the "
+                   "text does not say")  # fmt: skip
     found = repair(equation, states) if search else None
     if found is not None:
         return _repaired(Row(equation, MISPRINT, residual, str(found), units, tex=found.tex), found, states)
@@ -182,6 +189,14 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
     if doubt or free:
         return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
     return Row(equation, MISPRINT, residual, remark=units)
+
+
+def _joined(equation: Printed, states: States) -> bool:
+    """Whether an equation about a relative angle, in a text that says nothing of a joint, holds for a revolute one."""
+    if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in _used(equation)):
+        return False
+    joined = replace(states, equation=replace(equation, states="revolute", only=True))
+    return all(compared(s, joined).same for s in equation.statements)
 
 
 def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
@@ -217,7 +232,8 @@ def _repaired(row: Row, found: Repair, states: States) -> Row:
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
            if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
-    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new]))
+    accents = ["accents alone, which type and its reading easily lose"] if found.accents else []
+    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new, *accents]))
     same = identical(found.equation, again.inner, states.side)
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
 
