@@ -146,6 +146,7 @@ def _times(a: Value, b: Value) -> Value:
 
 def _power(node: Node, at: Source) -> Value:
     base, exponent = (evaluate(p, at) for p in node.parts)
+    exponent = _number(exponent)
     if np.ndim(base):
         if exponent not in (-1, 2):
             raise SizeError(f"{size(base)} to the power {exponent}")

@@ -23,6 +23,7 @@ from mbdae.errors import MbdaeError
 UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: of fitted exponents and logarithms
+MANY = 12_000  #: products of vectors and matrices that are tried as terms
 MOST = 30  #: quantities among which powers are sought
 
 
@@ -180,7 +181,7 @@ def factors(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit) 
         probe = rebuilt(Node("product", None, (UNKNOWN, *factors_)))
         r = _first_two(probe, envs, values)
         found = fit.monomial(r) if r is not None else None
-        if found is not None and found != Monomial(Fraction(1)):
+        if found is not None and found != Monomial(Fraction(1)) and piece not in (p for p, _ in found.powers):
             yield piece, found, rebuilt(_merged(found, piece))
         if not np.shape(values[0]) and piece.kind in ("symbol", "call", "sum"):
             yield from _powers(piece, rebuilt, envs, values, fit)
@@ -242,7 +243,7 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
         yield from (_product(c) for c, s in chains if _fits(s, size))
         if length < longest:
             chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items() if s[1] == t[0]]
-        if len(chains) > 4000:
+        if len(chains) > MANY:
             return
 
 

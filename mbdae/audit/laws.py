@@ -89,7 +89,8 @@ class LawState:
                 self._put(list(v), Q[:, i])
 
     def _put(self, symbols: Any, numbers: Any) -> None:
-        self.values.update((s, n if isinstance(n, se.Basic) else complex(n)) for s, n in zip(symbols, numbers, strict=True))
+        plain = se.Integer if self.motion.symbolic else complex
+        self.values.update((s, n if isinstance(n, se.Basic) else plain(n)) for s, n in zip(symbols, numbers, strict=True))
 
     def number(self, e: Any) -> Any:
         """The value of an expression in the law's symbols."""

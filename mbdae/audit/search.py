@@ -18,8 +18,9 @@ from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
-COLUMNS = 10  #: vectors and matrices of which missing terms are made
-PLAIN = 1.4  #: size of a change beside which no factor is looked for that would do the same
+COLUMNS = 14  #: vectors and matrices of which missing terms are made
+LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
+PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
 LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
@@ -114,13 +115,18 @@ class _Goal:
 
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
     """The repair with the fewest changes of one statement."""
+    return next(filter(None, (_at_level(statement, states, known, level) for level in LEVELS)), None)
+
+
+def _at_level(statement: Statement, states: States, known: Sequence[Edit], level: int) -> Found | None:
+    """The smallest repair on one level."""
     best: Found | None = None
     envs: Sequence[Env] = ()
     for i, goal in _places(statement, states):
         if best is not None and (_extent(best[1]) <= (1, PLAIN) or statement.sides[i].kind == "symbol" or goal.envs is not envs):
             break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
         envs = goal.envs
-        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
+        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known, level)
         if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
             if compared(tried, states).same:
@@ -156,15 +162,15 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
                 yield i, goal
 
 
-def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
     """A side changed so that it meets its goal; a column of blocks row by row."""
     rows = side.parts
     goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
     if not goals:
-        return _node(side, goal, candidates, known)
+        return _node(side, goal, candidates, known, level)
     new, done = [], list[Edit]()
     for row, its in zip(rows, goals, strict=True):
-        found = _node(row.parts[0], its, candidates, [*known, *done])
+        found = _node(row.parts[0], its, candidates, [*known, *done], level)
         if found is None:
             return None
         new.append(row.with_parts((found[0],)))
@@ -172,7 +178,7 @@ def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
     return side.with_parts(tuple(new)), done
 
 
-def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
     """A formula that meets its goal: as it is, after the changes made elsewhere in the equation, after one change, after two."""
     if goal.met(node):
         return node, []
@@ -187,11 +193,13 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
         if new != node:
             once.setdefault(new, edit)
     plain = _smallest(((e, n) for n, e in once.items()), goal)
-    if plain is not None and plain[1][0].size <= PLAIN:
-        return plain
-    return (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
-            or _smallest(missing(node, goal, candidates), goal) or _twice(node, once, goal, candidates)
-            or _smallest(supplements(node, candidates), goal))  # fmt: skip
+    if level == 0 or (plain is not None and plain[1][0].size <= PLAIN):
+        return plain if plain is not None and plain[1][0].size <= PLAIN else None
+    found = (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
+             or _smallest(missing(node, goal, candidates), goal))  # fmt: skip
+    if found or level == 1:
+        return found
+    return _twice(node, once, goal, candidates) or _smallest(supplements(node, candidates), goal)
 
 
 def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
@@ -209,7 +217,7 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
     numbers = set(candidates.numbers())
     columns = [n for n in (*used, *others) if n.value not in numbers]
-    inside = [n for n in dict.fromkeys(node.walk()) if n.kind in ("product", "sum", "call")]
+    inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
     lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
     return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
 

@@ -96,7 +96,7 @@ F [N m]: force of row tilt_y of Revolute on turn k, turn l
 
 
 def test_what_vanishes_in_the_joint_proves_nothing_there() -> None:
-    text = "states: revolute\nc [1]: row tilt_y of Revolute\nd [1]: axis 3 of l\n1: b3k = d + c*n*d\n"
+    text = "states: revolute\nc [1]: row tilt_y of Revolute\nd [1]: axis 3 of l\n1: b3k = d + c*d\n"
     assert verdict(text)[0] == "MISPRINT"
 
 
@@ -211,7 +211,7 @@ def test_recursion_is_judged_by_the_tree(formula: str, anew, monkeypatch) -> Non
 
 def test_a_friction_law_of_ones_own() -> None:
     class Viscous(mb.Friction):
-        params = {"c": "s/m"}  # noqa: RUF012
+        params = mb.params(c=("s/m", "friction over speed"))
 
         def coefficient(self, v):
             return self.c * v
@@ -240,5 +240,5 @@ def test_remarks_beside_the_verdict() -> None:
     force += "F [N m]: force of JointSpring on turn k, turn l\n"
     assert "leave a resultant" in verdict(force + "1: F = K*phi*[-b3k; b3l]")[1]
     assert "leave a resultant" not in verdict(force + "1: F = K*phi*[-b3k; b3k]")[1]
-    mended = mb.audit(BODIES + "1: rate(b1k) = ~wk'*b1k\n")["1"]
+    mended = mb.audit(BODIES + "let P [m] = rk + s\n1: P = rk + s'\n")["1"]
     assert "accents alone" in mended.remark
