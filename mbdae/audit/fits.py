@@ -23,7 +23,7 @@ from mbdae.errors import MbdaeError
 UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: of fitted exponents and logarithms
-MANY = 12_000  #: products of vectors and matrices that are tried as terms
+MANY = 6_000  #: products of vectors and matrices that are tried as terms
 MOST = 30  #: quantities among which powers are sought
 
 
@@ -100,8 +100,10 @@ class Fit:
         r = np.real(r)
         if np.ptp(np.abs(r)) < EXACT * abs(r[0]) and np.ptp(np.sign(r)):
             return self._sense(r)
-        for count in (0, 1, 2):
-            found = [m for some in combinations(self._scalars, count) if (m := self._of(r, some)) is not None]
+        wanted = np.log(np.abs(r))
+        for subsets, A, solve in self._systems:
+            close = np.max(np.abs(np.einsum("sij,sj->si", A, solve @ wanted) - wanted), axis=1) < EXACT
+            found = [m for i in np.flatnonzero(close) if (m := self._of(r, subsets[i], solve[i] @ wanted)) is not None]
             if found:
                 return min(found, key=lambda m: (sum(abs(p) for _, p in m.powers), m.c.denominator + abs(m.c.numerator)))
         return None
@@ -115,11 +117,18 @@ class Fit:
                 return Monomial(c * int(sense[0]), ((Node("call", "sign", (piece,)), Fraction(1)),))
         return None
 
-    def _of(self, r: Any, some: Sequence[tuple[Node, Any]]) -> Monomial | None:
-        A = np.column_stack([np.ones(len(r)), *(np.log(np.abs(v)) for _, v in some)])
-        x = np.linalg.lstsq(A, np.log(np.abs(r)), rcond=None)[0]
-        if np.max(np.abs(A @ x - np.log(np.abs(r)))) > EXACT:
-            return None
+    @cached_property
+    def _systems(self) -> list[tuple[list[Any], Any, Any]]:
+        """Sets of no, one and two quantities with the equations of their exponents (sets, states, exponents) and the solutions."""
+        out = []
+        for count in (0, 1, 2):
+            subsets = list(combinations(self._scalars, count))
+            if subsets:
+                A = np.array([np.column_stack([np.ones(len(self.envs)), *(np.log(np.abs(v)) for _, v in s)]) for s in subsets])
+                out.append((subsets, A, np.linalg.pinv(A)))
+        return out
+
+    def _of(self, r: Any, some: Sequence[tuple[Node, Any]], x: Any) -> Monomial | None:
         powers = [Fraction(round(2 * p), 2) for p in x[1:]]
         c = Fraction(float(np.exp(x[0]))).limit_denominator(48)
         exact = all(abs(p - f) < EXACT and f for p, f in zip(x[1:], powers, strict=True)) and c.numerator <= 64
@@ -198,7 +207,9 @@ def _powers(piece: Node, rebuilt: Any, envs: Sequence[Env], values: Sequence[Val
 
 
 def _first_two(probe: Node, envs: Sequence[Env], values: Sequence[Value]) -> list[complex] | None:
-    return solved(probe, envs, values) if solved(probe, envs[:1], values[:1]) else None
+    first = solved(probe, envs[:1], values[:1])
+    rest = solved(probe, envs[1:], values[1:]) if first else None
+    return [*first, *rest] if first and rest else None
 
 
 def _merged(found: Monomial, piece: Node) -> Node:

@@ -18,7 +18,7 @@ from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
-COLUMNS = 14  #: vectors and matrices of which missing terms are made
+COLUMNS = 12  #: vectors and matrices of which missing terms are made
 LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
 PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
 LARGEST = 20_000  #: formulas tried for one place with two changes
@@ -216,7 +216,8 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
     others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
     numbers = set(candidates.numbers())
-    columns = [n for n in (*used, *others) if n.value not in numbers]
+    columns = [n for n in used if n.value not in numbers]
+    columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
     inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
     lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
     return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
