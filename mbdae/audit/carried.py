@@ -21,7 +21,7 @@ from mbdae.symbolic.tree_structure import Link, TreeStructure
 _AXES = (Axes.GENERAL, Axes.GENERAL)
 
 
-def joint_class(word: str, own: Any = ()) -> type[Joint] | None:
+def joint_class(word: str, own: Any = ()) -> Any:
     """The joint with coordinates of a name, in any spelling; None where there is none."""
     known = {name.lower(): getattr(joints, name) for name in joints.__all__} | {name.lower(): cls for name, cls in own}
     cls = known.get(word.lower().replace(" ", ""))

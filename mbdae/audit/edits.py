@@ -11,7 +11,7 @@ import numpy as np
 from mbdae.audit import latex
 from mbdae.audit.evaluate import SizeError
 from mbdae.audit.fits import places
-from mbdae.audit.notation import Node, negated, number, symbol
+from mbdae.audit.notation import Node, negated, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.errors import MbdaeError
 

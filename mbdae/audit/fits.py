@@ -27,7 +27,7 @@ MANY = 6_000  #: products of vectors and matrices that are tried as terms
 MOST = 30  #: quantities among which powers are sought
 
 
-def attempt(node: Node, env: Env) -> Value | None:
+def attempt(node: Node, env: Env) -> Any:
     """The value of a formula; None where it has none."""
     try:
         with np.errstate(all="ignore"):
@@ -83,7 +83,7 @@ class Fit:
 
     @cached_property
     def _scalars(self) -> list[tuple[Node, Any]]:
-        found = []
+        found: list[tuple[Node, Any]] = []
         for piece in self.pieces:
             values = [attempt(piece, env) for env in self.envs]
             if all(v is not None and np.ndim(v) == 0 and np.isfinite(v) and abs(v) > 1e-9 for v in values):
@@ -119,7 +119,7 @@ class Fit:
 
     @cached_property
     def _systems(self) -> list[tuple[list[Any], Any, Any]]:
-        """Sets of no, one and two quantities with the equations of their exponents (sets, states, exponents) and the solutions."""
+        """Sets of no, one and two quantities, the equations of their exponents (sets, states, exponents), the solutions."""
         out = []
         for count in (0, 1, 2):
             subsets = list(combinations(self._scalars, count))
@@ -223,7 +223,7 @@ def terms(node: Node, envs: Sequence[Env], values: Sequence[Value], fit: Fit, ve
         tuple[Node, Node]]:  # fmt: skip
     """Terms that are missing in the formula or in one of its sums, and the formula with them."""
     for piece, rebuilt in places(node):
-        if piece is not node and piece.kind not in ("sum", "symbol") or piece.kind in ("block", "row"):
+        if (piece is not node and piece.kind not in ("sum", "symbol")) or piece.kind in ("block", "row"):
             continue
         inside = piece.parts if piece.kind == "sum" else (piece,)
         base = attempt(piece, envs[0])

@@ -18,8 +18,7 @@ _NAME = re.compile(
 _CALLS = {"sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "det"}
 _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
 Letters = Mapping[str, str]  #: how a text prints a name, in TeX
-_NONE: _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
-Letters = MappingProxyType({})
+_NONE: Letters = MappingProxyType({})
 
 
 def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: bool = False) -> str:
@@ -127,7 +126,7 @@ def _call(node: Node, letters: Letters) -> str:
     if node.value == "sqrt":
         return rf"\sqrt{{{inner[0]}}}"
     if node.value in ("sum", "integral"):
-        body, bound, low, high = inner
+        _body, bound, low, high = inner
         if node.value == "sum":
             return rf"\sum_{{{bound}={low}}}^{{{high}}} {formula(node.parts[0], letters, 1)}"
         return rf"\int_{{{low}}}^{{{high}}} {formula(node.parts[0], letters, 1)} \, d{bound}"

@@ -250,7 +250,7 @@ class Motion:
             c[0], c[1] = c[0] + c[1] * dt + c[2] * dt * dt / 2, c[1] + c[2] * dt
 
     def _increments(self, how: str) -> dict[str, Value]:
-        known = {f"turn {s}": self.vector(f"{how} turn {s}") for s in "kl"} | {f"x {s}": self.vector(f"{how} x {s}") for s in "kl"}
+        known = {f"{n} {s}": self.vector(f"{how} {n} {s}") for n in ("turn", "x") for s in "kl"}
         known |= {f"coordinate {name}": self.number(f"{how} phi" + (f" of {name}" if i else ""))
                   for i, name in enumerate(self.coordinates)}  # fmt: skip
         if how == "linear":

@@ -32,7 +32,7 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    side: str  #: "open", "left": side of the equations of motion of a force where the text does not say it; empty for others
+    side: str  #: "open", "left": side of the equations of motion of a force, open where texts differ; else empty
     wording: str
     needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
     given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
@@ -271,7 +271,8 @@ class Env:
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
             raise SizeError(f"diff by '{name}', which is defined by others")
-        size = 1.0 if self.scale is None else float(np.real(np.ravel(scaled(meaning.units, self.plain.value(name), self.scale))[0]))
+        factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
+        size = float(np.real(np.ravel(factors)[0]))
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
 
     def touching(self) -> Env:

@@ -131,9 +131,9 @@ class _File:
         elif self.in_claims:
             self._claim(at, line)
         elif match := _LET.match(line):
-            self._symbol(at, *match.groups(), defined=True)
+            self._symbol(at, match[1], match[2], match[3], match[4], defined=True)
         elif match := _SYMBOL.match(line):
-            self._symbol(at, *match.groups())
+            self._symbol(at, match[1], match[2], match[3], match[4])
         elif match := _EQUATION.match(" ".join(line.split("\n", 1)[:1])):
             self._equation(at, line, match)
         else:
@@ -165,7 +165,7 @@ class _File:
         kind = words.removesuffix(" only").strip().lower()
         wrong = checked_kind(kind, self.own)
         if wrong:
-            self.doubt = f"line {at}: 'states: {words}': {wrong}; say free, clearance or a joint, and 'only' where there are no others"
+            self.doubt = f"line {at}: 'states: {words}': {wrong}; say free, clearance or a joint; 'only' where no others"
             raise AuditError(self.doubt)
         self.states, self.only = kind, only
 

@@ -45,7 +45,8 @@ def _solutions(equation: Printed, states: States) -> Iterator[str]:
     judged = equation.statements[0].sides[1] if meaning and len(equation.statements[0].sides) > 2 else sides[0]
     axes = [i + 1 for i in range(3) if _size(judged, states, i, HALF) < SAME < _size(judged, states, i, SOME)]
     if axes:
-        yield f"vanishes too where l is turned by half a turn about its axis {', '.join(map(str, axes))}: the text excludes it not"
+        about = ", ".join(map(str, axes))
+        yield f"vanishes too where l is turned by half a turn about its axis {about}, which the text does not exclude"
 
 
 def _size(side: Node, states: States, axis: int, angle: float) -> float:

@@ -91,8 +91,9 @@ def _stored(env: Env, name: str) -> Value:
 
 
 def energy_fed(env: Env, name: str) -> float | None:
-    """The lowest of some sliding speeds (m/s) at which a law with a state feeds energy at a deflection that it may have, 0.0 where
-    none does; None of a law without states."""
+    """The lowest of some sliding speeds (m/s) at which a law with a state feeds energy, at a deflection that it may have.
+
+    0.0 where none does; None of a law without states."""
     law = _friction(env, name)
     if not law.states:
         return None
@@ -100,9 +101,9 @@ def energy_fed(env: Env, name: str) -> float | None:
     most = abs(number_of(law.initial, 1e-12, state=state))
     for v in np.logspace(-3, 4, 71):
         for z in most * np.linspace(-1, 1, 41):
-            law = _friction(env, name, z)
-            dz = 1e-6 * most
-            slope = (number_of(_friction(env, name, z + dz).stored, v) - number_of(_friction(env, name, z - dz).stored, v)) / (2 * dz)
+            law, dz = _friction(env, name, z), 1e-6 * most
+            stored = [number_of(_friction(env, name, z + d).stored, v) for d in (-dz, dz)]
+            slope = (stored[1] - stored[0]) / (2 * dz)
             if np.real(number_of(law.coefficient, v) * v - slope * number_of(law.rate, v, state=state)) < -1e-6:
                 return float(v)
     return 0.0

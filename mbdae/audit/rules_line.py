@@ -19,7 +19,7 @@ from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LENGTH, WEIGHT, LineDerived, LineLaw, derive_line, make_point
 
 
-def _class(name: str, env: Env) -> type[LineLaw]:
+def _class(name: str, env: Env) -> Any:
     found = ({"Beam": Beam} | dict(env.scope.own)).get(name)
     if not (isinstance(found, type) and issubclass(found, LineLaw)):
         raise AuditError(f"there is no law on a line '{name}'; give your own class with audit(..., laws=...)")
@@ -27,7 +27,7 @@ def _class(name: str, env: Env) -> type[LineLaw]:
 
 
 @lru_cache(maxsize=8)
-def _derived(cls: type[LineLaw]) -> tuple[LineDerived, Any]:
+def _derived(cls: Any) -> tuple[LineDerived, Any]:
     structure = Structure(absent=frozenset({"damping"} & set(cls.params)))
     return derive_line(cls, structure, NodeKind.SPATIAL), cls.symbolic(structure)
 
@@ -42,7 +42,8 @@ def _values(env: Env, law: Any) -> dict[Any, Any]:
 
 def _point(env: Env, law: Any) -> dict[Any, Any]:
     r, Q = env.motion.section()
-    r_s, Q_s = (env.changes("line", lambda e, i=i: e.motion.section()[i]) for i in (0, 1))
+    r_s = env.changes("line", lambda e: e.motion.section()[0])
+    Q_s = env.changes("line", lambda e: e.motion.section()[1])
     P = quaternion(Q)
     K = axial(Q_s @ Q.T)
     slope = np.vstack([-K.T @ P[1:], P[0, 0] * K + np.cross(K, P[1:], axis=0)]) / 2

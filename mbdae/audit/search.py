@@ -56,8 +56,8 @@ def repair(equation: Printed, states: States) -> Repair | None:
         known += found[1]
         done += [e for e in found[1] if e.words not in [d.words for d in done]]
     letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
-    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), "; ".join(e.tex(letters) for e in done),
-                  all(e.accent for e in done))  # fmt: skip
+    tex = "; ".join(e.tex(letters) for e in done)
+    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
@@ -157,7 +157,7 @@ def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]
             if other is not None and notation.is_zero(other) and not said:
                 values = [0 * v for v in (evaluate(sides[i], e) for e in envs)]
             goal = _Goal(envs, values, frozenset(sides[:i] + sides[i + 1 :]))
-            shows = other is not None and notation.is_zero(other) or max(float(np.max(np.abs(t))) for t in values) > 1e-9
+            shows = (other is not None and notation.is_zero(other)) or max(float(np.max(np.abs(t))) for t in values) > 1e-9
             if shows and not (goal.met(sides[i]) and not said):
                 yield i, goal
 
@@ -229,7 +229,8 @@ def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[E
     for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
         sign = monomial.c == -1 and not monomial.powers
         size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
-        yield Edit("sign of {}", (piece,), size=1) if sign else Edit("the factor {} at {}", (monomial.times(), piece), size=size), new
+        edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
+        yield replace(edit, size=size), new
     for piece, wrap, new in wrapped(node):
         yield Edit("{} -> {}", (piece, wrap), size=1.7), new
 

@@ -2,12 +2,12 @@
 
 RIGHT          the sides agree in random states (free bodies; else bodies connected by the joint), and stay finite where a
                quantity they contain vanishes
-MISPRINT       both sides were evaluated and differ; the repair is the smallest change after which they agree. A formula whose sizes
-               do not fit is one where a change mends it
+MISPRINT       both sides were evaluated and differ; the repair is the smallest change after which they agree. Where sizes do not
+               fit, a formula that a change mends
 INCOMPLETE     they agree only where a quantity of the derivation that the text names nowhere is zero; or they agree but are not
                defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none
-AMBIGUOUS      forces that agree on the other side of the equations of motion (or with multipliers of the other sign) than they are
-               given for, or than another formula of the section needs, where the text does not declare its side
+AMBIGUOUS      forces that agree on the other side of the equations of motion (or with multipliers of the other sign), or on
+               another side than other formulas of the section, where the text does not declare it
 CANNOT JUDGE   the formula cannot be read, a piece of it has no value, or nothing says what a quantity is: with the reason
 """
 
@@ -138,8 +138,8 @@ def _open_sides(equation: Printed) -> set[str]:
 def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
     """A force that is right on one side of the equations of motion."""
     if "left" in open_sides:
-        return Row(equation, AMBIGUOUS, gap, "say on which side: forces: applied", "right with the opposite sign, as the forces "
-                   "applied to the bodies or with the opposite multipliers", symbolic=identical(equation, states.inner, side))  # fmt: skip
+        said = "right with the opposite sign, as the forces applied to the bodies or with the opposite multipliers"
+        return Row(equation, AMBIGUOUS, gap, "say on which side: forces: applied", said)
     return Row(equation, RIGHT, gap, remark=_unbalanced(equation, states), symbolic=identical(equation, states.inner, side),
                side=side)  # fmt: skip
 
@@ -180,8 +180,8 @@ def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
     if not doubt and _joined(equation, states):
-        return Row(equation, INCOMPLETE, residual, "states: revolute", "holds where a revolute joint connects the bodies, which the "
-                   "text does not say")  # fmt: skip
+        said = "holds where a revolute joint connects the bodies, which the text does not say"
+        return Row(equation, INCOMPLETE, residual, "states: revolute", said)
     found = repair(equation, states) if search else None
     if found is not None:
         return _repaired(Row(equation, MISPRINT, residual, str(found), units, tex=found.tex), found, states)

@@ -1,4 +1,4 @@
-"""Formulas of textbooks: none that is right is called a misprint, every error planted in one is found, and nearly all are mended."""
+"""Formulas of textbooks: none that is right is called a misprint; errors planted in them are found and nearly all mended."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mbdae.audit.verdicts import Row as Verdict
 from mbdae.audit.verdicts import audit_equation
 
 claim = Claim("textbooks", "formulas of textbooks are judged, errors planted in them found and mended", 0, "formulas",
-              "Nikravesh, Haug, Shabana, Geradin and Cardona, Craig, Featherstone, Johnson, Flores, ...: see the files")  # fmt: skip
+              "Nikravesh, Haug, Shabana, Geradin and Cardona, Craig, Featherstone, Johnson, ...: see the files")  # fmt: skip
 FILES = sorted(Path(__file__).parent.glob("*.audit"))
 PLANTED = "#~"  #: begins the line with an error planted in the formula above it
 LEAST = 120  #: formulas and planted errors
@@ -39,7 +39,7 @@ def formulas(file: Path) -> list[tuple[Printed, Printed]]:
         if inside:
             errors[last] = errors.get(last, "") + " " + line.removeprefix(PLANTED)
         plain.append("" if inside else line)
-    found = [e for e in read("\n".join(plain)).equations]
+    found = list(read("\n".join(plain)).equations)
     return [(e, replace(e, statements=(Reader(errors[e.number]).statement(),))) for e in found]
 
 
