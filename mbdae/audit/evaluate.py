@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import cmath
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -247,3 +249,43 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
     "neg": lambda n, at: -evaluate(n.parts[0], at), "inverse": _inverse, "power": _power, "call": _call,
     "cross": lambda n, at: cross(evaluate(n.parts[0], at)), "transposed": _transposed, "block": _block,
 }  # fmt: skip
+
+
+# -- expressions of laws; symengine's own values take powers by logarithms, which spoils complex steps
+
+_RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
+
+
+def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
+    """Value of an expression for values of its symbols."""
+    if isinstance(e, se.Symbol):
+        return known[e]
+    if e.is_Number or e in (se.pi, se.E):
+        return complex(e)
+    if isinstance(e, se.Piecewise):
+        pairs = zip(e.args[::2], e.args[1::2], strict=True)
+        return next(expression_value(result, known) for result, condition in pairs if _holds(condition, known))
+    a = [expression_value(x, known) for x in e.args]
+    if isinstance(e, se.Add):
+        return sum(a)
+    if isinstance(e, se.Mul):
+        return math.prod(a, start=1 + 0j)
+    if isinstance(e, se.Pow):
+        n = e.args[1]
+        return a[0] ** int(n) if n.is_Integer and n.is_positive else 1 / a[0] ** int(-n) if n.is_Integer else a[0] ** a[1]
+    name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
+    if name in ("let", "UnevaluatedExpr"):
+        return a[0]
+    if name == "floor":
+        return complex(math.floor(a[0].real))
+    return complex_atan2(a[0], a[1]) if name == "atan2" else getattr(cmath, name)(*a)
+
+
+def _holds(condition: Any, known: Mapping[Any, complex]) -> bool:
+    name = type(condition).__name__
+    if name in _RELATIONS:
+        a, b = (np.real(expression_value(x, known)) for x in condition.args)
+        return bool(_RELATIONS[name](a, b))
+    parts = (_holds(c, known) for c in condition.args)
+    return {"And": all, "Or": any}[name](parts) if name in ("And", "Or") else (
+        not next(parts) if name == "Not" else bool(condition))  # fmt: skip

@@ -250,10 +250,13 @@ def _shapes(size: tuple[int, ...], vectors: Sequence[Node], env: Env, longest: i
             forms += [v, Node("transposed", None, (v,))]
     shapes = {f: np.shape(attempt(f, env)) for f in forms}
     chains: list[tuple[tuple[Node, ...], tuple[int, ...]]] = [((f,), s) for f, s in shapes.items()]
+    rows, width = size or (1, 1)
+    chains = [(c, s) for c, s in chains if s[0] == rows]
     for length in range(1, longest + 1):
         yield from (_product(c) for c, s in chains if _fits(s, size))
-        if length < longest:
-            chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items() if s[1] == t[0]]
+        last = length + 1 == longest
+        chains = [((*c, f), (s[0], t[1])) for c, s in chains for f, t in shapes.items()
+                  if s[1] == t[0] and (not last or t[1] == width)]  # fmt: skip
         if len(chains) > MANY:
             return
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import Value
-from mbdae.audit.expressions import value as value_of
+from mbdae.audit.evaluate import Value, expression_value
 from mbdae.audit.motion import Motion
 from mbdae.laws import contact, forces, friction, joints
 from mbdae.laws.contact import Hertz, JournalContact
@@ -100,7 +99,7 @@ class LawState:
             self.values[name] = self.number(names[name])
         if self.motion.symbolic:
             return e.subs({x: self.values[x] for x in e.free_symbols})
-        return value_of(e, self.values)
+        return expression_value(e, self.values)
 
     def vector(self, v: Any) -> Value:
         """The value of a vector in the law's symbols."""

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from mbdae.audit import latex
-from mbdae.audit.claims import Count, Counts, count, counts_something
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import is_expression
-from mbdae.audit.reading import Printed, read
+from mbdae.audit.reading import Claimed, Printed, read
 from mbdae.audit.verdicts import Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
 from mbdae.errors import OptionError
 from mbdae.sweep.writing import as_json
-from mbdae.values import of_class, option, shown
+from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
 
 VERDICTS = {
@@ -35,6 +34,47 @@ HOW = (
     "then in states of bodies connected by the joint the text speaks of; formulas that are polynomials in free vectors also in "
     "symbols. The file of the formulas holds no verdicts and no repairs."
 )
+
+
+#: by the words of a claim: a number, or a function that returns one or (number, remark)
+Counts = Mapping[str, int | Callable[[], int | tuple[int, str]]]
+
+
+@dataclass(frozen=True)
+class Count:
+    """A claim with the number that was counted; None where nobody counts it."""
+
+    claimed: Claimed
+    counted: int | None
+    remark: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """RIGHT, MISPRINT where the number is another, CANNOT JUDGE."""
+        if self.counted is None:
+            return "CANNOT JUDGE"
+        return "RIGHT" if self.counted == self.claimed.count else "MISPRINT"
+
+
+def counts_something(given: Any) -> bool:
+    """Whether a value is a whole number, or may be a function that counts."""
+    try:
+        return callable(given) or whole(given, least=0) >= 0
+    except BadValueError:
+        return False
+
+
+def count(claimed: Claimed, counts: Counts) -> Count:
+    """The number given for the words of a claim, or what the function given for them returns."""
+    words = claimed.words
+    if words not in counts:
+        remedy = f"audit(..., counts={{{words!r}: number, or a function that counts}})"
+        return Count(claimed, None, f"nothing counts this: give {remedy}")
+    given = counts[words]
+    found = given() if callable(given) else given
+    number, remark = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
+    counted = option(f"counts[{words!r}]", number, whole, "give a whole number, or a function that returns one", least=0)
+    return Count(claimed, counted, str(remark))
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    side: str  #: "open", "left": side of the equations of motion of a force, open where texts differ; else empty
+    side: str  #: side of the equations of motion of a force: "left", or "open" where texts differ; "" for others
     wording: str
     needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
     given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
@@ -44,7 +44,7 @@ PHRASES: list[Phrase] = []
 
 def phrase(wording: str, vanishes: bool = False, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
            given: bool = False, drawn: bool = False) -> Callable[[Rule], Rule]:  # fmt: skip
-    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} 1, 2 or 3, {name} a word, {...} any words."""
+    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
     pattern = re.escape(wording).replace(r"\ ", " ")
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
     pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import STEP, Value, cross
-from mbdae.audit.expressions import value
+from mbdae.audit.evaluate import STEP, Value, cross, expression_value
 from mbdae.audit.laws import LawState, journal, observed, outward, part_class
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase, random_positive
@@ -183,7 +182,8 @@ _X, _Y = se.symbols("x y")
 def number_of(law: Callable[..., Any], *arguments: Value, state: str = "") -> Value:
     """A function of a law at some arguments; the entry `state` of what it returns."""
     stated = law(*(_X, _Y)[: len(arguments)])
-    return value(se.sympify(stated[state] if state else stated), dict(zip((_X, _Y), map(complex, arguments), strict=False)))
+    known = dict(zip((_X, _Y), map(complex, arguments), strict=False))
+    return expression_value(se.sympify(stated[state] if state else stated), known)
 
 
 _penetration = random_positive("penetration")

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import Value
-from mbdae.audit.expressions import value
+from mbdae.audit.evaluate import Value, expression_value
 from mbdae.audit.motion import axial, quaternion
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase
@@ -57,7 +56,7 @@ def _point(env: Env, law: Any) -> dict[Any, Any]:
 
 
 def _number(e: Any, values: dict[Any, Any]) -> Value:
-    return value(se.sympify(e), values)
+    return expression_value(se.sympify(e), values)
 
 
 @phrase("strains {names} of {name2}", vanishes=True)
