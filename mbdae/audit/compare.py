@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
+from mbdae.errors import MbdaeError
 
 SAME = 1e-9  #: relative difference below which two sides are the same
 STATES = 4  #: random states of every kind
@@ -29,26 +30,58 @@ class States:
     side: int = 1
     absent: str | None = None
     shared: dict[tuple[str, int], Motion] = field(default_factory=dict)
+    fill: int = 1
 
-    def of(self, kind: str) -> list[Env]:
-        """Values of the symbols in random states of one kind ("free", "revolute", "clearance")."""
-        return [self._env(kind, seed) for seed in range(STATES)]
+    def of(self, kind: str, count: int = STATES) -> list[Env]:
+        """Values of the symbols in random states of one kind ("free", "clearance", a joint)."""
+        return [self._env(kind, seed) for seed in range(count)]
 
     def _env(self, kind: str, seed: int) -> Env:
         if (kind, seed) not in self.shared:
-            self.shared[kind, seed] = Motion(seed, kind)
+            self.shared[kind, seed] = Motion(seed, kind, self.equation.scope.own)
         motion = self.shared[kind, seed]
-        return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side)
+        return Env(motion.without(self.absent) if self.absent else motion, self.equation.scope, self.inner, self.side, self.fill)
+
+    @property
+    def _everywhere(self) -> str:
+        return self.equation.states if self.equation.only else "free"
 
     @cached_property
     def free(self) -> list[Env]:
         """States of two free bodies; those of the joint where the text speaks of no others (`states: ... only`)."""
-        return self.of(self.equation.states if self.equation.only else "free")
+        return self.of(self._everywhere)
+
+    @cached_property
+    def many(self) -> list[Env]:
+        """More of them, to find powers of several numbers at once."""
+        return self.of(self._everywhere, 4 * STATES)
 
     @cached_property
     def joint(self) -> list[Env]:
         """States in which the constraints of the joint hold."""
         return self.of(self.equation.states)
+
+    @cached_property
+    def many_joint(self) -> list[Env]:
+        """More of those."""
+        return self.of(self.equation.states, 4 * STATES)
+
+    def fitting(self) -> States:
+        """The same with literal zeros of one row or three, whichever fits the sizes of the equation."""
+        for fill in (1, 3):
+            found = replace(self, fill=fill)
+            if all(_fits(s, found) for s in self.equation.statements):
+                return found
+        return self
+
+
+def _fits(statement: Statement, states: States) -> bool:
+    env = states.free[0]
+    try:
+        sizes = {np.shape(evaluate(s, env)) for s in statement.sides if not notation.is_zero(s)}
+    except (SizeError, MbdaeError):
+        return False
+    return len(sizes) == 1
 
 
 def difference(a: Value, b: Value) -> float:
@@ -63,72 +96,88 @@ def difference(a: Value, b: Value) -> float:
     return gap / size if size > 1e-12 else gap
 
 
-def _value(node: Node, env: Env) -> Value | None:
-    try:
-        with np.errstate(all="ignore"):
-            return evaluate(node, env)
-    except SizeError:
-        return None
-
-
-def gap_in(statement: Statement, equation: Printed, envs: Iterable[Env]) -> float:
-    """Largest relative difference, over some states, of the sides of a statement and of the quantity it is said to be."""
-    sides = [side for side in statement.sides if not notation.is_zero(side)]
-    worst, largest, reached, count = 0.0, 0.0, 0, 0
-    for env in envs:
-        count += 1
-        values = [_value(side, env) for side in sides]
-        if equation.quantity is not None and statement is equation.statements[0]:
-            values.append(equation.quantity.value(env))
-        if any(v is None for v in values):
-            return INFINITE
-        largest_here: Value = values[0]
-        if statement.relation == "<=":
-            worst, reached = max(worst, _excess(values)), reached + (_excess(values, reached=True) < SAME)
-        else:
-            worst = max(worst, max((difference(values[0], v) for v in values[1:]), default=0.0))
-            largest = max(largest, float(np.max(np.abs(largest_here))))
-        if worst == INFINITE:
-            return worst
-    if statement.relation == "<=":
-        return worst if 2 * reached >= count else INFINITE  # a bound counts if half of the states reach it
-    return worst if largest > 1e-9 else INFINITE  # 0 = 0 proves nothing
-
-
-def _excess(values: list[Value], reached: bool = False) -> float:
-    """By how much a exceeds b, relative to the larger; reached: the distance of a from b."""
-    a, b = (float(np.real(v)) for v in values)
-    return (abs(a - b) if reached else max(0.0, a - b)) / max(abs(a), abs(b), 1e-12)
-
-
-def vanishes(statement: Statement, envs: Iterable[Env]) -> float:
-    """Largest value of the first side of a statement that ends with `= 0`; 0.0 for other statements."""
-    if not any(notation.is_zero(side) for side in statement.sides):
-        return 0.0
-    values = [_value(statement.sides[0], env) for env in envs]
-    return max(INFINITE if v is None else float(np.max(np.abs(v))) for v in values)
-
-
 @dataclass(frozen=True)
 class Compared:
     """Difference of the sides of a statement, and the states it was found in."""
 
     gap: float
     everywhere: bool = True  #: found in free states; False: in states of the joint alone
+    doubt: str = ""  #: why the difference says nothing
+    mendable: bool = False  #: whether a change of the formula could remove the doubt, as it can where sizes do not fit
 
     @property
     def same(self) -> bool:
         """Whether the sides agree."""
-        return self.gap < SAME
+        return self.gap < SAME and not self.doubt
+
+
+def _values(sides: Sequence[Node], env: Env) -> list[Value]:
+    with np.errstate(all="ignore"):
+        found = [evaluate(side, env) for side in sides]
+    if any(not np.all(np.isfinite(np.asarray(v, dtype=complex))) for v in found):
+        raise SizeError("not finite in a random state")
+    return found
+
+
+def _in_states(statement: Statement, equation: Printed, envs: Sequence[Env]) -> Compared:
+    """The sides of a statement, and the quantity it is said to be, in some states."""
+    sides = [side for side in statement.sides if not notation.is_zero(side)]
+    said = equation.quantity if equation.statements and statement is equation.statements[0] else None
+    rows: list[list[Value]] = []
+    for env in envs:
+        try:
+            rows.append(_values(sides, env) + ([said.value(env)] if said else []))
+        except SizeError as error:
+            return Compared(INFINITE, doubt=str(error), mendable=True)
+    if statement.relation == "<=":
+        return _bound(rows)
+    gap = max(max((difference(v[0], other) for other in v[1:]), default=0.0) for v in rows)
+    if len(rows[0]) > 1 and gap < SAME and max(float(np.max(np.abs(v[0]))) for v in rows) < SAME:
+        return Compared(gap, doubt="both sides vanish in the states tried, which shows nothing")
+    return Compared(gap)
+
+
+def _bound(rows: list[list[Value]]) -> Compared:
+    """a <= b: holds in all states, and is reached in half of them; else nothing shows that it is the bound meant."""
+    pairs = [tuple(float(np.real(x)) for x in v[:2]) for v in rows]
+    sizes = [max(abs(a), abs(b), 1e-12) for a, b in pairs]
+    worst = max(max(0.0, a - b) / n for (a, b), n in zip(pairs, sizes, strict=True))
+    reached = sum(abs(a - b) / n < SAME for (a, b), n in zip(pairs, sizes, strict=True))
+    if worst < SAME and 2 * reached < len(pairs):
+        return Compared(worst, doubt="the bound holds in all states tried, but too few reach it to show that it is the one meant")
+    return Compared(worst)
+
+
+def vanishes(statement: Statement, envs: Sequence[Env]) -> float:
+    """Largest value of the first side of a statement that ends with `= 0`; 0.0 for other statements."""
+    if not any(notation.is_zero(side) for side in statement.sides):
+        return 0.0
+    try:
+        return max(float(np.max(np.abs(_values(statement.sides[:1], env)[0]))) for env in envs)
+    except SizeError:
+        return INFINITE
 
 
 def compared(statement: Statement, states: States) -> Compared:
     """The sides compared in free states; in states of the joint where they agree only there."""
     equation = states.equation
-    if vanishes(statement, states.joint) > 1e-9:
-        return Compared(INFINITE)
-    free = gap_in(statement, equation, states.free)
-    if free < SAME or equation.only or equation.states == "free":
-        return Compared(free)
-    joint = gap_in(statement, equation, states.joint)
-    return Compared(joint, everywhere=False) if joint < SAME else Compared(min(free, joint))
+    if vanishes(statement, states.joint) > SAME:
+        return Compared(vanishes(statement, states.joint))
+    free = _in_states(statement, equation, states.free)
+    if free.same or equation.only or equation.states == "free":
+        return free
+    joint = _in_states(statement, equation, states.joint)
+    if joint.same and (free.doubt or not _vanishing(statement, states)):
+        return Compared(joint.gap, everywhere=False)
+    sure = [free] if joint.same and not free.doubt else [c for c in (free, joint) if not c.doubt]
+    return min(sure, key=lambda c: c.gap) if sure else free
+
+
+def _vanishing(statement: Statement, states: States) -> bool:
+    """Whether a quantity of the statement is zero in the states of the joint alone: agreement there says nothing of its terms."""
+    symbols = statement.symbols() & set(states.equation.scope.symbols)
+
+    def size(name: str, envs: Sequence[Env]) -> float:
+        return max(float(np.max(np.abs(env.value(name)))) for env in envs)
+
+    return any(size(n, states.joint) < SAME < size(n, states.free) for n in symbols)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, size
 from mbdae.audit.notation import Node, Statement
-from mbdae.audit.phrases import Env
+from mbdae.audit.phrases import Definition, Env
 from mbdae.audit.units import BASIC, Unit
 
 FACTOR = 1.25  #: by which a basic unit changes its size
@@ -26,7 +26,7 @@ def powers(node: Node, envs: Sequence[Env]) -> NDArray[np.float64] | None:
         for env in envs:
             with np.errstate(all="ignore"):
                 before = np.asarray(evaluate(node, env))
-                after = evaluate(node, replace(env, scale=scale, known={}))
+                after = evaluate(node, replace(env, scale=scale, store={}))
                 ratio = np.where(np.abs(before) > 1e-9, np.abs(after / before), np.nan)
             ratios.append(np.log(np.atleast_1d(ratio)) / np.log(FACTOR))
         stacked = np.array(ratios)
@@ -56,6 +56,22 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         if p.shape == q.shape and np.nanmax(np.abs(p - q), initial=0.0) > 1e-6:
             return [f"{first} has the unit {shown(p)}, {side} the unit {shown(q)}"]
     return []
+
+
+def of_definitions(statement: Statement, envs: Sequence[Env]) -> list[str]:
+    """Definitions of the text whose unit is not the one that their formula has."""
+    scope, out = envs[0].scope, []
+    for name in sorted(scope.reached(statement.symbols())):
+        meaning = scope.symbols[name]
+        if isinstance(meaning, Definition) and meaning.units:
+            inside = [replace(env, scope=meaning.scope, store={}) for env in envs]
+            p, declared = powers(meaning.node, inside), np.array([u.powers for u in meaning.units]).T
+            if p is None:
+                return [_culprit(meaning.node, inside) or f"the definition of {name} has no unit"]
+            rows = np.repeat(declared, max(1, p.shape[1] // declared.shape[1]), axis=1)
+            if rows.shape == p.shape and np.nanmax(np.abs(p - rows), initial=0.0) > 1e-6:
+                out.append(f"{name} is defined with the unit {shown(p)} and declared with {', '.join(map(str, meaning.units))}")
+    return out
 
 
 def _culprit(node: Node, envs: Sequence[Env]) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbdae.audit import latex
 from mbdae.audit.evaluate import SizeError
-from mbdae.audit.notation import Node, negated, number, symbol
+from mbdae.audit.fits import places
+from mbdae.audit.notation import Node, negated, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.errors import MbdaeError
 
@@ -27,11 +29,26 @@ class Edit:
     table: tuple[tuple[Node, Node], ...] = ()
     resizes: bool = False  #: whether sizes may change
     where: Node | None = None  #: the surrounding piece, where the changed one appears several times
+    size: float = 2.0  #: how far the change goes: among several single ones the smallest is the repair
+
+    @property
+    def accent(self) -> bool:
+        """Whether a tilde or a transposition is all that changes."""
+        marks = ("cross", "transposed")
+        return len(self.pieces) == 2 and any(isinstance(a, Node) and a.kind in marks and a.parts == (b,)
+                                             for a, b in (self.pieces, self.pieces[::-1]))  # fmt: skip
 
     @property
     def words(self) -> str:
         """What is changed."""
         return self.form.format(*self.pieces) + (f" in {self.where}" if self.where is not None else "")
+
+    def tex(self, letters: Mapping[str, str]) -> str:
+        """The same with formulas in TeX."""
+        shown = [f"${latex.formula(p, letters) if isinstance(p, Node) else latex.name(str(p), letters)}$"
+                 for p in (*self.pieces, *filter(None, [self.where]))]  # fmt: skip
+        form = self.form.replace("->", r"$\to$") + (" in {}" if self.where is not None else "")
+        return form.format(*shown)
 
 
 class Candidates:
@@ -40,12 +57,13 @@ class Candidates:
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
+        self.any_size = False  #: whether symbols of another size may replace one
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
             try:
                 self.sizes[name] = np.shape(self.env.value(name))
-            except (SizeError, MbdaeError):
+            except (SizeError, MbdaeError, ArithmeticError):
                 self.sizes[name] = (0,)
         return self.sizes[name]
 
@@ -59,7 +77,8 @@ class Candidates:
             if other != name:
                 near = _dots(other)
                 family = near[0] == stem and near[1] != dots
-                if (family or self.scope.symbols[other].units == units) and self._size(other) == self._size(name):
+                if (family or self.scope.symbols[other].units == units) and (
+                        self.any_size or self._size(other) == self._size(name)):
                     yield other
 
     def known(self) -> list[str]:
@@ -69,6 +88,11 @@ class Candidates:
     def numbers(self) -> list[str]:
         """Symbols that are numbers."""
         return [name for name in self.scope.symbols if self._size(name) == ()]
+
+
+def _alike(a: str, b: str) -> bool:
+    """Whether two names share their letter, as b1k and b2l do."""
+    return a[0] == b[0]
 
 
 def _dots(name: str) -> tuple[str, int]:
@@ -110,27 +134,23 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
     kind, parts = node.kind, node.parts
     if kind == "symbol":
         for other in candidates.of(node.value):
-            yield Edit("{} -> {}", (node, other)), symbol(other)
+            yield Edit("{} -> {}", (node, other), size=1.2 if _alike(node.value, other) else 1.6), symbol(other)
     if kind in ("cross", "transposed", "power"):
-        yield Edit("{} -> {}", (node, parts[0]), resizes=True), parts[0]
+        yield Edit("{} -> {}", (node, parts[0]), resizes=True, size=1.4), parts[0]
     if kind == "neg":
-        yield Edit("sign of {}", (parts[0],)), parts[0]
+        yield Edit("sign of {}", (parts[0],), size=1), parts[0]
     if kind == "sum":
         yield from _in_sum(node)
     if kind == "product":
         yield from _in_product(node)
     if kind == "call":
         yield from _in_call(node)
-    if kind == "number" and node.value not in (0.0, 1.0):
-        yield Edit("{} -> 1", (node,)), number(1.0)
-    if kind == "number" and node.value == 1.0:
-        yield Edit("1 -> 2"), number(2.0)
 
 
 def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
-        yield Edit("sign of {}", (_bare(term),)), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
+        yield Edit("sign of {}", (_bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
         yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
@@ -142,7 +162,7 @@ def _in_sum(node: Node) -> Iterator[Edited]:
 
 def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
-    yield Edit("sign of {}", (node,)), negated(node)
+    yield Edit("sign of {}", (node,), size=1), negated(node)
     for i, factor in enumerate(parts):
         yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
@@ -150,17 +170,17 @@ def _in_product(node: Node) -> Iterator[Edited]:
             yield Edit("no bracket around {}", (factor,), resizes=True), Node("sum", None, (head, *factor.parts[1:]))
         if i + 1 < len(parts):
             swapped = (*parts[:i], parts[i + 1], factor, *parts[i + 2 :])
-            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True)
+            edit = Edit("{} and {} the other way round", (factor, parts[i + 1]), resizes=True, size=1.3)
             yield edit, node.with_parts(swapped)
 
 
 def _in_call(node: Node) -> Iterator[Edited]:
     if node.value in ("abs",):
-        yield Edit("{} -> {}", (node, node.parts[0])), node.parts[0]
+        yield Edit("{} -> {}", (node, node.parts[0]), size=1.4), node.parts[0]
     if node.value in _EXCHANGED:
-        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value])), Node("call", _EXCHANGED[node.value], node.parts)
+        yield Edit("{} -> {}", (node.value, _EXCHANGED[node.value]), size=1.1), Node("call", _EXCHANGED[node.value], node.parts)
     if node.value == "atan2":
-        yield Edit("arguments of atan2 exchanged"), Node("call", "atan2", node.parts[::-1])
+        yield Edit("arguments of atan2 exchanged", size=1.1), Node("call", "atan2", node.parts[::-1])
 
 
 def _bare(node: Node) -> Node:
@@ -191,55 +211,17 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
                 yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
 
 
-def additions(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula with a factor, a tilde or a transposition added at one place."""
-    yield from _added(node, candidates, lambda new: new)
-
-
-def _added(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node]) -> Iterator[Edited]:
-    if node.kind in ("product", "symbol", "sum", "cross", "transposed"):
-        factors = node.parts if node.kind == "product" else (node,)
-        for name in candidates.numbers():
-            inverse = () if candidates.scope.symbols[name].phrase.vanishes else (Node("inverse", None, (symbol(name),)),)
-            for extra in (symbol(name), *inverse):
-                yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, (extra, *factors)))
-    if node.kind in ("symbol", "cross"):
-        for kind in ("cross", "transposed"):
-            new = Node(kind, None, (node,))
-            yield Edit("{} -> {}", (node, new)), rebuilt(new)
-    for i, part in enumerate(node.parts):
-
-        def outer(new: Node, i: int = i) -> Node:
-            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
-
-        yield from _added(part, candidates, outer)
-
-
 def supplements(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """The formula with a term, or a factor that is a vector or a matrix, added: one that the text left out altogether."""
-    yield from _supplied(node, candidates, lambda new: new, True)
-
-
-def _supplied(node: Node, candidates: Candidates, rebuilt: Callable[[Node], Node], top: bool = False) -> Iterator[Edited]:
+    """The formula with a factor added that is a vector or a matrix: one that the text left out altogether."""
     numbers = set(candidates.numbers())
-    if node.kind in ("product", "symbol", "cross", "transposed"):
-        factors = node.parts if node.kind == "product" else (node,)
-        for name in candidates.known():
-            if name not in numbers:
-                for extra in (symbol(name), Node("transposed", None, (symbol(name),)), Node("cross", None, (symbol(name),))):
-                    for around in ((extra, *factors), (*factors, extra)):
-                        yield Edit("{} times {}", (node, extra)), rebuilt(Node("product", None, around))
-    if top or node.kind == "sum":
-        terms = node.parts if node.kind == "sum" else (node,)
-        for name in candidates.known():
-            for term in (symbol(name), negated(symbol(name))):
-                yield Edit("the term {} more", (term,)), rebuilt(Node("sum", None, (*terms, term)))
-    for i, part in enumerate(node.parts):
-
-        def outer(new: Node, i: int = i) -> Node:
-            return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
-
-        yield from _supplied(part, candidates, outer)
+    columns = [symbol(name) for name in candidates.known() if name not in numbers]
+    for piece, rebuilt in places(node):
+        if piece.kind in ("product", "symbol", "cross", "transposed", "sum"):
+            factors = piece.parts if piece.kind == "product" else (piece,)
+            for extra in (form for v in columns for form in (v, Node("transposed", None, (v,)), Node("cross", None, (v,)))):
+                for i in range(len(factors) + 1):
+                    new = Node("product", None, (*factors[:i], extra, *factors[i:]))
+                    yield Edit("{} -> {}", (piece, new)), rebuilt(new)
 
 
 def applied(edit: Edit, node: Node) -> Node:

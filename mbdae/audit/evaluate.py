@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import cmath
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +14,9 @@ from mbdae.audit.notation import Node
 from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: of the complex step
+FINITE = 0.02  #: of the differences by which a derivative of a derivative is taken
+#: coefficients of central differences of order 10 at 1 to 5 steps
+_CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
 
 
@@ -19,12 +24,23 @@ class SizeError(Exception):
     """A value that cannot be computed, mostly because sizes do not fit."""
 
 
+class NestedError(SizeError):
+    """A derivative inside of a complex step: the outer derivative is taken by finite differences then."""
+
+
 class Source(Protocol):
     """Where the values of symbols come from: a state of motion of two bodies."""
 
     @property
-    def second(self) -> float:
-        """The size of the unit of time."""
+    def stepped(self) -> bool:
+        """Whether its values carry a complex step."""
+
+    @property
+    def fill(self) -> int:
+        """Rows of a literal 0 beside which nothing says how many they are."""
+
+    def size_of(self, what: str) -> float:
+        """The size of the unit of "time" or "length"."""
 
     def constant(self, number: float) -> Value:
         """A number of a formula."""
@@ -32,11 +48,27 @@ class Source(Protocol):
     def value(self, name: str) -> Value:
         """The value of a symbol."""
 
-    def moved(self, how: str) -> Source:
-        """The same state moved by an imaginary step: "virtual" or "time"."""
+    def moved(self, how: str, amount: complex) -> Source:
+        """The same state moved: "virtual", "time" or "line"."""
 
-    def shifted(self, name: str) -> Source:
-        """The same state with one symbol moved by an imaginary step."""
+    def shifted(self, name: str, amount: complex, entry: int = 0) -> Source:
+        """The same state with one symbol, or one entry of it, moved."""
+
+    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
+        """The value of a piece of a formula, computed once."""
+
+    def bound(self, name: str, value: Value) -> Source:
+        """The same state with a name that stands for a value."""
+
+
+def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> Value:
+    """Derivative of a function of a small step at 0: by a complex step, or by finite differences inside of another step."""
+    if not stepped:
+        try:
+            return np.imag(value_at(1j * STEP)) / STEP + 0j
+        except NestedError:
+            pass
+    return sum(c * (value_at(n * FINITE) - value_at(-n * FINITE)) for n, c in enumerate(_CENTRAL, 1)) / FINITE
 
 
 def cross(v: Value) -> Value:
@@ -63,6 +95,12 @@ def _number(v: Value) -> Value:
     return v
 
 
+def _square(v: Value) -> Value:
+    if np.ndim(v) != 2 or v.shape[0] != v.shape[1]:
+        raise SizeError(f"a square matrix is wanted, not {size(v)}")
+    return v
+
+
 def _length(v: Value) -> Value:
     if np.shape(v)[1:] != (1,):
         raise SizeError(f"norm of {size(v)}")
@@ -71,7 +109,9 @@ def _length(v: Value) -> Value:
 
 _PLAIN: dict[str, Callable[..., Value]] = {
     "norm": _length, "abs": lambda v: magnitude(_number(v)), "atan2": lambda y, x: complex_atan2(_number(y), _number(x)),
-    "sqrt": lambda v: np.sqrt(_number(v) + 0j),
+    "sqrt": lambda v: np.sqrt(_number(v) + 0j), "sign": lambda v: np.sign(np.real(_number(v))) + 0j,
+    "log": lambda v: np.log(_number(v) + 0j), "asin": lambda v: np.arcsin(_number(v)), "acos": lambda v: np.arccos(_number(v)),
+    "atan": lambda v: np.arctan(_number(v)), "trace": lambda m: np.trace(_square(m)), "det": lambda m: np.linalg.det(_square(m)),
 }  # fmt: skip
 
 
@@ -84,8 +124,7 @@ def _sum(node: Node, at: Source) -> Value:
     total = evaluate(node.parts[0], at)
     for part in node.parts[1:]:
         term = evaluate(part, at)
-        a, b = np.shape(total), np.shape(term)
-        if a != b:
+        if np.shape(total) != np.shape(term):
             raise SizeError(f"{size(total)} + {size(term)}")
         total = total + term
     return total
@@ -108,9 +147,18 @@ def _times(a: Value, b: Value) -> Value:
 
 
 def _power(node: Node, at: Source) -> Value:
-    base, exponent = (_number(evaluate(p, at)) for p in node.parts)
+    base, exponent = (evaluate(p, at) for p in node.parts)
+    exponent = _number(exponent)
+    if np.ndim(base):
+        if exponent not in (-1, 2):
+            raise SizeError(f"{size(base)} to the power {exponent}")
+        return np.linalg.inv(_square(base)) if exponent == -1 else _times(base, base)
     if isinstance(base, se.Basic):
         return base**exponent
+    if base == 0 and np.real(exponent) > 0:
+        return 0j
+    if exponent == 2:
+        return base * base
     return np.asarray(base, dtype=complex)[()] ** exponent
 
 
@@ -119,19 +167,55 @@ def _inverse(node: Node, at: Source) -> Value:
     return 1 / below if isinstance(below, se.Basic) else np.complex128(1) / below
 
 
+_MOVES = {"delta": "virtual", "rate": "time", "slope": "line"}
+
+
 def _call(node: Node, at: Source) -> Value:
-    name = node.value
-    if name in ("delta", "rate"):
-        change = np.imag(evaluate(node.parts[0], at.moved("virtual" if name == "delta" else "time"))) / STEP + 0j
-        return change if name == "delta" else change / at.second
+    name, parts = node.value, node.parts
+    if name in _MOVES:
+        how = _MOVES[name]
+        change = at.kept(node, lambda: derivative(lambda h: evaluate(parts[0], at.moved(how, h)), at.stepped))
+        return change / at.size_of(how)
     if name == "diff":
-        if node.parts[1].kind != "symbol":
-            raise SizeError("diff by something that is no symbol")
-        return np.imag(evaluate(node.parts[0], at.shifted(node.parts[1].value))) / STEP + 0j
-    if name not in _PLAIN:  # sin, cos, tan, tanh, exp
-        v = _number(evaluate(node.parts[0], at))
-        return getattr(se if isinstance(v, se.Basic) else np, name)(v)
-    return _PLAIN[name](*(evaluate(p, at) for p in node.parts))
+        return at.kept(node, lambda: _partial(parts[0], parts[1], at))
+    if name == "sum":
+        first, last = (int(np.real(_number(evaluate(p, at)))) for p in parts[2:])
+        return sum(evaluate(parts[0], at.bound(parts[1].value, complex(i))) for i in range(first, last + 1))
+    if name == "integral":
+        return at.kept(node, lambda: _integral(node, at))
+    values = [evaluate(p, at) for p in parts]
+    if name in _PLAIN:
+        return _PLAIN[name](*values)
+    v = _number(values[0])  # sin, cos, tan, sinh, cosh, tanh, exp
+    return getattr(se if isinstance(v, se.Basic) else np, name)(v)
+
+
+def _partial(e: Node, by: Node, at: Source) -> Value:
+    """Derivative by a number; by a column a matrix with one column for each of its entries."""
+    if by.kind != "symbol":
+        raise SizeError("diff by something that is no symbol")
+
+    def along(entry: int) -> Value:
+        return derivative(lambda h: evaluate(e, at.shifted(by.value, h, entry)), at.stepped)
+
+    wanted = np.shape(at.value(by.value))
+    if not wanted:
+        return along(0)
+    columns = [np.reshape(along(i), (-1, 1)) for i in range(wanted[0] * wanted[1])]
+    return np.hstack(columns)
+
+
+#: nodes and weights of the tanh-sinh rule on (-1, 1), which does not mind roots at the ends
+_T = np.arange(-62, 63) * 0.05
+_NODES = np.tanh(np.pi / 2 * np.sinh(_T))
+_WEIGHTS = 0.05 * np.pi / 2 * np.cosh(_T) / np.cosh(np.pi / 2 * np.sinh(_T)) ** 2
+
+
+def _integral(node: Node, at: Source) -> Value:
+    low, high = (_number(evaluate(p, at)) for p in node.parts[2:])
+    middle, half = (low + high) / 2, (high - low) / 2
+    inside = [evaluate(node.parts[0], at.bound(node.parts[1].value, middle + half * x)) for x in _NODES]
+    return half * sum(w * v for w, v in zip(_WEIGHTS, inside, strict=True))
 
 
 def _transposed(node: Node, at: Source) -> Value:
@@ -142,7 +226,8 @@ def _transposed(node: Node, at: Source) -> Value:
 def _block(node: Node, at: Source) -> Value:
     grid = [[evaluate(p, at) for p in row.parts] for row in node.parts]
     fills = [[p.kind == "number" and p.value == 0 for p in row.parts] for row in node.parts]
-    heights = [_common([np.shape(v)[0] if np.ndim(v) else 1 for v, f in zip(r, fs, strict=True) if not f])
+    fill = at.fill if len(grid[0]) == 1 else 1
+    heights = [_common([np.shape(v)[0] if np.ndim(v) else 1 for v, f in zip(r, fs, strict=True) if not f], fill)
                for r, fs in zip(grid, fills, strict=True)]  # fmt: skip
     widths = [_common([np.shape(r[j])[1] if np.ndim(r[j]) else 1 for r, fs in zip(grid, fills, strict=True) if not fs[j]])
               for j in range(len(grid[0]))]  # fmt: skip
@@ -152,11 +237,11 @@ def _block(node: Node, at: Source) -> Value:
     return out[0, 0] if out.shape == (1, 1) else out
 
 
-def _common(sizes: list[int]) -> int:
-    """The size that all entries of a row or column share; literal zeros take it (1 where there is nothing else)."""
+def _common(sizes: list[int], fill: int = 1) -> int:
+    """The size that all entries of a row or column share; literal zeros take it (`fill` where there is nothing else)."""
     if len(set(sizes)) > 1:
         raise SizeError(f"a block of {sizes[0]} beside a block of {next(s for s in sizes if s != sizes[0])}")
-    return sizes[0] if sizes else 1
+    return sizes[0] if sizes else fill
 
 
 _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
@@ -164,3 +249,43 @@ _BY_KIND: dict[str, Callable[[Node, Source], Value]] = {
     "neg": lambda n, at: -evaluate(n.parts[0], at), "inverse": _inverse, "power": _power, "call": _call,
     "cross": lambda n, at: cross(evaluate(n.parts[0], at)), "transposed": _transposed, "block": _block,
 }  # fmt: skip
+
+
+# -- expressions of laws; symengine's own values take powers by logarithms, which spoils complex steps
+
+_RELATIONS = {"LessThan": np.less_equal, "StrictLessThan": np.less, "Equality": np.equal, "Unequality": np.not_equal}
+
+
+def expression_value(e: Any, known: Mapping[Any, complex]) -> Any:
+    """Value of an expression for values of its symbols."""
+    if isinstance(e, se.Symbol):
+        return known[e]
+    if e.is_Number or e in (se.pi, se.E):
+        return complex(e)
+    if isinstance(e, se.Piecewise):
+        pairs = zip(e.args[::2], e.args[1::2], strict=True)
+        return next(expression_value(result, known) for result, condition in pairs if _holds(condition, known))
+    a = [expression_value(x, known) for x in e.args]
+    if isinstance(e, se.Add):
+        return sum(a)
+    if isinstance(e, se.Mul):
+        return math.prod(a, start=1 + 0j)
+    if isinstance(e, se.Pow):
+        n = e.args[1]
+        return a[0] ** int(n) if n.is_Integer and n.is_positive else 1 / a[0] ** int(-n) if n.is_Integer else a[0] ** a[1]
+    name = e.get_name() if isinstance(e, se.FunctionSymbol) else type(e).__name__
+    if name in ("let", "UnevaluatedExpr"):
+        return a[0]
+    if name == "floor":
+        return complex(math.floor(a[0].real))
+    return complex_atan2(a[0], a[1]) if name == "atan2" else getattr(cmath, name)(*a)
+
+
+def _holds(condition: Any, known: Mapping[Any, complex]) -> bool:
+    name = type(condition).__name__
+    if name in _RELATIONS:
+        a, b = (np.real(expression_value(x, known)) for x in condition.args)
+        return bool(_RELATIONS[name](a, b))
+    parts = (_holds(c, known) for c in condition.args)
+    return {"And": all, "Or": any}[name](parts) if name in ("And", "Or") else (
+        not next(parts) if name == "Not" else bool(condition))  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
@@ -10,13 +9,16 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.audit.evaluate import Value
+from mbdae.audit.evaluate import Value, expression_value
 from mbdae.audit.motion import Motion
-from mbdae.laws import forces, joints
+from mbdae.laws import contact, forces, friction, joints
 from mbdae.laws.contact import Hertz, JournalContact
+from mbdae.laws.elements.beam import Beam
+from mbdae.laws.friction import Coulomb
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.law import Law
+from mbdae.symbolic.part import Part
 
 _SIDE = (NodeKind.SPATIAL, Axes.GENERAL)
 _COORDINATE = (NodeKind.COORDINATE, Axes.GENERAL)
@@ -30,10 +32,16 @@ def law_class(name: str, own: Own = ()) -> type[Law] | None:
     """The class of a law by its name; None where there is none, or none with coordinates where these are asked for."""
     plain = name.removesuffix(WITH_COORDINATES)
     known: dict[str, Any] = {n: getattr(m, n) for m in (joints, forces) for n in m.__all__}
-    found = (known | {"JournalContact": JournalContact} | dict(own)).get(plain)
+    found = (known | {"JournalContact": JournalContact, "Beam": Beam} | dict(own)).get(plain)
     if not (isinstance(found, type) and issubclass(found, Law)) or (plain != name and not getattr(found, "coordinates", None)):
         return None
     return found
+
+
+def part_class(name: str, own: Own = ()) -> type[Part] | None:
+    """The class of a normal law or friction law by its name."""
+    found = ({n: getattr(m, n) for m in (contact, friction) for n in m.__all__} | dict(own)).get(name)
+    return found if isinstance(found, type) and issubclass(found, Part) else None
 
 
 @lru_cache(maxsize=64)
@@ -43,7 +51,8 @@ def derived(name: str, own: Own = ()) -> Derived:
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
-        options, values = {"normal": Hertz(1.0)}, {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
+        options = {"normal": Hertz(1.0), "friction": Coulomb(1.0, 1e-3)}
+        values = {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
     if name.endswith(WITH_COORDINATES):
         options["kept"] = True
     law = cls("audited", None, None, **values, **options)
@@ -59,8 +68,8 @@ class LawState:
         self.values: dict[Any, Any] = {}
         for f, side in zip(self.d.sides, sides, strict=True):
             self._frame(f, side)
-        for c in self.d.frames[2:]:
-            self._put(c.q + c.u, [motion.phi, motion.phidot])
+        for c, (value, rate, _) in zip(self.d.frames[2:], motion.coordinates.values(), strict=False):
+            self._put(c.q + c.u, [value, rate])
         for p in self.d.law.params:
             self._put([se.Symbol(p)], [given[p] if p in given else motion.positive(f"parameter {p}")])
         for row in self.d.rows:
@@ -70,8 +79,8 @@ class LawState:
 
     def _frame(self, f: Frame, side: str) -> None:
         m = self.motion
-        Q, w = m.rotation(side), m.angular_velocity(side)
-        for v, value in ((f.center, m.vectors["x"][side]), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.vectors["v"][side]),
+        Q, w = m.rotation(side), m.of("w", side)
+        for v, value in ((f.center, m.of("x", side)), (f.arm, np.zeros((3, 1))), (f.center_velocity, m.of("v", side)),
                          (f.w, w), (f.spin, Q.T @ w)):  # fmt: skip
             self._put(list(v), value[:, 0])
         for axes in ((f.x, f.y, f.z), f.body):
@@ -79,27 +88,18 @@ class LawState:
                 self._put(list(v), Q[:, i])
 
     def _put(self, symbols: Any, numbers: Any) -> None:
-        for s, n in zip(symbols, numbers, strict=True):
-            if isinstance(n, se.Basic):
-                self.values[s] = n
-                continue
-            n = complex(n)
-            self.values[s] = se.RealDouble(n.real) if n.imag == 0 else se.sympify(n)
+        plain = se.Integer if self.motion.symbolic else complex
+        self.values.update((s, n if isinstance(n, se.Basic) else plain(n)) for s, n in zip(symbols, numbers, strict=True))
 
-    def number(self, e: Any, raw: bool = False) -> Any:
+    def number(self, e: Any) -> Any:
         """The value of an expression in the law's symbols."""
         e = se.sympify(e)
         names = self.d.variation.values
         for name in e.free_symbols - self.values.keys():
-            self.values[name] = se.sympify(self.number(names[name], raw=True))
-        e = e.subs({x: self.values[x] for x in e.free_symbols})
+            self.values[name] = self.number(names[name])
         if self.motion.symbolic:
-            return e
-        if isinstance(e, se.atan2 | se.floor):  # always intermediates with a name of their own
-            numbers = [float(a.n(real=True)) for a in e.args]
-            e = se.RealDouble(float((math.atan2 if isinstance(e, se.atan2) else math.floor)(*numbers)))
-        found = e.n()
-        return found if raw else complex(found)
+            return e.subs({x: self.values[x] for x in e.free_symbols})
+        return expression_value(e, self.values)
 
     def vector(self, v: Any) -> Value:
         """The value of a vector in the law's symbols."""
@@ -124,19 +124,21 @@ class LawState:
         return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
 
 
-def journal(motion: Motion, radii: tuple[float, float], sides: str) -> LawState:
-    """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin."""
-    key = ("journal", radii, sides)
+def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
+    """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin; rubbing: with friction."""
+    key = ("journal", radii, sides, rubbing)
     if key not in motion.memory:
-        motion.memory[key] = LawState("JournalContact", motion, dict(zip(("outer", "inner"), radii, strict=True)), sides=sides)
+        given = dict(zip(("outer", "inner"), radii, strict=True)) | {"friction_v_c": 1e-3, "normal_damping": 0.0}
+        given |= {} if rubbing else {"friction_mu": 0.0}
+        motion.memory[key] = LawState("JournalContact", motion, given, sides=sides)
     found: LawState = motion.memory[key]
     return found
 
 
-def gap(contact: LawState) -> Value:
-    """Distance between race and pin, negative in contact."""
-    v = contact.d.variation
-    (e,) = contact.d.law.observed(*contact.d.sides)["gap"]
+def observed(contact: LawState, name: str) -> Value:
+    """A sensor of the contact."""
+    v, d = contact.d.variation, contact.d
+    (e,) = d.law.observed(*d.sides)[name]
     return contact.number(v.resolve(v.name(e)))
 
 

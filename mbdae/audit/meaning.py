@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from mbdae.audit import rules_contact, rules_joints, rules_motion
+from mbdae.audit import rules_contact, rules_friction, rules_joints, rules_line, rules_motion
 from mbdae.audit.phrases import PHRASES, understand
 
-RULES = (rules_motion, rules_joints, rules_contact)  #: the modules whose import registers the phrases
+RULES = (rules_motion, rules_joints, rules_contact, rules_friction, rules_line)  #: the modules whose import registers the phrases
 __all__ = ["understand", "wordings"]
 
 

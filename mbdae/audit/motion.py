@@ -1,37 +1,51 @@
-"""Random states of motion of two bodies k and l, in which the symbols of a printed formula are evaluated.
+"""Random motions of two bodies k and l and of a section of a line, in which the symbols of a printed formula are evaluated.
 
-Three kinds: "free" (two independent bodies), "revolute" (l turns about k's third axis, its motion follows
-from k's and the relative angle) and "clearance" (the same, the centres apart in the plane normal to that axis).
+Kinds of states: "free" (two independent bodies), "clearance" (l turns about k's third axis, the centres apart in the plane normal
+to it) and the name of any joint with coordinates ("revolute", "prismatic", ...): l is carried by the program of a tree that runs.
+A state belongs to a motion: accelerations are constant, so that all time derivatives exist.
 """
 
 from __future__ import annotations
 
 from copy import copy
+from functools import lru_cache
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 
-from mbdae.audit.evaluate import STEP, SizeError, Value, cross
+from mbdae.audit.carried import Carried
+from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
 from mbdae.symbolic.functions import complex_atan2
 
-KINDS = ("free", "revolute", "clearance")
 _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
+_TERMS = 24  #: of the series of a rotation
 
 
 def turned(vector: Value) -> Value:
-    """Rotation matrix of a real rotation vector, rad."""
-    angle = float(np.linalg.norm(np.real(vector)))
-    n = cross(np.asarray(vector) / angle)
-    return np.eye(3) + np.sin(angle) * n + (1 - np.cos(angle)) * n @ n
+    """Rotation matrix of a (complex) rotation vector, rad: the exponential series."""
+    total, term, n = np.eye(3) + 0j, np.eye(3) + 0j, cross(np.asarray(vector) + 0j)
+    for i in range(1, _TERMS):
+        term = term @ n / i
+        total = total + term
+    return total
 
 
-def about_axis(phi: Value) -> Value:
-    """Rotation by a (complex) angle about the third axis."""
-    c, s = np.cos(phi), np.sin(phi)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
+    """The attitude after dt at angular velocity w + alpha t: the series of Q' = ~(w + alpha t) Q."""
+    W, A = cross(w), cross(alpha)
+    terms = [Q, dt * W @ Q]
+    for i in range(2, _TERMS):
+        terms.append((dt * W @ terms[-1] + dt * dt * A @ terms[-2]) / i)
+    return sum(terms)
+
+
+def quaternion(Q: Value) -> Value:
+    """Euler parameters (4, 1) of a rotation matrix, the scalar first and positive."""
+    e0 = np.sqrt(1 + np.trace(Q) + 0j) / 2
+    return np.vstack([[[e0]], axial(Q) / (2 * e0)])
 
 
 def axial(m: Value) -> Value:
@@ -39,51 +53,68 @@ def axial(m: Value) -> Value:
     return 0.5 * np.array([[m[2, 1] - m[1, 2]], [m[0, 2] - m[2, 0]], [m[1, 0] - m[0, 1]]])
 
 
+def about_axis(phi: Value) -> Value:
+    """Rotation by a (complex) angle about the third axis."""
+    return turned(phi * _E3)
+
+
+@lru_cache(maxsize=4096)
+def _drawn(seed: int, name: str, kind: str, shape: tuple[int, ...] = ()) -> Value:
+    """A random value, the same for the same name and state."""
+    rng = np.random.default_rng([seed, crc32(name.encode())])
+    if kind == "uniform":
+        return rng.uniform(-1.2, 1.2, shape)
+    return rng.uniform(0.3, 1.5) * (rng.choice([-1, 1]) if kind == "number" else 1)
+
+
 class Motion:
     """One random state, SI units, inertial components. Imaginary parts of its quantities are increments of a complex step."""
 
-    def __init__(self, seed: int, kind: str = "free") -> None:
+    symbolic = False  #: whether its quantities are symbols
+
+    def __init__(self, seed: int, kind: str = "free", own: Any = ()) -> None:
         self.seed, self.kind, self.absent = seed, kind, frozenset[str]()
         self.stepped, self.origin = False, None  # type: tuple[bool, Motion | None]
+        self.clock, self.arc, self.virtual = 0j, 0j, 0j  #: time and length along the line since the state, virtual displacement
         self.memory: dict[Any, Any] = {}
-        self.symbolic = False  #: whether its quantities are symbols
-        self.Q = {s: turned(self.vector(f"attitude {s}")) + 0j for s in "kl"}
+        self.link = None if kind in ("free", "clearance") else Carried(kind, own)
+        self.Q = {s: turned(self.vector(f"attitude {s}")) for s in "kl"}
         self.R0 = turned(self.vector("reference attitude"))
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors: dict[str, dict[str, Value]] = {n: {s: self.vector(f"{n} {s}") + 0j for s in "kl"} for n in VECTORS}
-        self.phi, self.phidot, self.phiddot = (self.number(n) + 0j for n in ("phi", "phidot", "phiddot"))
-        if kind != "free":
-            self._join()
-
-    def _join(self) -> None:
-        shift = 0.0 * _E3 if self.kind == "revolute" else self.vector("shift") * np.array([[1.0], [1.0], [0.0]])
-        self.vectors["x"]["l"] = self.vectors["x"]["k"] + self.Q["k"] @ shift
+        #: value, rate and second rate of the coordinates of the joint, of its relative angle alone where it has none
+        names = ("angle", "first shift", "second shift") if self.link is None else self.link.coordinates
+        self.coordinates: dict[str, list[Value]] = {
+            name: [self.number(n + ("" if i == 0 else f" of {name}")) + 0j for n in ("phi", "phidot", "phiddot")]
+            for i, name in enumerate(names)
+        }
 
     # -- random quantities, the same for the same name and state
 
-    def _rng(self, name: str) -> np.random.Generator:
-        return np.random.default_rng([self.seed, crc32(name.encode())])
-
     def number(self, name: str) -> float:
         """A number between 0.3 and 1.5 of either sign."""
-        rng = self._rng(name)
-        return float(rng.uniform(0.3, 1.5) * rng.choice([-1, 1]))
+        return float(_drawn(self.seed, name, "number"))
 
     def positive(self, name: str) -> float:
         """A number between 0.3 and 1.5."""
-        return float(self._rng(name).uniform(0.3, 1.5))
+        return float(_drawn(self.seed, name, "positive"))
 
     def vector(self, name: str) -> Value:
         """A vector."""
-        return self._rng(name).uniform(-1.2, 1.2, (3, 1))
+        return _drawn(self.seed, name, "uniform", (3, 1))
 
     def matrix(self, name: str, symmetric: bool = False) -> Value:
-        """A 3 x 3 matrix; symmetric: positive definite."""
-        m = self._rng(name).uniform(-1.0, 1.0, (3, 3))
+        """A matrix; symmetric ones are positive definite."""
+        m = _drawn(self.seed, name, "uniform", (3, 3))
         return m @ m.T + np.eye(3) if symmetric else m
 
+    def polynomial(self, name: str, x: complex, shape: tuple[int, ...] = ()) -> Value:
+        """A random function of x, its first three derivatives at 0 different from 0."""
+        c = _drawn(self.seed, name, "uniform", (4, *shape))
+        return c[0] + x * c[1] + x * x * c[2] / 2 + x**3 * c[3] / 6 + 0j
+
     def ingredient(self, name: str) -> Value:
-        """A vector that a derivation contains and the text may not name; zero in a state made by `without`."""
+        """A vector that a derivation contains, zero where it is taken to be absent."""
         return self.vector(name) * (name not in self.absent)
 
     @property
@@ -101,84 +132,167 @@ class Motion:
 
     @property
     def joined(self) -> bool:
-        """Whether the rotation of l follows from that of k and the relative angle."""
+        """Whether the motion of l follows from that of k and the coordinates."""
         return self.kind != "free"
+
+    def _l(self) -> dict[str, Value]:
+        """Motion of l where the bodies are joined: "Q" and the vectors."""
+        if "l" not in self.memory:
+            k = {n: self.vectors[n]["k"] for n in VECTORS} | {"Q": self.Q["k"], "P": quaternion(self.Q["k"])}
+            self.memory["l"] = self.link.motion(k, self) if self.link else self._apart(k)
+        found: dict[str, Value] = self.memory["l"]
+        return found
+
+    def _apart(self, k: dict[str, Value]) -> dict[str, Value]:
+        """l turned about k's third axis, its centre moved in the plane normal to it."""
+        q, u, up = (np.array([[c[i]] for c in self.coordinates.values()]) for i in range(3))
+        W, A = cross(k["w"]), cross(k["alpha"])
+        s = [k["Q"] @ np.vstack([p[1:], [[0]]]) for p in (q, u, up)]
+        b = k["Q"] @ _E3
+        return {
+            "Q": k["Q"] @ about_axis(q[0, 0]), "x": k["x"] + s[0], "v": k["v"] + W @ s[0] + s[1],
+            "a": k["a"] + (A + W @ W) @ s[0] + 2 * W @ s[1] + s[2], "w": k["w"] + u[0, 0] * b,
+            "alpha": k["alpha"] + up[0, 0] * b + u[0, 0] * W @ b,
+        }  # fmt: skip
+
+    def of(self, name: str, side: str) -> Value:
+        """A vector of a body by its name in VECTORS."""
+        return self._l()[name] if side == "l" and self.joined else self.vectors[name][side]
 
     def rotation(self, side: str) -> Value:
         """Attitude of a body's axes."""
-        return self.Q["k"] @ about_axis(self.phi) if side == "l" and self.joined else self.Q[side]
+        return self._l()["Q"] if side == "l" and self.joined else self.Q[side]
 
-    def _turning(self) -> tuple[Value, Value]:
-        """First and second time derivative of l's attitude, by the product rule."""
-        w, alpha, Q = cross(self.vectors["w"]["k"]), cross(self.vectors["alpha"]["k"]), self.Q["k"]
-        e, P = cross(_E3), about_axis(self.phi)
-        dP, ddP = self.phidot * e @ P, (self.phiddot * e + self.phidot**2 * e @ e) @ P
-        dQ, ddQ = w @ Q, (alpha + w @ w) @ Q
-        return dQ @ P + Q @ dP, ddQ @ P + 2 * dQ @ dP + Q @ ddP
+    def euler_parameters(self, side: str) -> Value:
+        """Euler parameters (4, 1), continuous in time."""
+        return self._l()["P"] if side == "l" and self.link else quaternion(self.rotation(side))
 
-    def angular_velocity(self, side: str) -> Value:
-        """Angular velocity, inertial."""
-        if side == "k" or not self.joined:
-            return self.vectors["w"][side]
-        return axial(self._turning()[0] @ self.rotation("l").T)
+    @property
+    def phi(self) -> Value:
+        """The first coordinate of the joint, with its rates `phidot` and `phiddot`."""
+        return next(iter(self.coordinates.values()))[0]
 
-    def angular_acceleration(self, side: str) -> Value:
-        """Angular acceleration, inertial."""
-        if side == "k" or not self.joined:
-            return self.vectors["alpha"][side]
-        first, second = self._turning()
-        return axial(second @ self.rotation("l").T + first @ first.T)
+    @property
+    def phidot(self) -> Value:
+        """Rate of the first coordinate."""
+        return next(iter(self.coordinates.values()))[1]
+
+    @property
+    def phiddot(self) -> Value:
+        """Second rate of the first coordinate."""
+        return next(iter(self.coordinates.values()))[2]
 
     def relative_angle(self) -> Value:
         """Angle of l relative to k: the twist about the third axes of free bodies, or the joint's coordinate, rad."""
-        if self.joined:
-            return self.phi
+        if self.joined and "angle" in self.coordinates:
+            return self.coordinates["angle"][0]
         A = self.rotation("k").T @ self.rotation("l")
         return complex_atan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])
 
-    def relative_rate(self) -> Value:
-        """Rate of the relative angle, rad/s."""
-        return self.phidot if self.joined else np.imag(self.moved("time").relative_angle()) / STEP + 0j
+    # -- the section of a line, at the length s along it
+
+    def section(self) -> tuple[Value, Value]:
+        """Position and attitude of a section, functions of time and of the length along the line."""
+        if "section" not in self.memory:
+            self.memory["section"] = self._section()
+        found: tuple[Value, Value] = self.memory["section"]
+        return found
+
+    def _section(self) -> tuple[Value, Value]:
+        r, angles = (self._field(n) for n in ("place", "angles"))
+        Q = turned(self.virtual * self._field("virtual turn")) @ turned(angles[:1] * np.eye(3)[:, [0]])
+        Q = Q @ turned(angles[1:2] * np.eye(3)[:, [1]]) @ turned(angles[2:] * np.eye(3)[:, [2]])
+        return r + self.virtual * self._field("virtual place"), Q
+
+    def _field(self, name: str) -> Value:
+        """A vector on the line."""
+        c = [self.vector(f"section {name} {i}") for i in range(6)]
+        s, t = self.arc, self.clock
+        return c[0] + s * c[1] + t * c[2] + s * t * c[3] + s * s * c[4] / 2 + t * t * c[5] / 2
 
     # -- increments
 
-    def moved(self, how: str) -> Motion:
-        """The state after an imaginary step: "virtual" displacement, "time", or "linear" (all quantities independently)."""
-        return self.stepped_by(self._increments(how), how)
+    def moved(self, how: str, amount: complex = 1j * STEP) -> Motion:
+        """The state after a step: "virtual" displacement, "time", "line", or "linear" (all quantities independently)."""
+        key = ("moved", how, amount)
+        if key not in self.memory:
+            other = self._copy(amount)
+            if how == "time":
+                other._advance(amount)
+            elif how == "line":
+                other.arc = self.arc + amount
+            else:
+                other._step(self._increments(how), amount)
+                other.virtual = self.virtual + amount * (how == "virtual")
+            self.memory[key] = other
+        found: Motion = self.memory[key]
+        return found
+
+    def _copy(self, amount: complex) -> Motion:
+        if self.stepped and np.imag(amount):
+            raise NestedError("a complex step inside of another")
+        other = copy(self)
+        other.memory = {}
+        if np.imag(amount):
+            other.stepped, other.origin = True, self
+        other.Q, other.vectors = dict(self.Q), {n: dict(by_side) for n, by_side in self.vectors.items()}
+        other.coordinates = {name: list(c) for name, c in self.coordinates.items()}
+        return other
+
+    def _advance(self, dt: complex) -> None:
+        self.clock = self.clock + dt
+        for s in "kl":
+            x, v, a, w, alpha = (self.vectors[n][s] for n in VECTORS)
+            self.Q[s] = carried_on(self.Q[s], w, alpha, dt)
+            self.vectors["x"][s], self.vectors["v"][s] = x + v * dt + a * dt * dt / 2, v + a * dt
+            self.vectors["w"][s] = w + alpha * dt
+        for c in self.coordinates.values():
+            c[0], c[1] = c[0] + c[1] * dt + c[2] * dt * dt / 2, c[1] + c[2] * dt
 
     def _increments(self, how: str) -> dict[str, Value]:
-        if how == "time":
-            known = {f"turn {s}": self.vectors["w"][s] for s in "kl"} | {f"x {s}": self.vectors["v"][s] for s in "kl"}
-            return known | {"phi": self.phidot, "phidot": self.phiddot, "w k": self.vectors["alpha"]["k"]}
-        known = {f"turn {s}": self.vector(f"{how} turn {s}") for s in "kl"}
-        known |= {f"x {s}": self.vector(f"{how} x {s}") for s in "kl"} | {"phi": self.number(f"{how} phi")}
+        known = {f"{n} {s}": self.vector(f"{how} {n} {s}") for n in ("turn", "x") for s in "kl"}
+        known |= {f"coordinate {name}": self.number(f"{how} phi" + (f" of {name}" if i else ""))
+                  for i, name in enumerate(self.coordinates)}  # fmt: skip
         if how == "linear":
             known |= {f"{n} {s}": self.vector(f"linear {n} {s}") for n in ("w", "alpha") for s in "kl"}
             known |= {n: self.number(f"linear {n}") for n in ("phidot", "phiddot")}
         return known
 
-    def stepped_by(self, increments: dict[str, Value], key: Any = None) -> Motion:
+    def stepped_by(self, increments: dict[str, Value]) -> Motion:
         """The state after i STEP times the increments of "turn k" (rotation), "x k", "w k", "alpha k", "phi", ..."""
-        if self.stepped:
-            raise SizeError("a derivative of a derivative is not a complex step")
-        if key is not None and ("moved", key) in self.memory:
-            return self.memory["moved", key]  # type: ignore[no-any-return]
-        other = copy(self)
-        other.stepped, other.origin, other.memory = True, self, {}
-        other.Q, other.vectors = dict(self.Q), {n: dict(by_side) for n, by_side in self.vectors.items()}
+        other = self._copy(1j * STEP)
+        other._step(increments, 1j * STEP)
+        return other
+
+    def _step(self, increments: dict[str, Value], amount: complex) -> None:
         for name, increment in increments.items():
             what, _, side = name.partition(" ")
-            step = 1j * STEP * np.real(increment)
+            step = amount * np.real(increment)
             if what == "turn":
-                other.Q[side] = other.Q[side] + cross(step) @ self.Q[side]
+                self.Q[side] = turned(step) @ self.Q[side]
+            elif what == "coordinate":
+                self.coordinates[side][0] += step
             elif side:
-                other.vectors[what][side] = other.vectors[what][side] + step
+                self.vectors[what][side] = self.vectors[what][side] + step
             else:
-                setattr(other, what, getattr(self, what) + step)
-        if key is not None:
-            self.memory["moved", key] = other
-        return other
+                next(iter(self.coordinates.values()))[("phi", "phidot", "phiddot").index(what)] += step
 
     def turn_between(self, other: Motion, side: str) -> Value:
         """Rotation of a body from this state to a state moved by a complex step."""
         return axial(np.imag(other.rotation(side)) / STEP @ np.real(self.rotation(side)).T) + 0j
+
+    def still(self, w: Value, phidot: Value) -> Motion:
+        """The same state with given angular velocity of k and rate of the first coordinate."""
+        other = self._copy(0j)
+        other.vectors["w"]["k"] = w
+        next(iter(other.coordinates.values()))[1] = phidot
+        return other
+
+
+def checked_kind(kind: str, own: Any = ()) -> str:
+    """What is wrong with the word for states, or nothing."""
+    try:
+        Motion(0, kind, own)
+    except (SizeError, KeyError) as error:
+        return str(error)
+    return ""

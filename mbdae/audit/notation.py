@@ -4,10 +4,14 @@
     ~b                              the matrix with ~b c = b x c
     b'                              transposed
     [a, b; c, d]                    blocks; a 0 takes the size of its row and column, I is 3 x 3
-    norm(u) abs(v) sin cos tan tanh exp sqrt atan2(y, x)
+    M^-1                            inverse, of a matrix too
+    norm(u) abs(v) sign sin cos tan asin acos atan sinh cosh tanh exp log sqrt atan2(y, x) trace(M) det(M)
     delta(e)                        change of e by a virtual displacement
-    rate(e)                         time derivative of e
-    diff(e, x)                      derivative of e by the number x
+    rate(e)                         time derivative of e, rate(rate(e)) the second one
+    slope(e)                        derivative of e by the length of a line
+    diff(e, x)                      derivative of e by the number or column x (a column: of width 1 by every entry)
+    sum(e, i, a, b)                 sum of e over i = a, a + 1, ..., b
+    integral(e, x, a, b)            integral of e over x from a to b
 
 A statement is `side = side`, `side = side = 0` or `side <= side`.
 """
@@ -21,8 +25,10 @@ from typing import Any
 
 from mbdae.errors import MbdaeError
 
-FUNCTIONS = {"norm": 1, "abs": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "exp": 1, "sqrt": 1, "atan2": 2,
-             "delta": 1, "rate": 1, "diff": 2}  # fmt: skip
+PLAIN = ("abs", "sign", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
+FUNCTIONS = dict.fromkeys((*PLAIN, "norm", "trace", "det", "delta", "rate", "slope"), 1) | {
+    "atan2": 2, "diff": 2, "sum": 4, "integral": 4}  # fmt: skip
+BINDING = ("sum", "integral")  #: functions whose second argument is a name of their own
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?)|([^\W\d]\w*)|(<=|[-+*/^'~()\[\],;=]))")
 
 
@@ -55,8 +61,13 @@ class Node:
             yield from part.walk()
 
     def symbols(self) -> set[str]:
-        """Names that appear."""
-        return {n.value for n in self.walk() if n.kind == "symbol"}
+        """Names that appear, without those bound by a sum or an integral."""
+        if self.kind == "symbol":
+            return {self.value}
+        if self.kind == "call" and self.value in BINDING:
+            body, name, *ends = self.parts
+            return (body.symbols() - {name.value}).union(*(e.symbols() for e in ends))
+        return set().union(*(p.symbols() for p in self.parts))
 
     def with_parts(self, parts: tuple[Node, ...]) -> Node:
         """The same with other parts; sums and products of one are that one."""
@@ -183,7 +194,9 @@ class Reader:
         base = self._postfixed()
         if self._next() == "^":
             self._take()
-            return Node("power", None, (base, self._postfixed()))
+            sign = self._next() == "-" and self._take()
+            exponent = self._postfixed()
+            return Node("power", None, (base, negated(exponent) if sign else exponent))
         return base
 
     def _postfixed(self) -> Node:
@@ -224,6 +237,8 @@ class Reader:
         self._take(")")
         if len(parts) != FUNCTIONS[name]:
             raise self._error(f"'{name}' takes {FUNCTIONS[name]} argument{'s' * (FUNCTIONS[name] > 1)}, not {len(parts)}")
+        if name in BINDING and parts[1].kind != "symbol":
+            raise self._error(f"the second argument of '{name}' is a name")
         return Node("call", name, tuple(parts))
 
     def _block(self) -> Node:

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from mbdae.audit import latex
-from mbdae.audit.claims import Count, Counts, count, counts_something
 from mbdae.audit.notation import AuditError
-from mbdae.audit.reading import Printed, read
+from mbdae.audit.phrases import is_expression
+from mbdae.audit.reading import Claimed, Printed, read
 from mbdae.audit.verdicts import Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
 from mbdae.errors import OptionError
 from mbdae.sweep.writing import as_json
-from mbdae.values import of_class, option, shown
+from mbdae.values import BadValueError, of_class, option, shown, whole
 from mbdae.values import path as path_of
 
 VERDICTS = {
@@ -26,7 +26,7 @@ VERDICTS = {
     "MISPRINT": "the sides differ; the repair is the smallest change after which they agree",
     "INCOMPLETE": "right, but a term with a quantity the text names nowhere, a case, or a listed force is missing",
     "AMBIGUOUS": "right on one side of the equations of motion, while formulas that belong to it are right on the other",
-    "NOT EVALUABLE": "there is nothing to compare with",
+    "CANNOT JUDGE": "the formula cannot be read, a piece of it has no value, or nothing says what a quantity is",
 }
 HOW = (
     "Every formula is evaluated in random states of two bodies and compared with what the laws of mbdae, the virtual rotation "
@@ -34,6 +34,47 @@ HOW = (
     "then in states of bodies connected by the joint the text speaks of; formulas that are polynomials in free vectors also in "
     "symbols. The file of the formulas holds no verdicts and no repairs."
 )
+
+
+#: by the words of a claim: a number, or a function that returns one or (number, remark)
+Counts = Mapping[str, int | Callable[[], int | tuple[int, str]]]
+
+
+@dataclass(frozen=True)
+class Count:
+    """A claim with the number that was counted; None where nobody counts it."""
+
+    claimed: Claimed
+    counted: int | None
+    remark: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """RIGHT, MISPRINT where the number is another, CANNOT JUDGE."""
+        if self.counted is None:
+            return "CANNOT JUDGE"
+        return "RIGHT" if self.counted == self.claimed.count else "MISPRINT"
+
+
+def counts_something(given: Any) -> bool:
+    """Whether a value is a whole number, or may be a function that counts."""
+    try:
+        return callable(given) or whole(given, least=0) >= 0
+    except BadValueError:
+        return False
+
+
+def count(claimed: Claimed, counts: Counts) -> Count:
+    """The number given for the words of a claim, or what the function given for them returns."""
+    words = claimed.words
+    if words not in counts:
+        remedy = f"audit(..., counts={{{words!r}: number, or a function that counts}})"
+        return Count(claimed, None, f"nothing counts this: give {remedy}")
+    given = counts[words]
+    found = given() if callable(given) else given
+    number, remark = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
+    counted = option(f"counts[{words!r}]", number, whole, "give a whole number, or a function that returns one", least=0)
+    return Count(claimed, counted, str(remark))
 
 
 @dataclass(frozen=True)
@@ -117,9 +158,12 @@ def _shown(x: float | None) -> str:
 
 def _blocks(row: Row) -> list[Block]:
     how = ", the sides are identical in symbols" if row.symbolic and row.repaired is None else ""
+    if not row.printed.statements:
+        return [Paragraph(f"{escaped(row.equation)}: {escaped(row.printed.raw)}: {row.verdict}: {escaped(row.remark)}.")]
     out: list[Block] = [Equation(_latex(row.printed), row.equation, row.verdict + how)]
     if row.repair or row.remark:
-        out.append(Paragraph(escaped(_repair_and_remark(row)) + "."))
+        said = "; ".join(filter(None, [row.tex or escaped(row.repair), escaped(row.remark)]))
+        out.append(Paragraph(said + "."))
     after = ", the sides are identical in symbols" if row.symbolic else ""
     if row.repaired is not None and row.repaired.statements != row.printed.statements:
         out.append(Equation(_latex(row.repaired), None, f"repaired, residual {_shown(row.repaired_residual)}{after}"))
@@ -131,23 +175,28 @@ def _symbols(rows: list[Row]) -> Table:
     found: dict[tuple[str, str, str], None] = {}
     for row in rows:
         equation = row.repaired or row.printed
-        names = set().union(*(s.symbols() for s in (*equation.statements, *row.printed.statements))) - {"I"}
-        for name in sorted(names):
+        names = set().union(*(s.symbols() for s in (*equation.statements, *row.printed.statements)))
+        for name in sorted(names & set(equation.scope.symbols)):
             meaning = equation.scope.symbols[name]
-            found[f"${latex.name(name)}$ ({name})", ", ".join(map(str, meaning.units)), meaning.text] = None
+            letters = {name: meaning.letter} if meaning.letter else {}
+            found[f"${latex.name(name, letters)}$ ({name})", ", ".join(map(str, meaning.units)), meaning.text] = None
     return Table(["symbol", "unit", "meaning"], [list(key) for key in found])
 
 
 def _latex(equation: Printed) -> str:
-    return r" \\ ".join(latex.statement(s) for s in equation.statements)
+    letters = {n: m.letter for n, m in equation.scope.symbols.items() if m.letter}
+    return r" \\ ".join(latex.statement(s, letters) for s in equation.statements)
 
 
-def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None) -> Audit:
+def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Counts | None = None,
+          quantities: Mapping[str, Any] | None = None) -> Audit:  # fmt: skip
     """Compare published formulas with their derivation: those of a file, or of its text.
 
     laws: classes of your own that the text names, {name: class}. counts: what numbers that the text claims are compared with,
-    {words of the claim: number, or a function without arguments that returns it}; claims without one are NOT EVALUABLE.
-    The notation and the wordings of meanings are described in docs/reports.md. AuditError names the line that cannot be read."""
+    {words of the claim: number, or a function without arguments that returns it}; claims without one CANNOT be JUDGED.
+    quantities: meanings of your own that the text words, {meaning: expression of SymPy in names of the text; t is the time}.
+    The notation and the wordings of meanings are described in docs/reports.md. A line that cannot be read is a row that says why;
+    AuditError where there is no equation and no claim at all."""
     remedy = "give a file of printed formulas, or its text"
     text = source if isinstance(source, str) and "\n" in source else str(option("source", source, path_of, remedy))
     own = _by_name("laws", laws, lambda law: isinstance(law, type), "give {name: class of a law}")
@@ -156,7 +205,8 @@ def audit(source: str | Path, laws: Mapping[str, type] | None = None, counts: Co
         if not Path(text).is_file():
             raise AuditError(f"there is no file '{text}'; {remedy}")
         text = _text_of(Path(text))
-    found = read(text, own)
+    stated = _by_name("quantities", quantities, is_expression, "give {meaning: expression of SymPy in names of the text}")
+    found = read(text, own, stated)
     if not found.equations and not found.claims:
         raise AuditError(f"there are no equations, such as '1: a = b + c', and no claims in {shown(source)}: {remedy}")
     unknown = sorted(set(given) - {c.words for c in found.claims})

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import symengine as se
+import sympy
 
-from mbdae.audit.evaluate import STEP, Value, evaluate
+from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import AuditError, Node, Statement
@@ -31,23 +32,25 @@ class Phrase:
     pattern: re.Pattern[str]
     rule: Rule
     vanishes: bool  #: whether the quantity may be zero in a state the text speaks of
-    signed: bool  #: whether texts leave open on which side of the equations of motion it stands (a force, its virtual work)
+    side: str  #: side of the equations of motion of a force: "left", or "open" where texts differ; "" for others
     wording: str
     needs: tuple[tuple[str, str, str], ...] = ()  #: (name, unit, meaning) of quantities of the derivation a text may not name
+    given: bool = False  #: whether the text alone gives the quantity: its rule gets the name of the symbol too
+    drawn: bool = False  #: whether its rule draws the value by its wording
 
 
 PHRASES: list[Phrase] = []
 
 
-def phrase(wording: str, vanishes: bool = False, signed: bool = False,
-           needs: tuple[tuple[str, str, str], ...] = ()) -> Callable[[Rule], Rule]:  # fmt: skip
-    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} a number, {name} a word, {...} any words."""
+def phrase(wording: str, vanishes: bool = False, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
+           given: bool = False, drawn: bool = False) -> Callable[[Rule], Rule]:  # fmt: skip
+    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
     pattern = re.escape(wording).replace(r"\ ", " ")
-    kinds = {"side": "(k|l)", "i": r"(\d+)", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
+    kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
     pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
 
     def register(rule: Rule) -> Rule:
-        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, signed, wording, needs))
+        PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
         return rule
 
     return register
@@ -55,12 +58,12 @@ def phrase(wording: str, vanishes: bool = False, signed: bool = False,
 
 def random_number(wording: str) -> Rule:
     """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
-    return phrase(wording, vanishes=True)(lambda env: env.number(wording) + 0j)
+    return phrase(wording, vanishes=True, drawn=True)(lambda env: env.number(wording) + 0j)
 
 
 def random_positive(wording: str) -> Rule:
     """The same with a positive number."""
-    return phrase(wording)(lambda env: env.positive(wording) + 0j)
+    return phrase(wording, drawn=True)(lambda env: env.positive(wording) + 0j)
 
 
 @dataclass(frozen=True)
@@ -70,20 +73,60 @@ class Meaning:
     text: str
     units: tuple[Unit, ...]
     phrase: Phrase
-    words: tuple[str, ...]
+    words: tuple[Any, ...]
+    letter: str = ""  #: in TeX, as the text prints it
 
     def value(self, env: Env) -> Value:
         """Its value in a state, in SI units."""
         return self.phrase.rule(env, *self.words)
 
 
-def understand(text: str, units: tuple[Unit, ...], line: int = 0) -> Meaning:
+def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = "", letter: str = "") -> Meaning:
     """The meaning of a phrase; AuditError where no rule knows it."""
-    for known in PHRASES:
-        match = known.pattern.match(text)
-        if match:
-            return Meaning(text, units, known, match.groups())
+    found = [(known, match) for known in PHRASES if (match := known.pattern.match(text))]
+    if found:  # the most specific wording
+        known, match = min(found, key=lambda pair: sum(map(len, pair[1].groups())))
+        own = (name or text,) if known.given else ()
+        return Meaning(f"{text} {name}" if known.given and name else text, units, known, (*own, *match.groups()), letter)
     raise AuditError(f"line {line}: no rule knows the meaning '{text}'; mbdae.audit.wordings() lists those there are")
+
+
+def _special(rule: Rule, text: str) -> Phrase:
+    return Phrase(re.compile(""), rule, True, "", text)
+
+
+@dataclass(frozen=True)
+class Definition(Meaning):
+    """A symbol that the text defines by a formula of earlier symbols (`let`)."""
+
+    node: Any = None
+    scope: Any = None
+
+    @classmethod
+    def of(cls, text: str, units: tuple[Unit, ...], node: Node, scope: Scope, letter: str = "") -> Definition:
+        """The definition of a symbol by a formula in the symbols of a scope."""
+        return cls(text, units, _special(lambda env: None, text), (), letter, node, scope)
+
+
+def is_expression(e: Any) -> bool:
+    """Whether a value is an expression or a matrix of SymPy, or a number."""
+    return isinstance(e, sympy.Basic | sympy.MatrixBase | int | float) and not isinstance(e, bool)
+
+
+def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
+    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
+    e = sympy.sympify(e)
+    names = sorted({str(s) for s in e.free_symbols})
+    by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
+    compute = sympy.lambdify(by_name, e, modules="numpy")
+
+    def rule(env: Env) -> Value:
+        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
+            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
+        found = compute(*(env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names))
+        return np.asarray(found) + 0j if np.ndim(found) else complex(found)
+
+    return Meaning(text, units, _special(rule, text), (), letter)
 
 
 @dataclass(frozen=True)
@@ -93,6 +136,7 @@ class Scope:
     symbols: Mapping[str, Meaning]
     printed: Mapping[str, tuple[Statement, ...]] = field(default_factory=dict)
     own: Own = ()
+    sides: str = ""  #: "left" or "applied": side of the equations of motion that the text declares for its forces
 
     def widened(self, names: Iterable[str]) -> Scope:
         """The scope with the quantities that the derivations of some symbols contain and the text does not name."""
@@ -112,6 +156,15 @@ class Scope:
                 return statement.sides[-1]
         raise AuditError(f"equation {number} defines no symbol '{name}'")
 
+    def reached(self, names: Iterable[str]) -> set[str]:
+        """Symbols with those that their definitions contain."""
+        out: set[str] = set()
+        for name in names:
+            if name in self.symbols and name not in out:
+                meaning = self.symbols[name]
+                out |= {name} | (meaning.scope.reached(meaning.node.symbols()) if isinstance(meaning, Definition) else set())
+        return out
+
 
 @dataclass
 class Env:
@@ -120,33 +173,71 @@ class Env:
     motion: Motion
     scope: Scope
     inner: str = "l"  #: the body that carries the inner race
-    side: int = 1  #: 1: signed quantities are what is applied to the bodies, -1: what stands on the left-hand side
+    side: int = 1  #: 1: open sides are what is applied to the bodies, -1: what stands on the left-hand side
+    fill: int = 1  #: rows of a literal 0 beside which nothing says how many they are
     scale: Mapping[str, float] | None = None  #: sizes of the basic units
     zero: str | None = None  #: a symbol that is set to zero
-    shift: Mapping[str, Value] = field(default_factory=dict)
-    known: dict[str, Value] = field(default_factory=dict)
+    shift: tuple[str, int, Value] | None = None  #: a symbol's wording and entry, and what is added to it
+    names: Mapping[str, Value] = field(default_factory=dict)  #: bound by a sum or an integral
+    store: dict[Any, Any] = field(default_factory=dict)  #: values of symbols and of derivatives in this state; stores of others
 
     def value(self, name: str) -> Value:
         """The value of a symbol."""
-        if name not in self.known:
-            self.known[name] = self._value(name)
-        return self.known[name]
+        if name in self.names:
+            return self.names[name]
+        if name not in self.store:
+            self.store[name] = self._value(name)
+        return self.store[name]
+
+    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
+        """The value of a piece of a formula, computed once."""
+        if self.names:
+            return compute()
+        if node not in self.store:
+            self.store[node] = compute()
+        return self.store[node]
+
+    def _inner(self, *key: Any) -> dict[Any, Any]:
+        """The store of a state that is reached from this one."""
+        found: dict[Any, Any] = self.store.setdefault(key, {})
+        return found
 
     def _value(self, name: str) -> Value:
         if name == "I":
             return np.eye(3, dtype=int).astype(object) if self.motion.symbolic else np.eye(3) + 0j
-        if name not in self.scope.symbols:
-            raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
-        meaning = self.scope.symbols[name]
-        value = meaning.value(self.plain) * (self.side if meaning.phrase.signed else 1)
-        if self.scale is not None:
+        if name == "pi":
+            return se.pi if self.motion.symbolic else complex(np.pi)
+        meaning = self._meaning(name)
+        if isinstance(meaning, Definition):
+            value = evaluate(meaning.node, replace(self, scope=meaning.scope, names={}, store=self._inner(id(meaning))))
+        else:
+            value = meaning.value(self.plain) * self._sign(meaning.phrase)
+        if self.shift is not None and self.shift[0] == meaning.text and not meaning.phrase.drawn:
+            value = shifted(value, *self.shift[1:])
+        if self.scale is not None and not isinstance(meaning, Definition):
             value = value * scaled(meaning.units, value, self.scale)
         return value * 0 if name == self.zero else value
 
+    def _meaning(self, name: str) -> Meaning:
+        if name not in self.scope.symbols:
+            raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
+        return self.scope.symbols[name]
+
+    def _sign(self, phrase: Phrase) -> int:
+        """Forces on the side that the text declares; where it declares none, on their own side or (open) on that of `side`."""
+        if not phrase.side:
+            return 1
+        rule = -1 if phrase.side == "left" else 1  # the side on which the rule gives the force
+        return rule * {"left": -1, "applied": 1}[self.scope.sides] if self.scope.sides else self.side
+
     @property
-    def second(self) -> float:
-        """The size of the unit of time."""
-        return 1.0 if self.scale is None else self.scale["s"]
+    def stepped(self) -> bool:
+        """Whether its values carry a complex step."""
+        return self.motion.stepped or (self.shift is not None and bool(np.imag(self.shift[2])))
+
+    def size_of(self, what: str) -> float:
+        """The size of the unit of "time" or "line"."""
+        return 1.0 if self.scale is None else {"time": self.scale["s"], "line": self.scale["m"]}.get(what, 1.0)
 
     def constant(self, number: float) -> Value:
         """A number of a formula."""
@@ -157,31 +248,61 @@ class Env:
     @cached_property
     def plain(self) -> Env:
         """The same in SI units and with no symbol set to zero: the rules compute in this."""
-        return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, known={})
+        return self if self.scale is None and self.zero is None else replace(self, scale=None, zero=None, store={})
 
-    def moved(self, how: str) -> Env:
-        """The same in the state after an imaginary step: "virtual", "time" or "linear"."""
-        return replace(self, motion=self.motion.moved(how), known={})
+    def moved(self, how: str, amount: complex = 1j * STEP) -> Env:
+        """The same in the state after a step: "virtual", "time", "line" or "linear"."""
+        return replace(self, motion=self.motion.moved(how, amount), store=self._inner(how, amount))
+
+    def changes(self, how: str, value: Callable[[Env], Value]) -> Value:
+        """Derivative of a value by such a step."""
+        return derivative(lambda h: value(self.moved(how, h)), self.stepped)
 
     def at_base(self) -> Env:
         """The same in the state before the complex step."""
-        return replace(self, motion=self.motion.base, known={}) if self.motion.stepped else self
+        return replace(self, motion=self.motion.base, store={}) if self.motion.stepped else self
 
-    def shifted(self, name: str) -> Env:
-        """The same with one number increased by an imaginary step."""
-        if name not in self.scope.symbols:
-            raise AuditError(f"the symbol '{name}' has no meaning: declare it as `{name} [unit]: meaning`")
-        meaning = self.scope.symbols[name]
-        size = 1.0 if self.scale is None else float(np.real(scaled(meaning.units, 0.0, self.scale)))
-        return replace(self, shift={meaning.text: 1j * STEP / size}, known={})
+    def shifted(self, name: str, amount: complex, entry: int = 0) -> Env:
+        """The same with a number, or one entry of a column, increased."""
+        if name in self.names:
+            return replace(self, names={**self.names, name: self.names[name] + amount})
+        if self.shift is not None:
+            raise SizeError("diff of a diff")
+        meaning = self._meaning(name)
+        if isinstance(meaning, Definition):
+            raise SizeError(f"diff by '{name}', which is defined by others")
+        factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
+        size = float(np.real(np.ravel(factors)[0]))
+        return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))
+
+    def touching(self) -> Env:
+        """A state, not moved, in which a pin touches its race."""
+        base = self.at_base()
+        if base.motion.kind == "clearance":
+            return base
+        memory = base.motion.memory
+        memory.setdefault("touching", Motion(base.motion.seed, "clearance"))
+        return replace(base, motion=memory["touching"], store={})
+
+    def bound(self, name: str, value: Value) -> Env:
+        """The same with a name that stands for a value."""
+        return replace(self, names={**self.names, name: value})
+
+    def drawn(self, key: str, draw: Callable[[str], Value]) -> Value:
+        """A random value, the same for the same wording, with its shift."""
+        value = draw(key) + 0j
+        return shifted(value, *self.shift[1:]) if self.shift is not None and self.shift[0] == key else value
 
     def number(self, key: str) -> Value:
         """A random number of either sign, the same for the same wording."""
-        return self.motion.number(key) + self.shift.get(key, 0.0)
+        return self.motion.number(key) + self._shift(key)
 
     def positive(self, key: str) -> Value:
         """A random positive number, the same for the same wording."""
-        return self.motion.positive(key) + self.shift.get(key, 0.0)
+        return self.motion.positive(key) + self._shift(key)
+
+    def _shift(self, key: str) -> Value:
+        return self.shift[2] if self.shift is not None and self.shift[0] == key else 0.0
 
     def printed(self, name: str, number: str) -> Value:
         """The value of the formula an earlier equation prints for a symbol."""
@@ -192,9 +313,20 @@ class Env:
         return understand(text, ()).value(self)
 
 
+def shifted(value: Value, entry: int, amount: complex) -> Value:
+    """A value with a number added to one of its entries."""
+    if np.ndim(value) == 0:
+        return value + amount
+    out = np.array(value, dtype=complex)
+    out.flat[entry] += amount
+    return out
+
+
 def scaled(units: tuple[Unit, ...], value: Value, scale: Mapping[str, float]) -> Any:
     """Factors by which a value of those units changes with the sizes of the basic units."""
     factors = np.array([u.size(scale) for u in units])
     if len(factors) == 1 or np.ndim(value) == 0:
         return factors[0]
+    if value.shape[0] % len(factors):
+        raise SizeError(f"{len(factors)} units for {value.shape[0]} rows")
     return np.repeat(factors, value.shape[0] // len(factors))[:, None]

@@ -3,11 +3,15 @@
     title: TEXT
     inner race: k                    (contact only) the body that the text calls the inner race
     section: TEXT
-    states: revolute                 the section speaks of bodies connected by a revolute joint ("only": of no others)
-    NAME [UNIT]: MEANING             a symbol, from here on
+    states: revolute                 the section speaks of bodies connected by that joint ("only": of no other states)
+    forces: applied                  (or left) side of the equations of motion of the forces that follow in the section
+    NAME [UNIT]: MEANING             a symbol, from here on; NAME [UNIT] $TEX$: MEANING says how the text prints it
+    let NAME [UNIT] = FORMULA        a symbol that the text defines; [?] where its entries have several units
     NUMBER: STATEMENT                an equation; further statements and lines are indented
     NUMBER (MEANING): STATEMENT      an equation for a quantity that has no symbol
     claims:                          from here on `NAME: NUMBER = WORDS`
+
+A line that cannot be read spoils itself and what needs it: it becomes an equation that cannot be judged, with the reason.
 """
 
 from __future__ import annotations
@@ -15,17 +19,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from mbdae.audit.laws import Own
 from mbdae.audit.meaning import understand
-from mbdae.audit.motion import KINDS
-from mbdae.audit.notation import AuditError, Reader, Statement
-from mbdae.audit.phrases import Meaning, Scope
+from mbdae.audit.motion import checked_kind
+from mbdae.audit.notation import AuditError, Node, Reader, Statement
+from mbdae.audit.phrases import Definition, Meaning, Scope, stated_by_caller
+from mbdae.audit.rules_joints import unit_of_parameter
 from mbdae.audit.units import Unit, unit
 
-_SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*:\s*(.+)$")
+_LETTER = r"(?:\$([^$]*)\$\s*)?"
+_SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
+_LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
-_UNIT_OF_LAWS: tuple[Unit, ...] = ()
+_PARAMETER = re.compile(r"parameter (\w+) of (.+)$")
+_CONSTANTS = {"I", "pi"}
 
 
 @dataclass(frozen=True)
@@ -40,11 +49,14 @@ class Printed:
     only: bool = False  #: whether the text speaks of no other states
     quantity: Meaning | None = None  #: what the sides of the first statement are said to be, if that has no symbol
     inner: str | None = None
+    trouble: str = ""  #: why it cannot be read
+    raw: str = ""  #: as it stands in the file, where it cannot be read
+    before: Mapping[str, str] = field(default_factory=dict)  #: symbols that had another unit and meaning earlier in the text
 
     @property
     def text(self) -> str:
         """The formulas as they were read."""
-        return "; ".join(map(str, self.statements))
+        return "; ".join(map(str, self.statements)) or self.raw
 
 
 @dataclass(frozen=True)
@@ -66,22 +78,34 @@ class Text:
     claims: list[Claimed] = field(default_factory=list)
 
 
-def read(text: str, laws: Mapping[str, type] | None = None) -> Text:
-    """Read a file of printed formulas; AuditError names the line and what stands there."""
-    return _File(text, tuple(sorted((laws or {}).items()))).read()
+def read(text: str, laws: Mapping[str, type] | None = None, quantities: Mapping[str, Any] | None = None) -> Text:
+    """Read a file of printed formulas."""
+    return _File(text, tuple(sorted((laws or {}).items())), quantities or {}).read()
 
 
 class _File:
-    def __init__(self, text: str, own: Own) -> None:
-        self.lines, self.own, self.found = text.splitlines(), own, Text()
+    def __init__(self, text: str, own: Own, quantities: Mapping[str, Any]) -> None:
+        self.lines, self.own, self.quantities, self.found = text.splitlines(), own, quantities, Text()
         self.symbols: dict[str, Meaning] = {}
+        self.before: dict[str, str] = {}
+        self.unread: dict[str, str] = {}  #: why a symbol has no meaning
         self.printed: dict[str, tuple[Statement, ...]] = {}
-        self.section, self.states, self.only, self.in_claims = "", "free", False, False
+        self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
+        self.in_claims = False
 
     def read(self) -> Text:
         for at, joined in self._items():
-            self._item(at, joined)
+            try:
+                self._item(at, joined)
+            except AuditError as error:
+                self._spoilt(at, joined, str(error))
         return self.found
+
+    def _spoilt(self, at: int, line: str, why: str) -> None:
+        """A line that cannot be read: an equation by its number, any other by its place."""
+        match = None if _SYMBOL.match(line) or _LET.match(line) or self._setting(line) else _EQUATION.match(line.split("\n")[0])
+        number = match[1] if match else f"line {at}"
+        self._add(Printed(number, (), self._scope(), self.section, trouble=why, raw=" ".join(line.split())))
 
     def _items(self) -> list[tuple[int, str]]:
         """Lines without comments; an indented line continues the one before, after a line end."""
@@ -96,38 +120,83 @@ class _File:
                 items.append((at, line.strip()))
         return items
 
+    def _setting(self, line: str) -> str:
+        word = line.partition(":")[0]
+        return word if word in ("title", "inner race", "section", "states", "forces", "claims") else ""
+
     def _item(self, at: int, line: str) -> None:
-        word, _, rest = line.partition(":")
-        rest = rest.strip()
-        if word == "title":
-            self.found.title = rest
-        elif word == "inner race":
-            if rest not in ("k", "l"):
-                raise AuditError(f"line {at}: 'inner race: {rest}': say k or l")
-            self.found.inner = rest
-        elif word == "section":
-            self.section, self.states, self.only = rest, "free", False
-        elif word == "states":
-            self._states(at, rest)
-        elif word == "claims":
-            self.in_claims = True
+        word, rest = self._setting(line), line.partition(":")[2].strip()
+        if word:
+            self._set(at, word, rest)
         elif self.in_claims:
             self._claim(at, line)
+        elif match := _LET.match(line):
+            self._symbol(at, match[1], match[2], match[3], match[4], defined=True)
         elif match := _SYMBOL.match(line):
-            self._symbol(at, *match.groups())
+            self._symbol(at, match[1], match[2], match[3], match[4])
         elif match := _EQUATION.match(" ".join(line.split("\n", 1)[:1])):
             self._equation(at, line, match)
         else:
             raise AuditError(f"line {at}: '{line}' is neither `NAME [UNIT]: MEANING` nor `NUMBER: STATEMENT`")
 
-    def _states(self, at: int, words: str) -> None:
-        kind, _, only = words.partition(" ")
-        if kind not in KINDS or only not in ("", "only"):
-            raise AuditError(f"line {at}: 'states: {words}': say one of {', '.join(KINDS)}, and 'only' where there are no others")
-        self.states, self.only = kind, bool(only)
+    def _set(self, at: int, word: str, rest: str) -> None:
+        if word == "title":
+            self.found.title = rest
+        elif word == "inner race":
+            self.found.inner = self._one_of(at, f"inner race: {rest}", rest, ("k", "l"))
+        elif word == "section":
+            self.section, self.states, self.only, self.sides, self.doubt = rest, "free", False, "", ""
+        elif word == "forces":
+            sides = self._one_of(at, f"forces: {rest}", rest, ("left", "applied", "open"))
+            self.sides = "" if sides == "open" else sides
+        elif word == "claims":
+            self.in_claims = True
+        else:
+            self._states(at, rest)
 
-    def _symbol(self, at: int, name: str, units: str, meaning: str) -> None:
-        self.symbols[name] = understand(" ".join(meaning.split()), tuple(unit(u, at) for u in units.split(",")), at)
+    def _one_of(self, at: int, what: str, given: str, known: tuple[str, ...]) -> str:
+        if given not in known:
+            self.doubt = f"line {at}: '{what}': say {' or '.join(known)}"
+            raise AuditError(self.doubt)
+        return given
+
+    def _states(self, at: int, words: str) -> None:
+        only = words.endswith(" only")
+        kind = words.removesuffix(" only").strip().lower()
+        wrong = checked_kind(kind, self.own)
+        if wrong:
+            self.doubt = f"line {at}: 'states: {words}': {wrong}; say free, clearance or a joint; 'only' where no others"
+            raise AuditError(self.doubt)
+        self.states, self.only = kind, only
+
+    def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
+        old = self.symbols.pop(name, None)
+        try:
+            known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
+            words = " ".join(meaning.split())
+            self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
+                self._understood(at, name, words, known, letter or ""))  # fmt: skip
+            self.unread.pop(name, None)
+            if old is not None and [u.powers for u in old.units] != [u.powers for u in known]:
+                self.before[name] = old.text
+        except AuditError as error:
+            self.unread[name] = str(error)
+            raise
+
+    def _understood(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
+        if words in self.quantities:
+            return stated_by_caller(words, units, self.quantities[words], letter)
+        if match := _PARAMETER.match(words):
+            stated = unit_of_parameter(match[1], match[2], self.own)
+            if stated and units[0].powers not in [unit(u, at).powers for u in stated.split(" or ")]:
+                raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]}")
+        return understand(words, units, at, name, letter)
+
+    def _defined(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
+        node = Reader(words, at).expression()
+        scope = self._scope()
+        self._known(node, f"line {at}", node.symbols(), scope)
+        return Definition.of(f"defined as {node}", units, node, scope, letter)
 
     def _claim(self, at: int, line: str) -> None:
         match = re.match(r"(\w+)\s*:\s*(\d+)\s*=\s*(.+)$", line)
@@ -135,19 +204,26 @@ class _File:
             raise AuditError(f"line {at}: '{line}' is no claim: write `NAME: NUMBER = WORDS`")
         self.found.claims.append(Claimed(match[1], int(match[2]), match[3]))
 
+    def _scope(self) -> Scope:
+        return Scope(dict(self.symbols), dict(self.printed), self.own, self.sides)
+
+    def _known(self, where: Node | Statement, line: str, names: set[str], scope: Scope) -> None:
+        for name in sorted(names - set(scope.symbols) - _CONSTANTS):
+            why = self.unread.get(name, f"declare it above as `{name} [unit]: meaning` or `let {name} [unit] = formula`")
+            raise AuditError(f"{line}: the symbol '{name}' has no meaning: {why} (in '{where}')")
+
     def _equation(self, at: int, line: str, match: re.Match[str]) -> None:
-        said = understand(match[2], _UNIT_OF_LAWS, at) if match[2] else None
-        body = line[match.start(3) :]
-        statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(body))
-        scope = Scope(dict(self.symbols), dict(self.printed), self.own)
+        said = understand(match[2], (), at) if match[2] else None
+        statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(line[match.start(3) :]))
+        scope = self._scope()
         for statement in statements:
-            unknown = sorted(statement.symbols() - set(self.symbols) - {"I"})
-            if unknown:
-                raise AuditError(f"line {statement.line}: the symbol '{unknown[0]}' has no meaning: declare it above as "
-                                 f"`{unknown[0]} [unit]: meaning` (in '{statement}')")  # fmt: skip
+            self._known(statement, f"line {statement.line}", statement.symbols(), scope)
         self.printed[match[1]] = statements
-        self.found.equations.append(Printed(match[1], statements, scope, self.section, self.states, self.only, said,
-                                            self.found.inner))  # fmt: skip
+        self._add(Printed(match[1], statements, scope, self.section, self.states, self.only, said, self.found.inner, self.doubt,
+                          before=dict(self.before)))  # fmt: skip
+
+    def _add(self, equation: Printed) -> None:
+        self.found.equations.append(equation)
 
 
 def _statements(body: str) -> list[tuple[int, str]]:

@@ -7,10 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.laws import WITH_COORDINATES, LawState, law_class
+from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class, part_class
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase
+from mbdae.audit.rules_contact import potential
 from mbdae.errors import MbdaeError
+from mbdae.symbolic.line import LineLaw
+from mbdae.symbolic.part import Part
 
 PARTS = ("move k", "turn k", "move l", "turn l")
 
@@ -21,6 +24,8 @@ def law(env: Env, name: str) -> LawState:
     if cls is None:
         plain = name.removesuffix(WITH_COORDINATES)
         raise AuditError(f"there is no law '{name}'; give your own class with audit(..., laws={{'{plain}': {plain}}})")
+    if issubclass(cls, LineLaw):
+        raise AuditError(f"{name} is a law on a line: say `strains NAMES of {name}` or `energy of {name} per length`")
     if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
     key = ("law", name)
@@ -76,18 +81,51 @@ def _parameter(env: Env, parameter: str, of: str) -> Value:
     return env.positive(f"parameter {parameter}") + 0j
 
 
+def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
+    """The unit of a parameter of a law or part, empty where the law leaves it open; AuditError where there is none."""
+    cls = part_class(of, own) or law_class(of, own)
+    if cls is None:
+        raise AuditError(f"there is no law '{of}'; give your own class with audit(..., laws={{'{of}': {of}}})")
+    if parameter in ("scaling", "penalty") and not issubclass(cls, Part) and derived(of, own).rows:
+        return ""
+    if parameter not in cls.params:
+        raise AuditError(f"{of} has no parameter '{parameter}'; it has {', '.join(cls.params) or 'none'}")
+    return str(cls.params[parameter].unit)
+
+
 @phrase("coordinate of {name}", vanishes=True)
 def _coordinate(env: Env, of: str) -> Value:
     cls = law_class(of, env.scope.own)
     stated = getattr(cls, "coordinates", {})
     if [spec.unit for spec in stated.values()] != ["rad"]:
         has = ", ".join(f"{name} ({spec.unit})" for name, spec in stated.items()) or "none"
-        raise AuditError(f"the coordinates of {of}: {has}; the states of an audit know one angle alone")
+        raise AuditError(f"the coordinates of {of}: {has}; say `coordinate NAME of the joint` in states of that joint")
     return env.motion.phi
 
 
-@phrase("force of rows {rows} of {name} on {parts}", vanishes=True)
-@phrase("force of row {rows} of {name} on {parts}", vanishes=True)
+@phrase("coordinate {name} of the joint", vanishes=True)
+def _coordinate_of_states(env: Env, name: str) -> Value:
+    """A coordinate of the joint that the states of the section are those of."""
+    if name not in env.motion.coordinates:
+        raise AuditError(f"the states have no coordinate '{name}' but {', '.join(env.motion.coordinates)}")
+    return env.motion.coordinates[name][0]
+
+
+@phrase("energy of {name}")
+def _energy(env: Env, of: str) -> Value:
+    """Potential energy of a law between the bodies, or of a normal law at the penetration."""
+    if part_class(of, env.scope.own):
+        return potential(env, of)
+    return law(env, of).number(law(env, of).d.energy)
+
+
+@phrase("dissipated power of {name}", vanishes=True)
+def _dissipated(env: Env, of: str) -> Value:
+    return law(env, of).number(law(env, of).d.dissipated_power)
+
+
+@phrase("force of rows {rows} of {name} on {parts}", vanishes=True, side="left")
+@phrase("force of row {rows} of {name} on {parts}", vanishes=True, side="left")
 def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
     """G' (s lambda + 2 p c); on parts the text does not list it must vanish."""
     state, wanted = _rows(env, of, rows)
@@ -99,7 +137,7 @@ def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
     return _listed(parts, on)
 
 
-@phrase("force of {name} on {parts}", vanishes=True)
+@phrase("force of {name} on {parts}", vanishes=True, side="left")
 def _law_force(env: Env, of: str, parts: str) -> Value:
     """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
     state = law(env, of)
@@ -135,7 +173,7 @@ def _row_work(env: Env, rows: str, of: str) -> Value:
     for row in wanted:
         change = 0j
         for side in "kl":
-            move = np.imag(moved.vectors["x"][side]) / STEP
+            move = np.imag(moved.of("x", side)) / STEP
             turn = env.motion.turn_between(moved, side)
             for what, displacement in (("move", move), ("turn", turn)):
                 change += (state.row_gradient(row, what, side).T @ displacement)[0, 0]

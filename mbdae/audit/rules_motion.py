@@ -5,40 +5,93 @@ from __future__ import annotations
 import numpy as np
 
 from mbdae.audit.evaluate import STEP, Value
-from mbdae.audit.motion import Motion
+from mbdae.audit.motion import Motion, axial
 from mbdae.audit.phrases import Env, Rule, phrase
+from mbdae.symbolic.functions import complex_atan2
 
-#: rotations by their wording, and how a state gives them
+#: rotations and other quantities that are not zero, by their wording, and how a state gives them
 ROTATIONS: dict[str, Rule] = {
     "axis {i} of {side}": lambda env, i, side: env.motion.rotation(side)[:, [int(i) - 1]],
+    "attitude of {side}": lambda env, side: env.motion.rotation(side),
+    "Euler parameters of {side}": lambda env, side: env.motion.euler_parameters(side),
+    "quaternion of {side}": lambda env, side: env.motion.euler_parameters(side),
+    "rotation vector of {side}": lambda env, side: _rotation_vector(env.motion.euler_parameters(side)),
     "reference rotation of {side}": lambda env, side: env.motion.R0 + 0j,
     "rotation of {side} from its reference": lambda env, side: env.motion.rotation(side) @ env.motion.R0.T,
     "rotation of l relative to k": lambda env: env.motion.rotation("k").T @ env.motion.rotation("l"),
 }
 #: the same of quantities that may be zero
 QUANTITIES: dict[str, Rule] = {
-    "number": lambda env: env.number("number"),
     "relative angle": lambda env: env.motion.relative_angle(),
-    "rate of the relative angle": lambda env: env.motion.relative_rate(),
-    "second derivative of the relative angle": lambda env: env.motion.phiddot,
+    "rate of the relative angle": lambda env: _angle_rate(env, 1),
+    "second derivative of the relative angle": lambda env: _angle_rate(env, 2),
     "increment of the relative angle": lambda env: env.number("increment of the relative angle"),
     "relative angle before the increment": lambda env: (
         env.motion.relative_angle() - env.number("increment of the relative angle")),
-    "angular velocity of {side}": lambda env, side: env.motion.angular_velocity(side),
-    "angular acceleration of {side}": lambda env, side: env.motion.angular_acceleration(side),
+    "angular velocity of {side}": lambda env, side: env.motion.of("w", side),
+    "angular acceleration of {side}": lambda env, side: env.motion.of("alpha", side),
     "reference position of {side}": lambda env, side: env.motion.x0[side] + 0j,
-    "position of {side}": lambda env, side: env.motion.vectors["x"][side],
-    "displacement of {side}": lambda env, side: env.motion.vectors["x"][side] - env.motion.x0[side],
-    "position of l relative to k": lambda env: env.motion.vectors["x"]["l"] - env.motion.vectors["x"]["k"],
-    "velocity of {side}": lambda env, side: env.motion.vectors["v"][side],
+    "position of {side}": lambda env, side: env.motion.of("x", side),
+    "displacement of {side}": lambda env, side: env.motion.of("x", side) - env.motion.x0[side],
+    "position of l relative to k": lambda env: env.motion.of("x", "l") - env.motion.of("x", "k"),
+    "velocity of {side}": lambda env, side: env.motion.of("v", side),
+    "acceleration of {side}": lambda env, side: env.motion.of("a", side),
+    "virtual displacement of {side}": lambda env, side: env.changes("virtual", lambda e: e.motion.of("x", side)),
     "virtual rotation of {side}": lambda env, side: env.motion.turn_between(env.motion.moved("virtual"), side),
     "change of attitude of {side}": lambda env, side: env.motion.turn_between(env.motion.moved("linear"), side),
-    "variation of the {quantity}": lambda env, quantity: np.imag(env.moved("virtual").of(quantity)) / STEP + 0j,
-    "change of the {quantity}": lambda env, quantity: np.imag(env.moved("linear").of(quantity)) / STEP + 0j,
+    "variation of the {quantity}": lambda env, quantity: env.changes("virtual", lambda e: e.of(quantity)),
+    "change of the {quantity}": lambda env, quantity: env.changes("linear", lambda e: e.of(quantity)),
+    "position of the section": lambda env: env.motion.section()[0],
+    "attitude of the section": lambda env: env.motion.section()[1],
+    "angular velocity of the section": lambda env: _spin(env, "time"),
+    "curvature of the section": lambda env: _spin(env, "line"),
+    "virtual displacement of the section": lambda env: env.changes("virtual", lambda e: e.motion.section()[0]),
+    "virtual rotation of the section": lambda env: _spin(env, "virtual"),
 }  # fmt: skip
+#: quantities that the text alone gives, by the name of their symbol
+GIVEN: dict[str, Rule] = {
+    "number": lambda env, name: env.number(f"number {name}") + 0j,
+    "positive number": lambda env, name: env.positive(f"positive number {name}") + 0j,
+    "angle": lambda env, name: env.number(f"angle {name}") + 0j,
+    "vector": lambda env, name: env.drawn(f"vector {name}", env.motion.vector),
+    "matrix": lambda env, name: env.drawn(f"matrix {name}", env.motion.matrix),
+    "symmetric matrix": lambda env, name: env.motion.matrix(f"symmetric matrix {name}", symmetric=True) + 0j,
+    "function of time": lambda env, name: env.drawn(f"function of time {name}", lambda key: _in_time(env, key)),
+    "vector function of time": lambda env, name: (
+        env.drawn(f"vector function of time {name}", lambda key: _in_time(env, key, (3, 1)))),
+    "vector fixed in {side}": lambda env, name, side: env.motion.rotation(side) @ env.motion.vector(f"arm {name}"),
+    "point fixed in {side}": lambda env, name, side: (
+        env.motion.of("x", side) + env.motion.rotation(side) @ env.motion.vector(f"arm {name}")),
+}  # fmt: skip
+
+
+def _in_time(env: Env, key: str, shape: tuple[int, ...] = ()) -> Value:
+    return env.motion.polynomial(key, env.motion.clock, shape)
+
+
+def _angle_rate(env: Env, order: int) -> Value:
+    """Rate or second rate of the relative angle: a coordinate's own, or that of free bodies by derivatives."""
+    if env.motion.joined and "angle" in env.motion.coordinates:
+        return env.motion.coordinates["angle"][order]
+    return env.changes("time", lambda e: e.motion.relative_angle() if order == 1 else _angle_rate(e, 1))
+
+
+def _spin(env: Env, how: str) -> Value:
+    """Axial vector of Q' Q^T of the section: angular velocity, inertial curvature or virtual rotation."""
+    return axial(env.changes(how, lambda e: e.motion.section()[1]) @ env.motion.section()[1].T)
+
+
+def _rotation_vector(P: Value) -> Value:
+    """Rotation vector of Euler parameters."""
+    sine = np.sqrt(np.sum(P[1:] * P[1:]))
+    return P[1:] / sine * 2 * complex_atan2(sine, P[0, 0])
+
+
 for _rules, _vanishes in ((ROTATIONS, False), (QUANTITIES, True)):
     for _wording, _rule in _rules.items():
         phrase(_wording, _vanishes)(_rule)
+for _wording, _rule in GIVEN.items():
+    phrase(_wording, "positive" not in _wording, given=True)(_rule)
 
 
 # -- the equations of l in the unknowns of k and the relative angle
@@ -66,26 +119,19 @@ def _residual(env: Env) -> Value:
 
 @phrase("right-hand side of l in motion", vanishes=True)
 def _right_hand_side(env: Env) -> Value:
-    return _inertia(env) @ env.motion.angular_acceleration("l")
+    return _inertia(env) @ env.motion.of("alpha", "l")
 
 
 def _map(m: Motion) -> Value:
     """B (3, 4) of angular velocity l = B (angular velocity k, rate of the angle); virtual rotations follow the same map."""
-    none = {**m.vectors, "w": {**m.vectors["w"], "k": np.zeros((3, 1)) + 0j}}
-    columns = []
-    for rates in np.eye(4):
-        still = m.without("")
-        still.vectors = {**none, "w": {**none["w"], "k": rates[:3, None] + 0j}}
-        still.phidot = rates[3] + 0j
-        columns.append(still.angular_velocity("l"))
-    return np.hstack(columns)
+    return np.hstack([m.still(rates[:3, None] + 0j, rates[3] + 0j).of("w", "l") for rates in np.eye(4)])
 
 
 def _reduced(env: Env, m: Motion) -> Value:
     """B' r in a state m, r the residual of l, linearised about the state of env: M w' + C w + K psi."""
     base = env.motion
-    r = _residual(env) + _inertia(env) @ (m.angular_acceleration("l") - base.angular_acceleration("l"))
-    r = r + _damping(env) @ (m.angular_velocity("l") - base.angular_velocity("l"))
+    r = _residual(env) + _inertia(env) @ (m.of("alpha", "l") - base.of("alpha", "l"))
+    r = r + _damping(env) @ (m.of("w", "l") - base.of("w", "l"))
     if m is not base:
         r = r + _stiffness(env) @ base.turn_between(m, "l") * 1j * STEP
     return _map(m).T @ r

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
+from mbdae.audit import notation
 from mbdae.audit.compare import SAME, States, compared, difference
-from mbdae.audit.edits import Candidates, Edit, additions, applied, edits, everywhere, supplements
+from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.fits import Fit, factors, terms, wrapped
 from mbdae.audit.notation import Node, Statement, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 from mbdae.errors import MbdaeError
 
+COLUMNS = 12  #: vectors and matrices of which missing terms are made
+LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
+PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
 LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
@@ -24,6 +30,8 @@ class Repair:
 
     words: tuple[str, ...]
     equation: Printed
+    tex: str = ""  #: the changes with the formulas in TeX, in the letters of the text
+    accents: bool = False  #: whether all changes are tildes and transpositions
 
     def __str__(self) -> str:
         return "; ".join(self.words)
@@ -34,11 +42,11 @@ def repair(equation: Printed, states: States) -> Repair | None:
     other = _other_roles(equation, states)
     if other is not None:
         return other
-    used = set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+    used = set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
     scope = equation.scope.widened(used)
     wide = replace(equation, scope=scope)
-    states = States(wide, states.inner, states.side, shared=states.shared)
-    words: list[str] = []
+    states = replace(states, equation=wide)
+    done: list[Edit] = []
     statements, known = [], list[Edit]()
     for statement in equation.statements:
         found = (statement, []) if compared(statement, states).same else _statement(statement, states, known)
@@ -46,8 +54,10 @@ def repair(equation: Printed, states: States) -> Repair | None:
             return None
         statements.append(found[0])
         known += found[1]
-        words += [e.words for e in found[1] if e.words not in words]
-    return Repair(tuple(words), replace(wide, statements=tuple(statements)))
+        done += [e for e in found[1] if e.words not in [d.words for d in done]]
+    letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
+    tex = "; ".join(e.tex(letters) for e in done)
+    return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
 
 
 def _other_roles(equation: Printed, states: States) -> Repair | None:
@@ -56,7 +66,7 @@ def _other_roles(equation: Printed, states: States) -> Repair | None:
         return None
     inner = "l" if equation.inner == "k" else "k"
     other = replace(equation, inner=inner)
-    turned = States(other, inner, states.side, shared=states.shared)
+    turned = replace(states, equation=other, inner=inner)
     if not all(compared(s, turned).same for s in equation.statements):
         return None
     return Repair((f"the roles of the races exchanged: {equation.inner} is the outer, {inner} the inner one",), other)
@@ -79,8 +89,10 @@ class _Goal:
         try:
             with np.errstate(all="ignore"):
                 pairs = zip(self.envs, self.values, strict=True)
+                if notation.is_zero(node):
+                    return max(float(np.max(np.abs(v))) for v in self.values) < SAME
                 return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
-        except (SizeError, MbdaeError):
+        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
             return False
 
     def sized(self, node: Node) -> bool:
@@ -88,7 +100,7 @@ class _Goal:
         try:
             with np.errstate(all="ignore"):
                 return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
-        except SizeError:
+        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
             return False
 
     def rows(self, count: int) -> list[_Goal]:
@@ -103,47 +115,62 @@ class _Goal:
 
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
     """The repair with the fewest changes of one statement."""
+    return next(filter(None, (_at_level(statement, states, known, level) for level in LEVELS)), None)
+
+
+def _at_level(statement: Statement, states: States, known: Sequence[Edit], level: int) -> Found | None:
+    """The smallest repair on one level."""
     best: Found | None = None
     envs: Sequence[Env] = ()
     for i, goal in _places(statement, states):
-        if best is not None and (statement.sides[i].kind == "symbol" or goal.envs is not envs):
+        if best is not None and (_extent(best[1]) <= (1, PLAIN) or statement.sides[i].kind == "symbol" or goal.envs is not envs):
             break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
         envs = goal.envs
-        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known)
-        if found is not None and (best is None or len(found[1]) < len(best[1])):
+        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known, level)
+        if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
             if compared(tried, states).same:
                 best = tried, found[1]
     return best
 
 
+def _extent(done: Sequence[Edit]) -> tuple[int, float]:
+    """Number of changes and how far they go."""
+    return len(done), round(sum(e.size for e in done), 6)
+
+
 def _places(statement: Statement, states: States) -> Iterator[tuple[int, _Goal]]:
     """Sides that may be changed, each with its goal: the values of another side, or of the quantity the sides are said to be."""
     said = states.equation.quantity if statement is states.equation.statements[0] else None
     sides = statement.sides
-    order = sorted(range(len(sides)), key=lambda i: sides[i].kind == "symbol")  # bare symbols last
-    for envs in [states.free] if states.equation.only else [states.free, states.joint]:
+    order = sorted(range(len(sides)), key=lambda i: (sides[i].kind == "symbol", -i))  # the last first, bare symbols last
+    for envs in [states.many] if states.equation.only or states.equation.states == "free" else [states.many, states.many_joint]:
         for i in order:
             if sides[i].kind == "number":
                 continue
+            other = sides[0 if i else 1] if len(sides) > 1 else None
             try:
-                values = [said.value(e) if said else evaluate(sides[0 if i else 1], e) for e in envs]
+                with np.errstate(all="ignore"):
+                    values = [said.value(e) if said else evaluate(other, e) for e in envs]  # type: ignore[arg-type]
             except SizeError:
                 continue
+            if other is not None and notation.is_zero(other) and not said:
+                values = [0 * v for v in (evaluate(sides[i], e) for e in envs)]
             goal = _Goal(envs, values, frozenset(sides[:i] + sides[i + 1 :]))
-            if max(float(np.max(np.abs(t))) for t in values) > 1e-9 and not (goal.met(sides[i]) and not said):
+            shows = (other is not None and notation.is_zero(other)) or max(float(np.max(np.abs(t))) for t in values) > 1e-9
+            if shows and not (goal.met(sides[i]) and not said):
                 yield i, goal
 
 
-def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
     """A side changed so that it meets its goal; a column of blocks row by row."""
     rows = side.parts
     goals = goal.rows(len(rows)) if side.kind == "block" and len(rows) > 1 and all(len(r.parts) == 1 for r in rows) else []
     if not goals:
-        return _node(side, goal, candidates, known)
+        return _node(side, goal, candidates, known, level)
     new, done = [], list[Edit]()
     for row, its in zip(rows, goals, strict=True):
-        found = _node(row.parts[0], its, candidates, [*known, *done])
+        found = _node(row.parts[0], its, candidates, [*known, *done], level)
         if found is None:
             return None
         new.append(row.with_parts((found[0],)))
@@ -151,7 +178,7 @@ def _side(side: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
     return side.with_parts(tuple(new)), done
 
 
-def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]) -> Changed | None:
+def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit], level: int) -> Changed | None:
     """A formula that meets its goal: as it is, after the changes made elsewhere in the equation, after one change, after two."""
     if goal.met(node):
         return node, []
@@ -160,18 +187,59 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
         again = applied(edit, again)
     if again != node and goal.met(again):
         return again, list(known)
+    candidates.any_size = not goal.sized(node)
     once = dict[Node, Edit]()
     for edit, new in edits(node, candidates):
-        if new not in once and new != node:
-            once[new] = edit
-            if goal.met(new):
-                return new, [edit]
-    return (_first(additions(node, candidates), goal) or _twice(node, once, goal, candidates)
-            or _first(supplements(node, candidates), goal))  # fmt: skip
+        if new != node:
+            once.setdefault(new, edit)
+    plain = _smallest(((e, n) for n, e in once.items()), goal)
+    if level == 0 or (plain is not None and plain[1][0].size <= PLAIN):
+        return plain if plain is not None and plain[1][0].size <= PLAIN else None
+    found = (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
+             or _smallest(missing(node, goal, candidates), goal))  # fmt: skip
+    if found or level == 1:
+        return found
+    return _twice(node, once, goal, candidates) or _smallest(supplements(node, candidates), goal)
 
 
-def _first(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
-    return next(((new, [edit]) for edit, new in tried if goal.met(new)), None)
+def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    """The smallest of the changes after which a formula meets its goal."""
+    found = [(edit, new) for edit, new in tried if goal.met(new)]
+    if not found:
+        return None
+    edit, new = min(found, key=lambda pair: pair[0].size)
+    return new, [edit]
+
+
+def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
+    """The fit of powers of the quantities of a formula and its text, and their symbols; without the other sides."""
+    used = [symbol(n) for n in sorted(candidates.scope.reached(node.symbols()))]
+    others = [symbol(n) for n in reversed(candidates.known()) if symbol(n) not in used]  # the last declared first
+    numbers = set(candidates.numbers())
+    columns = [n for n in used if n.value not in numbers]
+    columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
+    inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
+    lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
+    return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
+
+
+def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
+    """The formula with a factor, a power or a function that is missing."""
+    fit, _ = _fit(node, goal, candidates)
+    for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
+        sign = monomial.c == -1 and not monomial.powers
+        size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
+        edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
+        yield replace(edit, size=size), new
+    for piece, wrap, new in wrapped(node):
+        yield Edit("{} -> {}", (piece, wrap), size=1.7), new
+
+
+def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
+    """The formula with a term that is missing."""
+    fit, vectors = _fit(node, goal, candidates)
+    for term, new in terms(node, goal.envs, goal.values, fit, vectors):
+        yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
 
 
 def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidates) -> Changed | None:
@@ -202,7 +270,7 @@ def missing_term(equation: Printed, states: States, scope: Scope, name: str) -> 
     """A term, linear in a symbol the text does not name, that is missing in the last side of an equation, and its place there."""
     (statement,) = equation.statements
     wide = replace(equation, scope=scope)
-    envs = States(wide, states.inner, states.side, shared=states.shared).joint
+    envs = replace(states, equation=wide).joint
     gaps = [evaluate(statement.sides[0], e) - evaluate(statement.sides[-1], e) for e in envs]
     if np.ndim(gaps[0]) == 0:
         return None

@@ -21,11 +21,12 @@ class SymbolicMotion(Motion):
     def __init__(self) -> None:
         self.seed, self.kind, self.absent = 0, "free", frozenset()
         self.stepped, self.origin, self.memory, self.symbolic = False, None, {}, True
+        self.clock, self.arc, self.virtual, self.link = 0, 0, 0, None
         self.Q = {s: self.matrix(f"attitude {s}") for s in "kl"}
         self.R0 = self.matrix("reference attitude")
         self.x0 = {s: self.vector(f"reference place {s}") for s in "kl"}
         self.vectors = {n: {s: self.vector(f"{n} {s}") for s in "kl"} for n in VECTORS}
-        self.phi, self.phidot, self.phiddot = map(self.number, ("phi", "phidot", "phiddot"))
+        self.coordinates = {"angle": [self.number(n) for n in ("phi", "phidot", "phiddot")]}
 
     def number(self, name: str) -> Any:
         return se.Symbol(name)
@@ -42,7 +43,7 @@ class SymbolicMotion(Motion):
     def relative_angle(self) -> Value:
         raise SizeError("the relative angle of free bodies in symbols")
 
-    def stepped_by(self, increments: dict[str, Value], key: Any = None) -> Motion:
+    def _copy(self, amount: complex) -> Motion:
         raise SizeError("a complex step in symbols")
 
 

@@ -38,7 +38,7 @@ def unit(text: str, line: int = 0) -> Unit:
     """The unit of a text such as "N m s/rad" or "N/m^1.5"."""
     powers = [0.0, 0.0, 0.0]
     for i, part in enumerate(text.split("/")):
-        for word in part.split():
+        for word in part.strip(" ()").split():
             match = re.fullmatch(r"(\w+?)(?:\^(-?[\d.]+))?", word)
             if match is None or match[1] not in _KNOWN:
                 raise AuditError(f"line {line}: the unit '{word}' is not known; there are {', '.join(_KNOWN)}")

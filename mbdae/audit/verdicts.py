@@ -2,32 +2,37 @@
 
 RIGHT          the sides agree in random states (free bodies; else bodies connected by the joint), and stay finite where a
                quantity they contain vanishes
-MISPRINT       they differ; the repair is the smallest change (of the roles of the races, one change, two) after which they agree
+MISPRINT       both sides were evaluated and differ; the repair is the smallest change after which they agree. Where sizes do not
+               fit, a formula that a change mends
 INCOMPLETE     they agree only where a quantity of the derivation that the text names nowhere is zero; or they agree but are not
                defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none
-AMBIGUOUS      they agree on one side of the equations of motion, and another formula of the section on the other side
-NOT EVALUABLE  a piece of the formula has no value, so that nothing can be compared
+AMBIGUOUS      forces that agree on the other side of the equations of motion (or with multipliers of the other sign), or on
+               another side than other formulas of the section, where the text does not declare it
+CANNOT JUDGE   the formula cannot be read, a piece of it has no value, or nothing says what a quantity is: with the reason
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from mbdae.audit.compare import SAME, States, compared
-from mbdae.audit.dimensions import faults
+from mbdae.audit.compare import SAME, Compared, States, compared
+from mbdae.audit.dimensions import faults, of_definitions
 from mbdae.audit.evaluate import SizeError, evaluate
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import is_zero
+from mbdae.audit.phrases import Definition, Scope
 from mbdae.audit.reading import Printed, Text
+from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_joints import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
 from mbdae.audit.symbolic import identical
 from mbdae.errors import MbdaeError
 
-RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, NOT_EVALUABLE = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "NOT EVALUABLE"
+RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
 
 
@@ -44,6 +49,7 @@ class Row:
     repaired_residual: float | None = None
     symbolic: bool = False  #: whether the sides (after a repair, if any) are also identical polynomials in symbols
     side: int | None = None  #: key of SIDES for forces whose side the text leaves open: the side on which they are right
+    tex: str = ""  #: the repair with the formulas in TeX
 
     @property
     def equation(self) -> str:
@@ -66,6 +72,8 @@ def meanings(equation: Printed) -> str:
     """The quantities the equation was compared with, in words."""
     if equation.quantity is not None:
         return equation.quantity.text
+    if not equation.statements:
+        return "cannot be read"
     names = [str(s.sides[0]) for s in equation.statements]
     known = equation.scope.symbols
     return "; ".join(f"{n}: {known[n].text}" if n in known else n for n in names)
@@ -80,53 +88,74 @@ def audit_text(text: Text) -> list[Row]:
 
 def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | None = None, search: bool = True) -> Row:
     """The verdict on one equation by itself; search: whether a repair is sought."""
+    if equation.trouble:
+        return _cannot(equation, equation.trouble)
     states = States(equation, equation.inner or "l", shared=shared if shared is not None else {})
     try:
-        return _verdict(equation, states, search)
+        with np.errstate(all="ignore"):
+            states = states.fitting()
+            wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            return _cannot(equation, wrong[0]) if wrong else _verdict(equation, states, search)
     except UnlistedError as error:
         return Row(equation, INCOMPLETE, 0.0, remark=str(error))
-    except MbdaeError as error:
-        return Row(equation, NOT_EVALUABLE, float("nan"), remark=str(error))
+    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
+        return _cannot(equation, str(error))
+
+
+def _cannot(equation: Printed, why: str) -> Row:
+    return Row(equation, CANNOT, float("nan"), remark=why)
 
 
 def _verdict(equation: Printed, states: States, search: bool) -> Row:
     gaps = [compared(s, states) for s in equation.statements]
     residual = max(c.gap for c in gaps)
-    if _signed(equation):
-        on_left = States(equation, states.inner, -1, shared=states.shared)
-        other = max(compared(s, on_left).gap for s in equation.statements)
-        if min(residual, other) < SAME:
-            side = 1 if residual < other else -1
-            return Row(equation, RIGHT, min(residual, other), remark=_unbalanced(equation, states),
-                       symbolic=identical(equation, states.inner, side), side=side)  # fmt: skip
-    if residual < SAME:
-        nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
-        undefined = _undefined_at(equation, states)
-        if undefined:
-            return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
-                       f"not defined where {undefined} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
-        units = _units(equation, states)
-        return Row(equation, MISPRINT if units else RIGHT, residual, remark=units or nowhere_else,
-                   symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
-    return _wrong(equation, states, residual, search)
+    open_sides = _open_sides(equation)
+    if open_sides and ("open" in open_sides or not all(c.same for c in gaps)):
+        turned = replace(states, side=-1)
+        other = [compared(s, turned) for s in equation.statements]
+        right = [side for side, found in ((1, gaps), (-1, other)) if all(c.same for c in found)]
+        if right:
+            return _on_a_side(equation, states, right[0], max(c.gap for c in (gaps if right[0] == 1 else other)), open_sides)
+    if not all(c.same for c in gaps):
+        return _wrong(equation, states, gaps, search)
+    nowhere_else = "" if all(c.everywhere for c in gaps) else "holds where the bodies are joined as the text says"
+    undefined = _undefined_at(equation, states)
+    if undefined:
+        return Row(equation, INCOMPLETE, residual, f"say what holds where {undefined} = 0",
+                   f"not defined where {undefined} = 0" + (f"; {nowhere_else}" if nowhere_else else ""))  # fmt: skip
+    units = _units(equation, states)
+    said = units or "; ".join(filter(None, [nowhere_else, *remarks(equation, states)]))
+    return Row(equation, MISPRINT if units else RIGHT, residual, remark=said,
+               symbolic=not nowhere_else and identical(equation, states.inner))  # fmt: skip
 
 
-def _signed(equation: Printed) -> bool:
-    return any(equation.scope.symbols[name].phrase.signed for name in _used(equation))
+def _open_sides(equation: Printed) -> set[str]:
+    """Sides ("open", "left") of the forces of a formula, where the text declares none."""
+    symbols = equation.scope.symbols
+    return set() if equation.scope.sides else {symbols[n].phrase.side for n in _used(equation)} - {""}
+
+
+def _on_a_side(equation: Printed, states: States, side: int, gap: float, open_sides: set[str]) -> Row:
+    """A force that is right on one side of the equations of motion."""
+    if "left" in open_sides:
+        said = "right with the opposite sign, as the forces applied to the bodies or with the opposite multipliers"
+        return Row(equation, AMBIGUOUS, gap, "say on which side: forces: applied", said)
+    return Row(equation, RIGHT, gap, remark=_unbalanced(equation, states), symbolic=identical(equation, states.inner, side),
+               side=side)  # fmt: skip
 
 
 def _unbalanced(equation: Printed, states: States) -> str:
     """Remark on forces and moments printed for both bodies that leave a resultant moment; empty otherwise."""
     env, total = states.joint[0], np.zeros((3, 1))
     sides = {equation.scope.symbols[n].words[0]: n for n in map(str, (s.sides[0] for s in equation.statements))
-             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.signed}  # fmt: skip
+             if n in equation.scope.symbols and equation.scope.symbols[n].phrase.side == "open"}  # fmt: skip
     if set(sides) != {"k", "l"}:
         return ""
     for side, name in sides.items():
         value = np.real(env.value(name))
         if value.shape != (6, 1):
             return ""
-        total = total + value[3:] + np.cross(np.real(env.motion.vectors["x"][side]), value[:3], axis=0)
+        total = total + value[3:] + np.cross(np.real(env.motion.of("x", side)), value[:3], axis=0)
     return "" if np.max(np.abs(total)) < SAME else "action and reaction act at two points and leave a moment"
 
 
@@ -134,7 +163,14 @@ def _units(equation: Printed, states: States) -> str:
     return "; ".join(f for s in equation.statements for f in faults(s, states.free[:2]))
 
 
-def _wrong(equation: Printed, states: States, residual: float, search: bool) -> Row:
+def _wrong(equation: Printed, states: States, gaps: list[Compared], search: bool) -> Row:
+    residual = max(c.gap for c in gaps)
+    doubt = next((c.doubt for c in gaps if c.doubt), "")
+    if doubt and not any(c.mendable for c in gaps):
+        return _cannot(equation, doubt)
+    defined = [n for s in equation.statements for n in _defined_by(s, equation.scope)]
+    if defined:
+        return _cannot(equation, f"nothing but this formula says what {defined[0]} is: write it as `let`, or give its meaning")
     units = _units(equation, states)
     lacking = _lacking(equation, states)
     if lacking:
@@ -143,24 +179,67 @@ def _wrong(equation: Printed, states: States, residual: float, search: bool) -> 
         found = missing_term(equation, states, scope, name) if len(equation.statements) == 1 else None
         remark = f"agrees where the {text} is zero, which the text names nowhere ({name} here)"
         return Row(equation, INCOMPLETE, residual, str(found or f"terms in the {text} are missing"), remark)
+    if not doubt and _joined(equation, states):
+        said = "holds where a revolute joint connects the bodies, which the text does not say"
+        return Row(equation, INCOMPLETE, residual, "states: revolute", said)
     found = repair(equation, states) if search else None
-    if found is None:
-        return Row(equation, MISPRINT, residual, remark=units)
-    return _repaired(Row(equation, MISPRINT, residual, str(found), units), found, states)
+    if found is not None:
+        return _repaired(Row(equation, MISPRINT, residual, str(found), units, tex=found.tex), found, states)
+    free = _free_numbers(equation) if search else ""
+    if doubt or free:
+        return _cannot(equation, doubt or f"the text gives {free} as a number and does not say which: the formula may define it")
+    return Row(equation, MISPRINT, residual, remark=units)
+
+
+def _joined(equation: Printed, states: States) -> bool:
+    """Whether an equation about a relative angle, in a text that says nothing of a joint, holds for a revolute one."""
+    if equation.states != "free" or not any("relative angle" in equation.scope.symbols[n].text for n in _used(equation)):
+        return False
+    joined = replace(states, equation=replace(equation, states="revolute", only=True))
+    return all(compared(s, joined).same for s in equation.statements)
+
+
+def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
+    """Symbols that are numbers of the text."""
+    known = {n: scope.symbols[n] for n in names if n in scope.symbols}
+    return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
+
+
+def _defined_by(statement: Any, scope: Scope) -> list[str]:
+    """Numbers of the text that stand alone on one side and appear on no other."""
+    out = []
+    for i, side in enumerate(statement.sides):
+        others = scope.reached(set().union(*(s.symbols() for j, s in enumerate(statement.sides) if j != i)))
+        if side.kind == "symbol" and _given_numbers([side.value], scope) - others:
+            out.append(side.value)
+    return out
+
+
+def _free_numbers(equation: Printed) -> str:
+    """A number of the text that one side of an equation alone contains."""
+    scope = equation.scope
+    for statement in equation.statements:
+        sides = [_given_numbers(scope.reached(s.symbols()), scope) for s in statement.sides]
+        for i, numbers in enumerate(sides):
+            lonely = numbers - set().union(*(o for j, o in enumerate(sides) if j != i))
+            if lonely and len(sides) > 1 and not any(is_zero(s) for s in statement.sides):
+                return min(lonely)
+    return ""
 
 
 def _repaired(row: Row, found: Repair, states: States) -> Row:
-    again = States(found.equation, found.equation.inner or "l", states.side, shared=states.shared)
+    again = replace(states, equation=found.equation, inner=found.equation.inner or "l")
     gap = max(compared(s, again).gap for s in found.equation.statements)
     new = [f"{n} is the {m.text}" for n, m in found.equation.scope.symbols.items()
            if n not in row.printed.scope.symbols and n in _used(found.equation)]  # fmt: skip
-    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new]))
+    accents = ["accents alone, which type and its reading easily lose"] if found.accents else []
+    row = replace(row, remark="; ".join([*filter(None, [row.remark]), *new, *accents]))
     same = identical(found.equation, again.inner, states.side)
     return replace(row, repaired=found.equation, repaired_residual=gap, symbolic=same)
 
 
 def _used(equation: Printed) -> set[str]:
-    return set().union(*(s.symbols() for s in equation.statements)) - {"I"}
+    return set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
 
 
 def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
@@ -168,7 +247,7 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
     known = set(equation.scope.symbols)
     scope = equation.scope.widened(_used(equation))
     for name in set(scope.symbols) - known:
-        without = States(equation, states.inner, states.side, scope.symbols[name].text)
+        without = replace(states, absent=scope.symbols[name].text)
         if all(compared(s, without).same for s in equation.statements):
             return name, scope.symbols[name].text
     return None
@@ -177,11 +256,12 @@ def _lacking(equation: Printed, states: States) -> tuple[str, str] | None:
 def _undefined_at(equation: Printed, states: States) -> str:
     """A quantity that may vanish, and where it does a side of the equation is not finite; empty where there is none."""
     for statement in equation.statements:
-        for name in sorted(statement.symbols() - {"I"}):
-            if not equation.scope.symbols[name].phrase.vanishes:
+        for name in sorted(statement.symbols() & set(equation.scope.symbols)):
+            meaning = equation.scope.symbols[name]
+            if not meaning.phrase.vanishes or isinstance(meaning, Definition):
                 continue
             for side in statement.sides:
-                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, known={})):
+                if not is_zero(side) and not _finite(side, replace(states.joint[0], zero=name, store={})):
                     return name
     return ""
 

@@ -1,0 +1,103 @@
+"""The motion of a body that a joint carries, by the program of a tree: the recursion that runs."""
+
+from __future__ import annotations
+
+import cmath
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+from mbdae.audit.evaluate import SizeError, Value
+from mbdae.laws import joints
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.program import Program
+from mbdae.symbolic.rebuild import substituted
+from mbdae.symbolic.tree import tree_program
+from mbdae.symbolic.tree_structure import Link, TreeStructure
+
+_AXES = (Axes.GENERAL, Axes.GENERAL)
+
+
+def joint_class(word: str, own: Any = ()) -> Any:
+    """The joint with coordinates of a name, in any spelling; None where there is none."""
+    known = {name.lower(): getattr(joints, name) for name in joints.__all__} | {name.lower(): cls for name, cls in own}
+    cls = known.get(word.lower().replace(" ", ""))
+    return cls if isinstance(cls, type) and issubclass(cls, Joint) and cls.coordinates else None
+
+
+@lru_cache(maxsize=16)
+def _program(cls: Any) -> tuple[list[tuple[Any, ...]], Any]:
+    """Places of the inputs of the program of a free body k with l on the joint, and the motion of l: q, u, u', as a function."""
+    law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
+    of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
+    structure, names = law.structure(), tuple(cls.coordinates)
+    numbers = [f"{side}_{n}" for side in "kl" for n in of_side] + [n for n in cls.params if n not in law.derived()]
+    stated = tuple((n, None) for n in numbers if n not in structure.absent)
+    link = Link(cls, structure, 0, "k", NodeKind.SPATIAL, _AXES, stated, True, names, (False,) * len(names), 1)
+    tree = tree_program(TreeStructure(NodeKind.SPATIAL, (link,), (), (1,)))
+    found = {(name, i): se.sympify(e) for (name, _, i), e in tree.states((1,))}
+    outputs = [found[name, i] for name, size in (("q", 7), ("u", 6), ("up", 6)) for i in range(size)]
+    return list(tree.inputs.values()), _function(list(tree.inputs), tree.program, outputs)
+
+
+def _function(inputs: list[Any], program: Program, outputs: list[Any]) -> Any:
+    """A program as a function of complex numbers; symengine's own takes powers by logarithms, which spoils complex steps."""
+    short = {x: se.Symbol(f"x{i}") for i, x in enumerate([*inputs, *program.steps])}
+    lines = [f"{short[n]} = {substituted(program.steps[n], short)}" for n in program.needed(outputs)]
+    text = "\n ".join([f"def motion({', '.join(str(short[x]) for x in inputs)}):", *lines,
+                       f"return [{', '.join(str(substituted(e, short)) for e in outputs)}]"])  # fmt: skip
+    names: dict[str, Any] = {n: getattr(cmath, n) for n in ("sin", "cos", "tan", "exp", "log", "sqrt", "pi")}
+    exec(text, names)
+    return names["motion"]
+
+
+class Carried:
+    """l on a joint of k, its points and axes those of the bodies."""
+
+    def __init__(self, word: str, own: Any = ()) -> None:
+        cls = joint_class(word, own)
+        if cls is None:
+            raise SizeError(f"there is no joint '{word}' with coordinates")
+        if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
+            raise SizeError(f"the joint '{word}' turns freely: an audit knows joints with angles and displacements")
+        self.coordinates = tuple(cls.coordinates)
+        self.inputs, self.program = _program(cls)
+
+    def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
+        """Attitude "Q", Euler parameters "P" and the vectors of l for those of k and the coordinates of the state."""
+        try:
+            found = np.array(self.program(*(complex(self._input(place, k, state)) for place in self.inputs)), dtype=complex)
+        except (NameError, TypeError) as error:
+            raise SizeError(f"the motion of the joint cannot be followed by complex numbers: {error}") from None
+        q, u, up = found[:7, None], found[7:13, None], found[13:, None]
+        Q = _rotation(q[3:])
+        return {"Q": Q, "P": q[3:], "x": q[:3], "v": u[:3], "w": Q @ u[3:], "a": up[:3], "alpha": Q @ up[3:]}
+
+    def _input(self, place: tuple[Any, ...], k: dict[str, Value], state: Any) -> Value:
+        head, j, i = place
+        if head == "number":
+            return _number(i, state)
+        if j < 0:
+            return state.coordinates[self.coordinates[-j - 1]][("q", "u", "up").index(head)]
+        if head in ("wu", "wq"):
+            return 0.0
+        moves, turns = {"q": ("x", k["P"]), "u": ("v", k["Q"].T @ k["w"]), "up": ("a", k["Q"].T @ k["alpha"])}[head]
+        return k[moves][i, 0] if i < 3 else turns[i - 3, 0]
+
+
+def _number(name: str, state: Any) -> float:
+    """Parameters of the joint; its axes are those of the bodies."""
+    side, _, what = name.partition("_")
+    if side not in ("k", "l") or not what:
+        return float(state.positive(f"parameter {name}"))
+    return float(what in ("Qx1", "Qy2", "Qz3", "P0"))
+
+
+def _rotation(P: Value) -> Value:
+    """Rotation matrix of Euler parameters (4, 1), whose length is 1."""
+    w, e = P[0, 0], P[1:]
+    x, y, z = e[:, 0]
+    return (2 * w * w - 1) * np.eye(3) + 2 * e @ e.T + 2 * w * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

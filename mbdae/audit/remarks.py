@@ -1,0 +1,112 @@
+"""What can be said of a formula beside its verdict: other solutions, balance away from the joint, pull, energy, letters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mbdae.audit.compare import SAME, States
+from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.motion import turned
+from mbdae.audit.notation import Node, Statement, is_zero
+from mbdae.audit.phrases import Env, Meaning
+from mbdae.audit.reading import Printed
+from mbdae.audit.rules_friction import energy_fed
+from mbdae.audit.rules_joints import names
+from mbdae.errors import MbdaeError
+
+HALF, SOME = np.pi, 0.4  #: turns by which other solutions are looked for, rad
+FAST = -100.0  #: m/s, a rate of separation
+
+
+def remarks(equation: Printed, states: States) -> list[str]:
+    """Remarks on a formula that is right as it is printed."""
+    try:
+        found = [r for rule in (_solutions, _balance, _pull, _energy) for r in rule(equation, states)]
+    except (SizeError, MbdaeError, ArithmeticError):
+        found = []
+    return found + [f"{n} meant something else before: {was}" for n, was in sorted(equation.before.items())
+                    if n in set().union(*(s.symbols() for s in equation.statements))]  # fmt: skip
+
+
+# -- other solutions of a constraint
+
+
+def _solutions(equation: Printed, states: States) -> Iterator[str]:
+    """A constraint that holds too where l is turned by half a turn about one of its axes, and not on the way there."""
+    sides = [s.sides[0] for s in equation.statements if any(map(is_zero, s.sides))]
+    if not sides or equation.states == "free":
+        return
+    meaning = equation.scope.symbols.get(str(sides[0]))
+    judged = equation.statements[0].sides[1] if meaning and len(equation.statements[0].sides) > 2 else sides[0]
+    axes = [i + 1 for i in range(3) if _size(judged, states, i, HALF) < SAME < _size(judged, states, i, SOME)]
+    if axes:
+        about = ", ".join(map(str, axes))
+        yield f"vanishes too where l is turned by half a turn about its axis {about}, which the text does not exclude"
+
+
+def _size(side: Node, states: States, axis: int, angle: float) -> float:
+    """Largest value of a side in states of the joint after a turn of l about one of its axes."""
+    worst = 0.0
+    for env in states.joint[:2]:
+        motion = copy(env.motion)
+        motion.memory = {"l": {**env.motion._l(), "Q": env.motion.rotation("l") @ turned(angle * np.eye(3)[:, [axis]])}}
+        worst = max(worst, float(np.max(np.abs(evaluate(side, replace(env, motion=motion, store={}))))))
+    return worst
+
+
+# -- forces
+
+
+def _balance(equation: Printed, states: States) -> Iterator[str]:
+    """Forces on both bodies that balance in the states of the joint alone."""
+    for statement in equation.statements:
+        meaning = equation.scope.symbols.get(str(statement.sides[0]))
+        if meaning and meaning.phrase.side == "left" and not equation.only:
+            parts = names(meaning.words[-1])
+            if {p.split()[1] for p in parts} == {"k", "l"} and _resultant(statement, parts, states.free[0]) > 1e-6:
+                yield "action and reaction leave a resultant where the bodies are not joined exactly"
+
+
+def _resultant(statement: Statement, parts: list[str], env: Env) -> float:
+    values = np.split(np.real(evaluate(statement.sides[-1], env)), len(parts))
+    on = dict(zip(parts, values, strict=True))
+    force = sum((v for p, v in on.items() if p.startswith("move")), np.zeros((3, 1)))
+    arms = {p: np.real(env.motion.of("x", p.split()[1])) for p in on}
+    moment = sum((v if p.startswith("turn") else np.cross(arms[p], v, axis=0) for p, v in on.items()), np.zeros((3, 1)))
+    return float(max(np.max(np.abs(force)), np.max(np.abs(moment))))
+
+
+def _of(equation: Printed, wording: str) -> Iterator[tuple[Statement, Meaning]]:
+    """Statements for a quantity of that wording."""
+    for statement in equation.statements:
+        meaning = equation.scope.symbols.get(str(statement.sides[0]))
+        if meaning and meaning.phrase.wording == wording:
+            yield statement, meaning
+
+
+def _pull(equation: Printed, states: States) -> Iterator[str]:
+    """A normal force that pulls where bodies separate fast."""
+    for wording in ("normal force of {name}", "damping force of {name}"):
+        for statement, meaning in _of(equation, wording):
+            fast = replace(states.free[0], shift=("rate of penetration", 0, FAST), store={})
+            elastic: Value = fast.of(f"elastic force of {meaning.words[0]}") if wording.startswith("damping") else 0.0
+            if np.real(evaluate(statement.sides[1], fast) + elastic) < 0:
+                yield "pulls where the bodies separate fast: contact has to end where the force falls to 0"
+
+
+def _energy(equation: Printed, states: States) -> Iterator[str]:
+    """Friction with a state that may feed energy."""
+    for wording, varying in (("coefficient of {name}", False), ("friction force of {name}", True)):
+        for _, meaning in _of(equation, wording):
+            found: Any = energy_fed(states.free[0], meaning.words[0])
+            if found is None:
+                continue
+            if varying:
+                yield "the energy stored in the deflection grows with the normal force: dissipative for a constant one alone"
+            elif found > 0:
+                yield f"feeds energy above a sliding speed, here {found:.3g} m/s"
