@@ -67,7 +67,7 @@ class Kernel:
         if gather.shape[1:] != (len(self.symbols),):
             raise ValueError(f"slots {gather.shape} of {len(self.symbols)} symbols")
         if self.symbols:
-            return part.call(self.compiled.as_ctypes(), gather, self.width, first)
+            return part.call(self.compiled.as_ctypes(), gather, self.width, first, self)
         first = part.slots(len(gather) * self.width) if first is None else first
         part.load(first, np.tile([float(e) for e in self.expressions], len(gather)))  # LLVM takes no function without arguments
         return first

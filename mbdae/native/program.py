@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,11 +39,21 @@ class Part(ctypes.Structure):
     _fields_ = (("first", Pointer), ("count", Whole))
 
 
+class Step(NamedTuple):
+    """One operation as it was stated. slots: the lowest it touches, and the one behind the highest; kernel: what a CALL evaluates,
+    with its symbols and expressions, where that is known."""
+
+    fields: dict[str, Any]
+    tables: dict[str, Array | Index]
+    slots: tuple[int, int]
+    kernel: Any
+
+
 class Operations:
     """Operations in the order in which they run, not yet bound to an array. size: slots they may use."""
 
     def __init__(self, size: int) -> None:
-        self.size, self._list = size, list[tuple[dict[str, Any], dict[str, Array | Index], tuple[int, int]]]()
+        self.size, self.steps = size, list[Step]()
         self._kept: list[Any] = []
         self.errors: list[BaseException] = []  #: what functions of Python raised
 
@@ -58,17 +68,18 @@ class Operations:
 
     # -- operations
 
-    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None) -> int:
+    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None,
+             kernel: Any = None) -> int:  # fmt: skip
         """A compiled kernel (its function and data) at points with inputs at slots gather (points, inputs); the slot of the first
-        value, which is `first` where the values have a place."""
+        value, which is `first` where the values have a place. kernel: its symbols and expressions, for those who read them."""
         table = np.asarray(gather, dtype=np.int64)
         points, inputs = table.shape
         first = self.slots(points * width) if first is None else first
         code, data = function
         self._kept.append(function)
         address = ctypes.cast(code, Pointer).value
-        self._add(CALL, {"from_": table}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
-                  function=address, data=getattr(data, "value", data))  # fmt: skip
+        self._add(CALL, {"from_": table}, (first, points * width), kernel=kernel, times=points, inputs=inputs, outputs=width,
+                  first=first, function=address, data=getattr(data, "value", data))  # fmt: skip
         return first
 
     def call_back(self, function: Callable[[Array, Array], None], gather: ArrayLike, width: int) -> int:
@@ -121,9 +132,10 @@ class Operations:
         self._add(SOLVE, {}, (matrix, n * width), (right, n * times), times=times, count=n, inputs=width, first=matrix,
                   outputs=right)  # fmt: skip
 
-    def lu(self, n: int, matrix: int, right: int) -> None:
-        """Solve with a full matrix, row by row at slot `matrix`, for the right side at slot `right`, in place."""
-        self._add(LU, {}, (matrix, n * n), (right, n), times=1, count=n, first=matrix, outputs=right)
+    def lu(self, n: int, matrix: int, right: int, times: int = 1) -> None:
+        """Solve with a full matrix, row by row at slot `matrix`, for right-hand sides one behind the other at slot `right`, in
+        place."""
+        self._add(LU, {}, (matrix, n * n), (right, n * times), times=times, count=n, first=matrix, outputs=right)
 
     # -- tables
 
@@ -144,7 +156,7 @@ class Operations:
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 
-    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
+    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], kernel: Any = None, **fields: Any) -> None:
         kept = {name: np.array(table, order="C") for name, table in tables.items()}  # copies: nobody changes them later
         for name, table in kept.items():
             if name != "weight" and table.size:
@@ -152,21 +164,21 @@ class Operations:
                 ranges = (*ranges, (int(table.min()), int(table.max()) + last - int(table.min()) + 1))
         if fields["times"] < 0 or any(fields.get(name, 0) < 0 for name in ("to_step", "from_step", "by_step", "count", "inputs")):
             raise ValueError(f"negative sizes: {fields}")
-        self._list.append(({"kind": kind} | fields, kept, _whole(ranges)))
+        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges), kernel))
 
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] * (f["times"] if f["kind"] == CALL_BACK else 1) for f, *_ in self._list
+        return max((f["inputs"] * (f["times"] if f["kind"] == CALL_BACK else 1) for f, *_ in self.steps
                     if f["kind"] in (CALL, CALL_BACK)), default=0)  # fmt: skip
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and what has to be kept alive.
 
         Raises ValueError where one leaves an array of `size` numbers."""
-        made = (Operation * max(len(self._list), 1))()
+        made = (Operation * max(len(self.steps), 1))()
         kept: list[Any] = [made, *self._kept]
-        for operation, (fields, tables, (low, high)) in zip(made, self._list, strict=False):
+        for operation, (fields, tables, (low, high), _) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
                 raise ValueError(f"an operation on slots {low} to {high - 1} of an array of {size}")
             for name, value in fields.items():
@@ -174,7 +186,7 @@ class Operations:
             for name, table in tables.items():
                 setattr(operation, name, table.ctypes.data)
                 kept.append(table)
-        return Part(ctypes.addressof(made), len(self._list)), kept
+        return Part(ctypes.addressof(made), len(self.steps)), kept
 
 
 class _Further(Operations):
@@ -184,7 +196,7 @@ class _Further(Operations):
         self._base = base
         super().__init__(0)
         for other in others:
-            self._list += other._list
+            self.steps += other.steps
             self._kept += other._kept
 
     @property

@@ -1,0 +1,268 @@
+"""A program as C99 that needs nothing but libm: kernels as functions, operations as loops over constant tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import symengine as se
+
+import mbdae.native
+from mbdae.export.program import Entry, Function, Program, reach, weights
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, SOLVE, Step
+from mbdae.symbolic.source import Language, called, steps
+from mbdae.symbolic.vectors import Expr
+
+AT_ONCE = 6  #: entries of an operation up to which it is written line by line
+ON_STACK = 50_000  #: numbers; larger work arrays are static, so that such a function is not for several threads at once
+
+
+def _number(e: Expr) -> str:
+    text = repr(float(e))
+    return {"inf": "INFINITY", "-inf": "(-INFINITY)", "nan": "NAN"}.get(text, f"({text})" if text.startswith("-") else text)
+
+
+def _power(base: Expr, text: str, exponent: Expr, written: str) -> str:
+    if base == se.E:
+        return f"exp({written})"
+    if exponent.is_Number and abs(exponent) in (se.Rational(1, 2), 1, 2):
+        found = {1: text, 2: f"({text} * {text})" if text.isidentifier() else f"pow({text}, 2.0)"}.get(abs(exponent), f"sqrt({text})")
+        return found if exponent > 0 else f"(1.0 / {found})"
+    return f"pow({text}, {written})"
+
+
+def _joined(operator: str) -> Any:
+    return lambda *args: f"({f' {operator} '.join(args)})"
+
+
+def _nested(name: str) -> Any:
+    def write(*args: str) -> str:
+        return args[0] if len(args) == 1 else f"{name}({args[0]}, {write(*args[1:])})"
+
+    return write
+
+
+def _piecewise(*args: str) -> str:
+    return f"({args[1]} ? {args[0]} : {_piecewise(*args[2:])})" if len(args) > 1 else "NAN"
+
+
+C = Language(_number, _power, {
+    **{name: called(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "asinh", "acosh", "atanh",
+                                       "atan2", "log", "floor", "erf", "erfc", "sign")},
+    "Abs": called("fabs"), "ceiling": called("ceil"), "gamma": called("tgamma"), "loggamma": called("lgamma"),
+    "Max": _nested("fmax"), "Min": _nested("fmin"), "UnevaluatedExpr": lambda a: a, "Piecewise": _piecewise,
+    "StrictLessThan": _joined("<"), "LessThan": _joined("<="), "Equality": _joined("=="), "Unequality": _joined("!="),
+    "And": _joined("&&"), "Or": _joined("||"), "Not": called("!"), "BooleanTrue": lambda: "1", "BooleanFalse": lambda: "0",
+})  # fmt: skip
+
+SIGN = "static double sign(double x) { return (double)((x > 0.0) - (x < 0.0)); }\n"
+
+
+def identifier(title: str) -> str:
+    """A name of C that begins the names of all functions."""
+    name = re.sub(r"\W+", "_", title.split(",")[0]).strip("_").lower() or "scene"
+    return f"_{name}" if name[0].isdigit() else name
+
+
+def header(program: Program) -> str:
+    """The declarations, with what every number of every vector is."""
+    name = identifier(program.title)
+    lines = [f"/* {program.title}. SI units, angles in rad. Functions return 0, or 1 where a matrix is singular. */", ""]
+    for vector, entries in program.inputs.items():
+        if vector != "t":
+            lines += [f"#define {name.upper()}_{vector.upper()} {len(entries)}", f"/* {vector}:", *_listed(entries), "*/"]
+    if program.pattern is not None:
+        lines += [f"#define {name.upper()}_NNZ {len(program.pattern[0])}", *(f"extern const int {name}_{what}[{name.upper()}_NNZ];"
+                                                                     for what in ("rows", "columns"))]  # fmt: skip
+    lines += [f"extern const double {name}_{vector}_values[{len(entries)}]; /* the values above */"
+              for vector, entries in program.inputs.items() if vector != "t" and _valued(entries)]  # fmt: skip
+    for f in program.functions.values():
+        lines += ["", f"/* {f.meaning}; out[{len(f.outputs)}]:", *_listed(f.outputs if f.name != "jacobian" else ()), "*/",
+                  f"{_signature(name, f)};"]  # fmt: skip
+    return "\n".join([*lines, ""])
+
+
+def _valued(entries: Sequence[Entry]) -> bool:
+    return bool(entries) and not np.isnan([e.value for e in entries]).any()
+
+
+def _listed(entries: Sequence[Entry]) -> list[str]:
+    """One line for each entry; nothing that would end a comment."""
+    found = [f"   [{i}] {e.name}{f', {e.unit}' if e.unit else ''}{'' if np.isnan(e.value) else f' = {e.value!r}'}"
+             for i, e in enumerate(entries)]  # fmt: skip
+    return [line.replace("*/", "* /").replace("/*", "/ *") for line in found]
+
+
+def _signature(name: str, f: Function) -> str:
+    arguments = [f"{'double ' if a == 't' else 'const double *'}{a}" for a in f.arguments]
+    return f"int {name}_{f.name}({', '.join(arguments)}, double *out)"
+
+
+def source(program: Program) -> str:
+    """The C file; it includes nothing but math.h and string.h."""
+    return _File(program).text()
+
+
+class _File:
+    """The parts of a C file as they are needed."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.name = program, identifier(program.title)
+        self.kernels: dict[Any, str] = {}
+        self.tables: dict[bytes, str] = {}
+        self.parts: list[str] = []
+
+    def text(self) -> str:
+        bodies = [self._function(f) for f in self.program.functions.values()]
+        body = "\n".join([*self.parts, *bodies])
+        known = Path(mbdae.native.__file__).with_name("factors.inc").read_text(encoding="utf-8")
+        factors = [re.sub(r"\bI\b", "int", part) for name, part in _functions(known) if f"{name}(" in body]
+        helpers = [SIGN] * bool(re.search(r"\bsign\(", body)) + factors
+        return "\n".join([f"/* {self.program.title}: see the header for the vectors. Written by mbdae. */",
+                          "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])  # fmt: skip
+
+    def _constants(self) -> Iterator[str]:
+        if self.program.pattern is not None:
+            for what, table in zip(("rows", "columns"), self.program.pattern, strict=True):
+                yield f"extern const int {self.name}_{what}[];\nconst int {self.name}_{what}[] = {_listing(table)};"
+        for vector, entries in self.program.inputs.items():
+            if vector != "t" and _valued(entries):
+                whole = f"const double {self.name}_{vector}_values[]"
+                yield f"extern {whole};\n{whole} = {_listing([e.value for e in entries])};"
+
+    def _function(self, f: Function) -> str:
+        """One exported function."""
+        p, lines = self.program, list[str]()
+        for vector in f.arguments:
+            pairs = p.slots[vector][[int(s) in f.reads for s in p.slots[vector][:, 1]]].reshape(-1, 2)
+            if not len(pairs):
+                lines.append(f"(void){vector};")
+            elif vector == "t":
+                lines += [f"W[{slot}] = t;" for _, slot in pairs]
+            else:
+                lines += self._each(len(pairs), [pairs[:, 1], pairs[:, 0]], f"W[{{0}}] = {vector}[{{1}}];")
+        for step, used in zip(f.steps, f.calls, strict=True):
+            lines += self._step(step, used)
+        lines += self._each(len(f.at), [np.arange(len(f.at)), f.at], "out[{0}] = W[{1}];")
+        size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
+        static = "static " if size > ON_STACK else ""
+        widest = max((s.fields["inputs"] for s in f.steps if s.fields["kind"] == CALL), default=0)
+        begin = [f"{static}double W[{size}]{f', x[{widest}]' if widest else ''};", "memset(W, 0, sizeof W);"]
+        inner = "\n".join(f"  {line}" for line in [*begin, *lines, "return 0;"])
+        return f"{_signature(self.name, f)};\n/* {f.meaning} */\n{_signature(self.name, f)} {{\n{inner}\n}}\n"
+
+    def _step(self, step: Step, used: tuple[int, ...]) -> list[str]:
+        f, kind = step.fields, step.fields["kind"]
+        if kind == CALL:
+            return self._call(step, used)
+        if kind == LOAD:
+            return self._load(f["first"], step.tables["weight"])
+        if kind == CHOLESKY:
+            return [f"if (band_factors({f['count']}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
+                    f"band_solve({f['count']}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip
+        if kind == SOLVE:
+            return [f"for (int r = 0; r < {f['times']}; r++) band_solve({f['count']}, {f['inputs']}, W + {f['first']}, "
+                    f"W + {f['outputs']} + r * {f['count']});"]  # fmt: skip
+        if kind == LU:
+            return [f"if (full_solve({f['count']}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
+        return self._map(step)
+
+    def _map(self, step: Step) -> list[str]:
+        """Copies, sums and products."""
+        f = step.fields
+        names = [name for name in ("to", "from_", "by") if name in step.tables]
+        factors = weights(step) if f["kind"] in (ADD, MULTIPLY) else np.ones((1, f["count"]))
+        plain = bool(np.all(factors == 1))
+        texts = [f"W[{{{i}}}]" for i in range(len(names))]
+        right = " * ".join([*([] if plain else [f"{{{len(names)}}}"]), *texts[1:]])
+        line = f"{texts[0]} {'=' if f['kind'] == SET else '+='} {right};"
+        if f["times"] == 1:
+            columns: list[Any] = [reach(step, name)[0] for name in names]
+            return self._each(f["count"], [*columns, *([] if plain else [factors[0]])], line)
+        steps_ = [f.get(f"{name.rstrip('_')}_step", 0) for name in names]
+        columns = [_Strided(step.tables[name], by) for name, by in zip(names, steps_, strict=True)]
+        weight = [] if plain else [_Strided(factors.ravel(), f["count"] if len(factors) > 1 else 0)]
+        inner = self._each(f["count"], [*columns, *weight], line, loop=True)
+        return [f"for (int r = 0; r < {f['times']}; r++)", *(f"  {one}" for one in inner)]
+
+    def _each(self, count: int, columns: Sequence[Any], line: str, loop: bool = False) -> list[str]:
+        """A line for each entry, or a loop over tables; columns: arrays of slots or numbers."""
+        if count <= AT_ONCE and not loop:
+            return [line.format(*(_entry(c[k]) for c in columns)) for k in range(count)]
+        places = [self._place(c) for c in columns]
+        return [f"for (int k = 0; k < {count}; k++) {line.format(*places)}"]
+
+    def _place(self, column: Any) -> str:
+        """A column as an expression of k, and of r where it is that of an instance."""
+        table, by = (column.table, column.step) if isinstance(column, _Strided) else (np.asarray(column), 0)
+        shift = f" + r * {by}" if by else ""
+        if table.dtype.kind == "f":
+            return _number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
+        if np.all(np.diff(table) == 1):
+            return f"{table[0]} + k{shift}"
+        return f"{self._table(table)}[k]{shift}"
+
+    def _load(self, first: int, values: Any) -> list[str]:
+        if np.all(values == 0):
+            return [f"memset(W + {first}, 0, {len(values)} * sizeof *W);"]
+        return self._each(len(values), [first + np.arange(len(values)), np.asarray(values, dtype=float)], "W[{0}] = {1};")
+
+    def _call(self, step: Step, used: tuple[int, ...]) -> list[str]:
+        """The call of a kernel at its points."""
+        f, gather = step.fields, step.tables["from_"].ravel()
+        name = self._kernel(step.kernel, used)
+        if f["times"] == 1:
+            return [f"for (int k = 0; k < {f['inputs']}; k++) x[k] = W[{self._place(gather)}];", f"{name}(x, W + {f['first']});"]
+        return [f"for (int r = 0; r < {f['times']}; r++) {{",
+                f"  for (int k = 0; k < {f['inputs']}; k++) x[k] = W[{self._table(gather)}[r * {f['inputs']} + k]];",
+                f"  {name}(x, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
+
+    def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
+        """The function of a kernel that writes some of its values; a kernel that several functions call is written once."""
+        key = (id(kernel), used)
+        if key not in self.kernels:
+            self.kernels[key] = name = f"kernel{len(self.kernels)}"
+            names = {s: f"x[{i}]" for i, s in enumerate(kernel.symbols)}
+            shared, outputs = steps([se.sympify(kernel.expressions[o]) for o in used], names, C)
+            lines = [f"  const double {a} = {text};" for a, text in shared]
+            lines += [f"  out[{o}] = {text};" for o, text in zip(used, outputs, strict=True)]
+            body = "\n".join(lines)
+            self.parts.append(f"static void {name}(const double *x, double *out) {{\n{body}\n}}\n")
+        return self.kernels[key]
+
+    def _table(self, values: Any) -> str:
+        """A constant table; equal ones are written once."""
+        values = np.ascontiguousarray(values)
+        key = values.dtype.kind.encode() + values.tobytes()
+        if key not in self.tables:
+            self.tables[key] = name = f"T{len(self.tables)}"
+            self.parts.append(f"static const {'double' if values.dtype.kind == 'f' else 'int'} {name}[] = {_listing(values)};")
+        return self.tables[key]
+
+
+class _Strided:
+    """A table of the first instance, and how much further the entries of the next one are."""
+
+    def __init__(self, table: Any, step: int) -> None:
+        self.table, self.step = np.asarray(table), step
+
+
+def _entry(value: Any) -> str:
+    return _number(value) if isinstance(value, float) else str(int(value))
+
+
+def _listing(values: Any) -> str:
+    """An initialiser, in lines of at most 20 numbers."""
+    texts = [_entry(v) for v in np.asarray(values).tolist()]
+    return "{" + ",\n  ".join(", ".join(texts[i : i + 20]) for i in range(0, len(texts), 20)) + "}"
+
+
+def _functions(text: str) -> Iterator[tuple[str, str]]:
+    """Name and text of every function of a file."""
+    for part in re.split(r"\n(?=static )", text.partition("*/")[2]):
+        found = re.match(r"static \w+ (\w+)\(", part)
+        if found:
+            yield found[1], re.sub(r"/\*.*?\*/\s*$", "", part, flags=re.DOTALL)
