@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mbdae.audit import Audit, audit
     from mbdae.compare import Run, compare
     from mbdae.contracts.selftest import selftest
+    from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
@@ -78,18 +79,19 @@ _HOME = {
     "Recursive": "mbdae.scene.components", "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
     "Screw": "mbdae.laws.joints", "Section": "mbdae.scene.section", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
-    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "extremes": "mbdae.extremes",
+    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export", "Export": "mbdae.export",
+    "extremes": "mbdae.extremes",
     "load": "mbdae.api", "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
     "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
 }  # fmt: skip
 
 __all__ = [
     "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Free", "Friction",
+    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free", "Friction",
     "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal",
     "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute",
     "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop",
-    "Switches", "Universal", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params", "report", "selftest",
+    "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order", "params", "report", "selftest",
     "sweep", "t",
 ]  # fmt: skip
 

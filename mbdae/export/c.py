@@ -63,7 +63,7 @@ SIGN = "static double sign(double x) { return (double)((x > 0.0) - (x < 0.0)); }
 
 def identifier(title: str) -> str:
     """A name of C that begins the names of all functions."""
-    name = re.sub(r"\W+", "_", title.split(",")[0]).strip("_").lower() or "scene"
+    name = re.sub(r"\W+", "_", title.split(",")[0], flags=re.ASCII).strip("_").lower() or "scene"
     return f"_{name}" if name[0].isdigit() else name
 
 
@@ -150,7 +150,7 @@ class _File:
         size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
         static = "static " if size > ON_STACK else ""
         widest = max((s.fields["inputs"] for s in f.steps if s.fields["kind"] == CALL), default=0)
-        begin = [f"{static}double W[{size}]{f', x[{widest}]' if widest else ''};", "memset(W, 0, sizeof W);"]
+        begin = [f"{static}double W[{size}]{f', X[{widest}]' if widest else ''};", "memset(W, 0, sizeof W);"]
         inner = "\n".join(f"  {line}" for line in [*begin, *lines, "return 0;"])
         return f"{_signature(self.name, f)};\n/* {f.meaning} */\n{_signature(self.name, f)} {{\n{inner}\n}}\n"
 
@@ -215,10 +215,10 @@ class _File:
         f, gather = step.fields, step.tables["from_"].ravel()
         name = self._kernel(step.kernel, used)
         if f["times"] == 1:
-            return [f"for (int k = 0; k < {f['inputs']}; k++) x[k] = W[{self._place(gather)}];", f"{name}(x, W + {f['first']});"]
+            return [f"for (int k = 0; k < {f['inputs']}; k++) X[k] = W[{self._place(gather)}];", f"{name}(X, W + {f['first']});"]
         return [f"for (int r = 0; r < {f['times']}; r++) {{",
-                f"  for (int k = 0; k < {f['inputs']}; k++) x[k] = W[{self._table(gather)}[r * {f['inputs']} + k]];",
-                f"  {name}(x, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
+                f"  for (int k = 0; k < {f['inputs']}; k++) X[k] = W[{self._table(gather)}[r * {f['inputs']} + k]];",
+                f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
 
     def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
         """The function of a kernel that writes some of its values; a kernel that several functions call is written once."""

@@ -11,6 +11,7 @@ from mbdae.errors import OptionError
 from mbdae.export.program import Function, Program, reach, weights
 from mbdae.native.program import ADD, CALL, LOAD, LU, MULTIPLY, SET, Step
 from mbdae.symbolic.rebuild import rebuilt
+from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
 
 DIAGONAL = 1e-3  #: of the largest entry of a column: from here on the diagonal is the pivot, which keeps the pattern
@@ -37,7 +38,8 @@ def derivation(program: Program, function: Function) -> Derivation:
         numbers.run(program, function, start)
         pivots = numbers.pivots
     symbols = _Symbols(pivots)
-    return Derivation(symbols.steps, symbols.run(program, function, vectors), vectors)
+    outputs = [se.sympify(e) for e in symbols.run(program, function, vectors)]
+    return Derivation(reached(symbols.steps, outputs), outputs, vectors)
 
 
 class _Numbers:

@@ -149,14 +149,15 @@ def latex_text(program: Program) -> str:
             lines += [r"\begin{longtable}{lll}", *(f"${_letter(vector, i)}$ & {_plain(e.name)} & {_plain(e.unit)} \\\\"
                                                     for i, e in enumerate(entries)), r"\end{longtable}"]  # fmt: skip
     for f in program.functions.values():
-        lines += [f"\\subsection*{{{_plain(f.name)}: {_plain(f.meaning)}}}", *latex_equations(derivation(program, f), f)]
+        lines += [f"\\subsection*{{{_plain(f.name)}: {_plain(f.meaning)}}}", *latex_equations(program, f)]
     return "\n".join([*lines, r"\end{document}", ""])
 
 
-def latex_equations(d: Derivation, f: Function) -> list[str]:
+def latex_equations(program: Program, f: Function) -> list[str]:
     """The equations of a function, each in displayed mathematics of its own."""
     import sympy
 
+    d = derivation(program, f)
     names = {sympy.Symbol(str(s)): "t" if v == "t" else _letter(v, i) for v, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {sympy.Symbol(str(s)): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
     left = [f"w_{{{i}}}" for i in range(len(d.steps))] + [latex_name(e.name) for e in f.outputs]

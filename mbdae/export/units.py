@@ -9,7 +9,6 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.part import Parameter
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Numbering
 
 OF_FORMS = {"baumgarte_velocity": "1/s", "baumgarte_position": "1/s^2"}
@@ -22,11 +21,11 @@ def rate_of(unit: str) -> str:
     return known.get(unit, f"({unit})/s" if unit else "")
 
 
-def node_units(node: Node) -> tuple[list[str], list[str]]:
-    """Units of the entries of q and u of a node."""
-    kind, (nq, nu), n = node.kind, node.kind.sizes, node.kind.translations
+def node_units(kind: NodeKind, unit: str) -> tuple[list[str], list[str]]:
+    """Units of the entries of q and u of a node. unit: that of a joint coordinate."""
+    (nq, nu), n = kind.sizes, kind.translations
     if kind is NodeKind.COORDINATE:
-        return [node.unit], [f"{node.unit}/s"]
+        return [unit], [f"{unit}/s"]
     return ["m"] * n + ["1" if kind.by_quaternion else "rad"] * (nq - n), ["m/s"] * n + ["rad/s"] * (nu - n)
 
 
@@ -59,7 +58,7 @@ def unknown_units(nb: Numbering) -> list[str]:
     """(n,) units of the unknowns of a numbering."""
     units = [""] * nb.n
     for node in nb.free:
-        for head, entries in zip("qu", node_units(node), strict=True):
+        for head, entries in zip("qu", node_units(node.kind, node.unit), strict=True):
             for i, unit in enumerate(entries):
                 if not nb.shares(node, i, head):
                     units[nb.node_place(head, node, i)] = unit

@@ -33,10 +33,21 @@ def steps(expressions: Sequence[Expr], names: dict[Expr, str], language: Languag
     Raises LawError for a function that the language does not know."""
     shared, reduced = se.cse(expressions)
     found, names = [], dict(names)
-    for i, (symbol, value) in enumerate(shared):
+    for i, (symbol, value) in enumerate(reached(shared, reduced)):
         found.append((f"a{i}", written(value, names, language)))
         names[symbol] = f"a{i}"
     return found, [written(e, names, language) for e in reduced]
+
+
+def reached(pairs: Sequence[tuple[Expr, Expr]], outputs: Sequence[Expr]) -> list[tuple[Expr, Expr]]:
+    """Those of the pairs (name, expression of earlier names) on which outputs depend."""
+    live = set[Expr]().union(*(e.free_symbols for e in outputs))
+    found = []
+    for name, e in reversed(pairs):
+        if name in live:
+            live |= e.free_symbols
+            found.append((name, e))
+    return found[::-1]
 
 
 def written(e: Expr, names: Mapping[Expr, str], language: Language) -> str:

@@ -1,0 +1,210 @@
+"""The functions of a law on its own: of x, the unknowns of its frames, its multipliers and states, and of its parameters p."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.export.program import Entry, Program
+from mbdae.export.units import multiplier_unit, node_units, rate_of, row_unit
+from mbdae.kernels import Kernel, linearised_plan, plan
+from mbdae.laws.contact import JournalContact
+from mbdae.laws.friction import Friction
+from mbdae.native.program import Operations
+from mbdae.reports.statement import OPTIONS, structure_of
+from mbdae.symbolic import outputs as of
+from mbdae.symbolic.derive import Derived, Side, derive
+from mbdae.symbolic.frames import Axes, NodeKind
+from mbdae.symbolic.joint import Joint
+from mbdae.symbolic.law import Element, Force, Law, Structure
+from mbdae.symbolic.line import LineLaw, derive_line
+from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.part import Part, PartStructure
+from mbdae.symbolic.vectors import Expr
+from mbdae.values import option, sequence, shown, word
+
+Table = list[tuple[Target, Expr]]
+
+
+def _equations(d: Derived) -> Table:
+    return [*of.dynamics(d), *(of.kinematics(d) if isinstance(d.law, Element) else ()), *of.position(d), *of.state_rows(d)]
+
+
+def _energy(d: Derived) -> Table:
+    return [(("energy",), d.energy)]
+
+
+def _gamma(d: Derived) -> Table:
+    return of.acceleration(d) if d.rows else []
+
+
+def _reaction(d: Derived) -> Table:
+    return [] if isinstance(d.law, Element) else of.reaction(d)
+
+
+def _power(d: Derived) -> Table:
+    return [] if isinstance(d.law, Element) else of.power(d)
+
+
+#: name of a function -> its outputs and their meaning
+FUNCTIONS: dict[str, tuple[Callable[[Derived], Table], str]] = {
+    "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
+    "energy": (_energy, "potential energy; of a body its kinetic energy"),
+    "rows": (of.position, "constraint rows g = 0"),
+    "row_rates": (of.velocity, "dg/dt = G u + g_t"),
+    "row_accelerations": (_gamma, "d2g/dt2 at zero accelerations"),
+    "G": (of.jacobian_G, "entries of the constraint Jacobian by the velocities"),
+    "states": (of.state_rows, "s' - rate = 0 of the internal states"),
+    "kinematics": (lambda d: of.kinematics(d) if isinstance(d.law, Element) else [], "q' - H(q) u = 0"),
+    "coordinates": (of.coordinate, "coordinates of the joint and their rates"),
+    "joint_forces": (_reaction, "force and torque (about the joint) on body l, inertial components"),
+    "power": (_power, "power that the law delivers to its bodies"),
+}
+
+
+def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
+    """The functions of a law class, a law with values, or a friction or normal law (in the contact of a pin in its race)."""
+    law, structure, values = _law(what, options)
+    title = law.__name__
+    if issubclass(law, LineLaw):
+        kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
+        return _of_line(title, derive_line(law, structure, kind), values, law)
+    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)
+
+
+def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
+    if isinstance(what, Law):
+        if options:
+            raise OptionError(f"{next(iter(options))}: a law with values takes no options; only classes of laws do")
+        timed = frozenset(p for p in what.params if hasattr(getattr(what, p), "free_symbols"))
+        return type(what), what.structure(timed), {p: getattr(what, p) for p in what.params}
+    if isinstance(what, Part) or (isinstance(what, type) and issubclass(what, Part)):
+        role = "friction" if issubclass(what if isinstance(what, type) else type(what), Friction) else "normal"
+        typical = OPTIONS[role]  # the options of a part have values that change its statement
+        part = typical if what is typical.cls else PartStructure(what, frozenset(), ()) if isinstance(what, type) else what
+        return JournalContact, structure_of(JournalContact, {role: part, **options}), {}
+    if isinstance(what, type) and issubclass(what, Law):
+        return what, structure_of(what, options), {}
+    raise OptionError(f"what = {shown(what)}: give a scene, a class of a law such as mb.Revolute, or a law with values")
+
+
+def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...]:
+    """Kinds of the nodes: as asked, or bodies in space, the ground as k of a force from outside."""
+    count = len(law.frames)
+    ground = NodeKind.GROUND.value if issubclass(law, Force) and law.external else NodeKind.SPATIAL.value
+    words = [kind.value for kind in NodeKind if not kind.of_joint]
+    asked = option("frames", frames if frames is not None else [ground, *[NodeKind.SPATIAL.value] * (count - 1)][:count], sequence,
+                   f"give {count} words", each=word, words=words)  # fmt: skip
+    if len(asked) != count:
+        raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {count}: {', '.join(law.frames)}")
+    kinds = [NodeKind(one) for one in asked]
+    law_ = law.symbolic(structure)
+    units = getattr(law_, "coordinates", {})
+    own = [NodeKind.ROTATION if name in units and units[name].unit == "rotation" else NodeKind.COORDINATE
+           for name in law_.own_coordinates]  # fmt: skip
+    return tuple((kind, Axes.NORMAL if kind.flat else Axes.GENERAL) for kind in kinds) + tuple((k, Axes.GENERAL) for k in own)
+
+
+def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
+    tables = {name: plan(d, table) for name, (table, _) in FUNCTIONS.items()}
+    kernels = {name: (p.kernel, p.all_inputs.symbols, _named(d, p.targets)) for name, p in tables.items() if any(e != 0 for e in p.expressions)}
+    derived = linearised_plan(d, _equations, False)
+    if derived.jacobian_places:
+        rows, by = zip(*derived.jacobian_places, strict=True)
+        symbols = dict(of.input_symbols(d))
+        entries = [Entry(f"d {a.name} / d {symbols[t]}", "") for a, t in zip(_named(d, [derived.targets[r] for r in rows]), by,
+                                                                             strict=True)]  # fmt: skip
+        kernels["jacobian"] = derived.jacobian, derived.jacobian_inputs.symbols, entries
+    units = _units(d)
+    x = {str(s): units.get(t, "") for t, s in of.input_symbols(d)}
+    meanings = {name: meaning for name, (_, meaning) in FUNCTIONS.items()}
+    meanings["jacobian"] = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
+    return _program(title, kernels, x, {n: p.unit for n, p in d.law.params.items()}, values, meanings)
+
+
+def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
+    """Outputs with names and units."""
+    rows = [row_unit(d, r) for r in range(len(d.rows))]
+    found = []
+    for head, *place in targets:
+        if head in ("u", "q"):
+            node = next(f.kind for f in d.frames if f.side == place[0])
+            unit = node_units(node, "m")[1][place[1]] if head == "u" else rate_of(node_units(node, "m")[0][place[1]])
+            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]",
+                               {"m/s": "N", "rad/s": "N m"}.get(unit, unit) if head == "u" else unit))  # fmt: skip
+        elif head in ("g", "gd", "gdd"):
+            unit = rows[place[0]]
+            found.append(Entry(d.rows[place[0]] + {"g": "", "gd": " rate", "gdd": " acceleration"}[head],
+                               unit and unit + {"g": "", "gd": "/s", "gdd": "/s^2"}[head]))  # fmt: skip
+        elif head == "G":
+            found.append(Entry(f"{d.rows[place[0]]} by {place[1]}[{place[2]}]", ""))
+        elif head == "s":
+            found.append(Entry(f"state {d.states[place[0]]}", rate_of(d.law.states[d.states[place[0]]].unit)))
+        elif head == "reaction":
+            found.append(Entry(f"{'force' if place[0] < 3 else 'torque'}[{place[0] % 3}]", "N" if place[0] < 3 else "N m"))
+        else:
+            found.append(Entry(" ".join((*map(str, place), {"cd": "rate", "c": ""}.get(head, head))).strip(),
+                               {"energy": "J", "power": "W"}.get(head, "")))  # fmt: skip
+    return found
+
+
+def _units(d: Derived) -> dict[Target, str]:
+    """Units of the unknowns of a law."""
+    found: dict[Target, str] = {}
+    for f in d.frames:
+        q, u = node_units(f.kind, "m")
+        found |= {("q", f.side, i): unit for i, unit in enumerate(q)} | {("qp", f.side, i): rate_of(unit) for i, unit in enumerate(q)}
+        found |= {("u", f.side, i): unit for i, unit in enumerate(u)} | {("up", f.side, i): rate_of(unit) for i, unit in enumerate(u)}
+    found |= {("lambda", r): multiplier_unit(row_unit(d, r)) for r in range(len(d.rows))}
+    for j, name in enumerate(d.states):
+        unit = d.law.states[name].unit
+        found |= {("s", j): unit, ("sp", j): rate_of(unit)}
+    return found
+
+
+def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> Program:
+    """A law at a point of a line: forces dual to the interpolated fields, rows of the stresses, energy."""
+    kernels = {}
+    outputs = {"forces": [(f"dual of {f.symbol}", e) for f, e in d.duals],
+               "rows": [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)],
+               "resultants": list(d.resultants), "energy": [("energy", d.energy)], "dissipated": [("dissipated", d.dissipated)],
+               "mass": [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]}  # fmt: skip
+    outputs["jacobian"] = [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives().items()]
+    for name, table in outputs.items():
+        if any(e != 0 for _, e in table):
+            symbols = sorted(set().union(*(e.free_symbols for _, e in table)), key=str)
+            kernels[name] = Kernel(symbols, [e for _, e in table]), symbols, [Entry(n, "") for n, _ in table]
+    units = {n: p.unit for n, p in law.params.items()} | {"ds": "m", "weight": "m"}
+    meanings = {"forces": "forces dual to the fields, times the weight of the point", "rows": "compatibility rows of the stresses",
+                "resultants": "stress resultants", "energy": "elastic energy of the point", "dissipated": "dissipated power",
+                "mass": "inertia per length between velocities", "jacobian": "derivatives of forces, then rows"}  # fmt: skip
+    return _program(title, kernels, {str(s): "" for s in d.variables}, units, values, meanings)
+
+
+def _program(title: str, kernels: Mapping[str, tuple[Any, Iterable[Expr], Sequence[Entry]]], x: Mapping[str, str],
+             units: Mapping[str, str], values: Mapping[str, Any], meanings: Mapping[str, str]) -> Program:  # fmt: skip
+    """One call of a kernel for each function."""
+    used = {str(s) for _, symbols, _ in kernels.values() for s in symbols}
+    unknown = [name for name in x if name in used]
+    parameters = sorted(used - set(unknown))
+    slot = {name: i for i, name in enumerate((*unknown, *parameters))}
+    entries = []
+    for name in parameters:
+        stated, _, dots = re.sub(r"_(d?dot)$", r"|\1", name).partition("|")
+        unit = units.get(stated, "m" if re.search(r"_p\d$", name) else "rad" if name.endswith("theta0") else "1")
+        value = values.get(name)
+        entries.append(Entry(name, unit + {"": "", "dot": "/s", "ddot": "/s^2"}[dots],
+                             float(value) if isinstance(value, int | float) else float("nan")))  # fmt: skip
+    operations = Operations(len(slot))
+    slots = {"x": [(i, i) for i in range(len(unknown))], "p": [(i, len(unknown) + i) for i in range(len(parameters))]}
+    program = Program(title, operations, {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
+                      {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()})  # fmt: skip
+    for name, (kernel, symbols, outputs) in kernels.items():
+        part = operations.part()
+        first = kernel.emit(part, np.array([[slot[str(s)] for s in symbols]], dtype=np.intp).reshape(1, -1))
+        program.add(name, meanings[name], ("x", "p"), outputs, first + np.arange(len(outputs)), part)
+    return program
