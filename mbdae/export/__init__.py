@@ -40,8 +40,8 @@ class Export:
     missing     functions that the scene has not in this form, and why
     text        the whole file; header: of C its declarations, with all names and units
 
-    `export["residual"]` is one function: of SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, of C the name
-    by which it is called, of LaTeX its equations."""
+    `export["residual"]` is one function: of SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, of C the
+    name by which it is called, of LaTeX its equations."""
 
     format: str
     program: Program
@@ -82,8 +82,8 @@ class Export:
         return c.header(self.program)
 
     def save(self, path: Any) -> Path:
-        """Write the file; of C the header beside it, with the suffix .h. Returns the path. OptionError where the suffix is that of
-        another format, or the system refuses."""
+        """Write the file; of C the header beside it, with the suffix .h. Returns the path. OptionError where the suffix is that
+        of another format, or the system refuses."""
         suffix, named = FORMATS[self.format][1], path_of(path)
         if named.suffix != suffix:
             raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}")
@@ -114,7 +114,7 @@ class Export:
 
 
 def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = None, **options: Any) -> Export:
-    """The equations of a scene, or the terms of a law, as text and functions of another system; tested against the compiled code.
+    """The equations of a scene, or the terms of a law, as text and functions of another system.
 
     what: a scene, an item of one (its joint), a class of a law (the user's own too), a law with values, or a friction or normal
     law (as a part of the contact of a pin in its race).
@@ -123,14 +123,16 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
     frames: of a law, the kinds of its nodes: "spatial", "planar", "point", "ground", ...; by default bodies in space.
     options: of a class of a law, as in `mb.report`.
 
-    Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates y' = f(t, y, p)
-    where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item). p: parameters of the
-    laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are numbers in the text.
-    Conditions of inputs of time are read at t. Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
+    Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates
+    y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
+    p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
+    numbers in the text. Conditions of inputs of time are read at t.
+    Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
     option("format", format, word, "give one of them", words=FORMATS)
     if isinstance(what, SceneData):
         if frames is not None or options:
-            raise OptionError(f"{'frames' if frames is not None else next(iter(options))}: that is an option of laws; a scene takes form=")
+            name = "frames" if frames is not None else next(iter(options))
+            raise OptionError(f"{name} is an option of laws; a scene takes form=")
         return Export(format, scene_program(what, form_of(form) if form is not None else None))
     if form is not None:
         raise OptionError(f"form = {form!r}: a law has no form; scenes do")

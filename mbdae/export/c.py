@@ -11,52 +11,14 @@ import numpy as np
 import symengine as se
 
 import mbdae.native
+from mbdae.export.languages import C, c_number, described
 from mbdae.export.program import Entry, Function, Program, reach, weights
-from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, SOLVE, Step
-from mbdae.symbolic.source import Language, called, steps
-from mbdae.symbolic.vectors import Expr
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, Step
+from mbdae.symbolic.source import steps
 
 AT_ONCE = 6  #: entries of an operation up to which it is written line by line
 ON_STACK = 50_000  #: numbers; larger work arrays are static, so that such a function is not for several threads at once
 
-
-def _number(e: Expr) -> str:
-    text = repr(float(e))
-    return {"inf": "INFINITY", "-inf": "(-INFINITY)", "nan": "NAN"}.get(text, f"({text})" if text.startswith("-") else text)
-
-
-def _power(base: Expr, text: str, exponent: Expr, written: str) -> str:
-    if base == se.E:
-        return f"exp({written})"
-    if exponent.is_Number and abs(exponent) in (se.Rational(1, 2), 1, 2):
-        found = {1: text, 2: f"({text} * {text})" if text.isidentifier() else f"pow({text}, 2.0)"}.get(abs(exponent), f"sqrt({text})")
-        return found if exponent > 0 else f"(1.0 / {found})"
-    return f"pow({text}, {written})"
-
-
-def _joined(operator: str) -> Any:
-    return lambda *args: f"({f' {operator} '.join(args)})"
-
-
-def _nested(name: str) -> Any:
-    def write(*args: str) -> str:
-        return args[0] if len(args) == 1 else f"{name}({args[0]}, {write(*args[1:])})"
-
-    return write
-
-
-def _piecewise(*args: str) -> str:
-    return f"({args[1]} ? {args[0]} : {_piecewise(*args[2:])})" if len(args) > 1 else "NAN"
-
-
-C = Language(_number, _power, {
-    **{name: called(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "asinh", "acosh", "atanh",
-                                       "atan2", "log", "floor", "erf", "erfc", "sign")},
-    "Abs": called("fabs"), "ceiling": called("ceil"), "gamma": called("tgamma"), "loggamma": called("lgamma"),
-    "Max": _nested("fmax"), "Min": _nested("fmin"), "UnevaluatedExpr": lambda a: a, "Piecewise": _piecewise,
-    "StrictLessThan": _joined("<"), "LessThan": _joined("<="), "Equality": _joined("=="), "Unequality": _joined("!="),
-    "And": _joined("&&"), "Or": _joined("||"), "Not": called("!"), "BooleanTrue": lambda: "1", "BooleanFalse": lambda: "0",
-})  # fmt: skip
 
 SIGN = "static double sign(double x) { return (double)((x > 0.0) - (x < 0.0)); }\n"
 
@@ -70,13 +32,13 @@ def identifier(title: str) -> str:
 def header(program: Program) -> str:
     """The declarations, with what every number of every vector is."""
     name = identifier(program.title)
-    lines = [f"/* {program.title}. SI units, angles in rad. Functions return 0, or 1 where a matrix is singular. */", ""]
+    lines = [f"/* {_comment(program.title)}. SI units, angles in rad. Functions return 0, 1 where a matrix is singular. */", ""]
     for vector, entries in program.inputs.items():
         if vector != "t":
             lines += [f"#define {name.upper()}_{vector.upper()} {len(entries)}", f"/* {vector}:", *_listed(entries), "*/"]
     if program.pattern is not None:
-        lines += [f"#define {name.upper()}_NNZ {len(program.pattern[0])}", *(f"extern const int {name}_{what}[{name.upper()}_NNZ];"
-                                                                     for what in ("rows", "columns"))]  # fmt: skip
+        count = len(program.pattern[0])
+        lines += [f"#define {name.upper()}_NNZ {count}", *(f"extern const int {name}_{w}[{count}];" for w in ("rows", "columns"))]
     lines += [f"extern const double {name}_{vector}_values[{len(entries)}]; /* the values above */"
               for vector, entries in program.inputs.items() if vector != "t" and _valued(entries)]  # fmt: skip
     for f in program.functions.values():
@@ -90,10 +52,13 @@ def _valued(entries: Sequence[Entry]) -> bool:
 
 
 def _listed(entries: Sequence[Entry]) -> list[str]:
-    """One line for each entry; nothing that would end a comment."""
-    found = [f"   [{i}] {e.name}{f', {e.unit}' if e.unit else ''}{'' if np.isnan(e.value) else f' = {e.value!r}'}"
-             for i, e in enumerate(entries)]  # fmt: skip
-    return [line.replace("*/", "* /").replace("/*", "/ *") for line in found]
+    """One line for each entry."""
+    return [f"   {_comment(line)}" for line in described(entries)]
+
+
+def _comment(text: str) -> str:
+    """Text without what would end a comment or begin one, or a trigraph."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").replace("\\", "/")
 
 
 def _signature(name: str, f: Function) -> str:
@@ -121,7 +86,7 @@ class _File:
         known = Path(mbdae.native.__file__).with_name("factors.inc").read_text(encoding="utf-8")
         factors = [re.sub(r"\bI\b", "int", part) for name, part in _functions(known) if f"{name}(" in body]
         helpers = [SIGN] * bool(re.search(r"\bsign\(", body)) + factors
-        return "\n".join([f"/* {self.program.title}: see the header for the vectors. Written by mbdae. */",
+        return "\n".join([f"/* {_comment(self.program.title)}: see the header for the vectors. Written by mbdae. */",
                           "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])  # fmt: skip
 
     def _constants(self) -> Iterator[str]:
@@ -163,9 +128,6 @@ class _File:
         if kind == CHOLESKY:
             return [f"if (band_factors({f['count']}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
                     f"band_solve({f['count']}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip
-        if kind == SOLVE:
-            return [f"for (int r = 0; r < {f['times']}; r++) band_solve({f['count']}, {f['inputs']}, W + {f['first']}, "
-                    f"W + {f['outputs']} + r * {f['count']});"]  # fmt: skip
         if kind == LU:
             return [f"if (full_solve({f['count']}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
         return self._map(step)
@@ -200,7 +162,7 @@ class _File:
         table, by = (column.table, column.step) if isinstance(column, _Strided) else (np.asarray(column), 0)
         shift = f" + r * {by}" if by else ""
         if table.dtype.kind == "f":
-            return _number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
+            return c_number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
         if np.all(np.diff(table) == 1):
             return f"{table[0]} + k{shift}"
         return f"{self._table(table)}[k]{shift}"
@@ -251,7 +213,7 @@ class _Strided:
 
 
 def _entry(value: Any) -> str:
-    return _number(value) if isinstance(value, float) else str(int(value))
+    return c_number(value) if isinstance(value, float) else str(int(value))
 
 
 def _listing(values: Any) -> str:

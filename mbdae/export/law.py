@@ -19,7 +19,6 @@ from mbdae.reports.statement import OPTIONS, structure_of
 from mbdae.symbolic import outputs as of
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
-from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force, Law, Structure
 from mbdae.symbolic.line import LineLaw, derive_line
 from mbdae.symbolic.outputs import Target
@@ -72,8 +71,8 @@ def law_program(what: Any, frames: Any, options: Mapping[str, Any]) -> Program:
     title = law.__name__
     if issubclass(law, LineLaw):
         kind = NodeKind.PLANAR if frames and "planar" in frames[0] else NodeKind.SPATIAL
-        return _of_line(title, derive_line(law, structure, kind), values, law)
-    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)
+        return _of_line(title, derive_line(law, structure, kind), values, law)  # type: ignore[arg-type]
+    return _of_frames(title, derive(law, structure, _sides(law, structure, frames)), values)  # type: ignore[arg-type]
 
 
 def _law(what: Any, options: Mapping[str, Any]) -> tuple[type[Law], Structure, Mapping[str, Any]]:
@@ -97,8 +96,8 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
     count = len(law.frames)
     ground = NodeKind.GROUND.value if issubclass(law, Force) and law.external else NodeKind.SPATIAL.value
     words = [kind.value for kind in NodeKind if not kind.of_joint]
-    asked = option("frames", frames if frames is not None else [ground, *[NodeKind.SPATIAL.value] * (count - 1)][:count], sequence,
-                   f"give {count} words", each=word, words=words)  # fmt: skip
+    usual = [ground, *[NodeKind.SPATIAL.value] * (count - 1)][:count]
+    asked = option("frames", frames if frames is not None else usual, sequence, f"give {count} words", each=word, words=words)
     if len(asked) != count:
         raise OptionError(f"frames = {shown(frames)}: {law.__name__} has {count}: {', '.join(law.frames)}")
     kinds = [NodeKind(one) for one in asked]
@@ -111,13 +110,14 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
 
 def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
     tables = {name: plan(d, table) for name, (table, _) in FUNCTIONS.items()}
-    kernels = {name: (p.kernel, p.all_inputs.symbols, _named(d, p.targets)) for name, p in tables.items() if any(e != 0 for e in p.expressions)}
+    kernels = {name: (p.kernel, p.all_inputs.symbols, _named(d, p.targets)) for name, p in tables.items()
+               if any(e != 0 for e in p.expressions)}  # fmt: skip
     derived = linearised_plan(d, _equations, False)
     if derived.jacobian_places:
         rows, by = zip(*derived.jacobian_places, strict=True)
         symbols = dict(of.input_symbols(d))
-        entries = [Entry(f"d {a.name} / d {symbols[t]}", "") for a, t in zip(_named(d, [derived.targets[r] for r in rows]), by,
-                                                                             strict=True)]  # fmt: skip
+        stated = _named(d, [derived.targets[r] for r in rows])
+        entries = [Entry(f"d {row.name} / d {symbols[t]}", "") for row, t in zip(stated, by, strict=True)]
         kernels["jacobian"] = derived.jacobian, derived.jacobian_inputs.symbols, entries
     units = _units(d)
     x = {str(s): units.get(t, "") for t, s in of.input_symbols(d)}
@@ -133,13 +133,13 @@ def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
     for head, *place in targets:
         if head in ("u", "q"):
             node = next(f.kind for f in d.frames if f.side == place[0])
-            unit = node_units(node, "m")[1][place[1]] if head == "u" else rate_of(node_units(node, "m")[0][place[1]])
-            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]",
-                               {"m/s": "N", "rad/s": "N m"}.get(unit, unit) if head == "u" else unit))  # fmt: skip
+            unit = node_units(node, "m")[head == "u"][place[1]]
+            unit = {"m/s": "N", "rad/s": "N m"}[unit] if head == "u" else rate_of(unit)
+            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]", unit))
         elif head in ("g", "gd", "gdd"):
             unit = rows[place[0]]
             found.append(Entry(d.rows[place[0]] + {"g": "", "gd": " rate", "gdd": " acceleration"}[head],
-                               unit and unit + {"g": "", "gd": "/s", "gdd": "/s^2"}[head]))  # fmt: skip
+                               f"{unit}{ {'g': '', 'gd': '/s', 'gdd': '/s^2'}[head]}" if unit else ""))  # fmt: skip
         elif head == "G":
             found.append(Entry(f"{d.rows[place[0]]} by {place[1]}[{place[2]}]", ""))
         elif head == "s":
@@ -147,8 +147,8 @@ def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
         elif head == "reaction":
             found.append(Entry(f"{'force' if place[0] < 3 else 'torque'}[{place[0] % 3}]", "N" if place[0] < 3 else "N m"))
         else:
-            found.append(Entry(" ".join((*map(str, place), {"cd": "rate", "c": ""}.get(head, head))).strip(),
-                               {"energy": "J", "power": "W"}.get(head, "")))  # fmt: skip
+            words = [*map(str, place), {"cd": "rate", "c": ""}.get(str(head), str(head))]
+            found.append(Entry(" ".join(words).strip(), {"energy": "J", "power": "W"}.get(head, "")))
     return found
 
 
@@ -156,9 +156,9 @@ def _units(d: Derived) -> dict[Target, str]:
     """Units of the unknowns of a law."""
     found: dict[Target, str] = {}
     for f in d.frames:
-        q, u = node_units(f.kind, "m")
-        found |= {("q", f.side, i): unit for i, unit in enumerate(q)} | {("qp", f.side, i): rate_of(unit) for i, unit in enumerate(q)}
-        found |= {("u", f.side, i): unit for i, unit in enumerate(u)} | {("up", f.side, i): rate_of(unit) for i, unit in enumerate(u)}
+        for head, units in zip("qu", node_units(f.kind, "m"), strict=True):
+            found |= {(head, f.side, i): unit for i, unit in enumerate(units)}
+            found |= {(f"{head}p", f.side, i): rate_of(unit) for i, unit in enumerate(units)}
     found |= {("lambda", r): multiplier_unit(row_unit(d, r)) for r in range(len(d.rows))}
     for j, name in enumerate(d.states):
         unit = d.law.states[name].unit
@@ -168,8 +168,9 @@ def _units(d: Derived) -> dict[Target, str]:
 
 def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> Program:
     """A law at a point of a line: forces dual to the interpolated fields, rows of the stresses, energy."""
-    kernels = {}
-    outputs = {"forces": [(f"dual of {f.symbol}", e) for f, e in d.duals],
+    kernels: dict[str, Any] = {}
+    outputs: dict[str, list[Any]] = {
+               "forces": [(f"dual of {f.symbol}", e) for f, e in d.duals],
                "rows": [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)],
                "resultants": list(d.resultants), "energy": [("energy", d.energy)], "dissipated": [("dissipated", d.dissipated)],
                "mass": [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]}  # fmt: skip
@@ -179,7 +180,7 @@ def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> P
             symbols = sorted(set().union(*(e.free_symbols for _, e in table)), key=str)
             kernels[name] = Kernel(symbols, [e for _, e in table]), symbols, [Entry(n, "") for n, _ in table]
     units = {n: p.unit for n, p in law.params.items()} | {"ds": "m", "weight": "m"}
-    meanings = {"forces": "forces dual to the fields, times the weight of the point", "rows": "compatibility rows of the stresses",
+    meanings = {"forces": "forces dual to the fields, times the weight of the point", "rows": "rows of the stresses",
                 "resultants": "stress resultants", "energy": "elastic energy of the point", "dissipated": "dissipated power",
                 "mass": "inertia per length between velocities", "jacobian": "derivatives of forces, then rows"}  # fmt: skip
     return _program(title, kernels, {str(s): "" for s in d.variables}, units, values, meanings)

@@ -1,7 +1,7 @@
 """What is exported: named functions of named vectors, each a list of operations on one array of numbers.
 
-The operations are those that run natively (`mbdae.native.program`), read as tables; of every function only those stay on which its
-outputs depend.
+The operations are those that run natively (`mbdae.native.program`), read as tables; of every function only those stay on which
+its outputs depend.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.native.program import ADD, CALL, CALL_BACK, CHOLESKY, LOAD, LU, MULTIPLY, SET, SOLVE, Operations, Step
+from mbdae.native.program import ADD, CALL, CALL_BACK, CHOLESKY, LOAD, LU, MULTIPLY, SET, Operations, Step
 
 Index = NDArray[np.int64]
 
@@ -45,8 +45,8 @@ class Function:
 
 @dataclass
 class Program:
-    """title: what is exported; inputs: entries of the vectors by their names ("t", "y", "yp", "p", or "x" and "p" of a law), slots:
-    where they are written, (entry, slot) pairs; pattern: rows and columns of the entries of the Jacobian."""
+    """title: what is exported; inputs: entries of the vectors by their names ("t", "y", "yp", "p", or "x" and "p" of a law);
+    slots: where they are written, pairs (entry, slot); pattern: rows and columns of the entries of the Jacobian."""
 
     title: str
     operations: Operations
@@ -56,7 +56,8 @@ class Program:
     functions: dict[str, Function] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)  #: functions that cannot be given, and why
 
-    def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any, part: Operations) -> None:
+    def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
+            part: Operations) -> None:  # fmt: skip
         """A function by its operations, of which those without influence on its outputs are left out."""
         at = np.asarray(at, dtype=np.int64)
         steps, live = _needed(part.steps, at, self.operations.size)
@@ -82,7 +83,7 @@ def reach(step: Step, name: str) -> Index:
 
 def shifted(step: Step, by: int) -> Step:
     """The same operation on slots that stand further behind."""
-    slots = ("first", "outputs") if step.fields["kind"] in (CHOLESKY, SOLVE, LU) else ("first",)
+    slots = ("first", "outputs") if step.fields["kind"] in (CHOLESKY, LU) else ("first",)
     fields = {name: value + by * (name in slots) for name, value in step.fields.items()}
     tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
     return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by), step.kernel)
@@ -159,4 +160,4 @@ def _refused(step: Step, live: NDArray[np.bool_]) -> tuple[Step | None, tuple[in
 
 
 _USED = {CALL: _of_call, CALL_BACK: _refused, LOAD: _of_load, SET: _of_slots, ADD: _of_slots, MULTIPLY: _of_slots,
-         CHOLESKY: _of_solve, SOLVE: _of_solve, LU: _of_solve}  # fmt: skip
+         CHOLESKY: _of_solve, LU: _of_solve}  # fmt: skip

@@ -61,17 +61,20 @@ def _opened(prepared: Prepared) -> MovedBodies:
 
 
 def _open(tree: Tree) -> Tree:
-    links, members = ([replace(part, numbers=tuple((name, value if name[:2] in ("k_", "l_") else None)
-                                                   for name, value in part.numbers)) for part in parts]
-                      for parts in (tree.structure.links, tree.structure.members))  # fmt: skip
-    return replace(tree, structure=replace(tree.structure, links=tuple(links), members=tuple(members)))
+    def opened(part: Any) -> Any:
+        return replace(part, numbers=tuple((name, v if name[:2] in ("k_", "l_") else None) for name, v in part.numbers))
+
+    found = tree.structure
+    found = replace(found, links=tuple(map(opened, found.links)), members=tuple(map(opened, found.members)))
+    return replace(tree, structure=found)
 
 
 def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
     """Items with names of numbers that a tree has as a part of its program."""
     found = set()
     for tree in moved.trees:
-        for place, part in zip((*tree.joints, *tree.members), (*tree.structure.links, *tree.structure.members), strict=True):
+        parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
+        for place, part in zip((*tree.joints, *tree.members), parts, strict=True):
             item = model.groups[place[0]].instances[place[1]].item
             found |= {(item, name) for name, value in part.numbers if value is not None}
     return found
@@ -85,7 +88,7 @@ class _Made:
         self.assembly, self.n, self.fixed = assembly, n, fixed
         self.numbering, self.e = assembly.numbering, assembly.operations()
         self.operations = self.e.operations
-        self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' of eliminated multipliers is an input alone
+        self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' apart where it is solved for
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
         self.begun = self._begun({slot for _, slot in self.pairs})
 
@@ -105,11 +108,12 @@ class _Made:
         """The program with its inputs, whose values are the start of the system."""
         units, n = unknown_units(self.numbering)[: self.n], self.n
         y = tuple(map(Entry, system.names, units, system.y0.tolist()))
-        rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), value) for e, value in zip(y, system.yp0.tolist(), strict=True)]
+        rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), v) for e, v in zip(y, system.yp0.tolist(), strict=True)]
         slots = {"t": [(0, self.e.at), (0, self.e.at + 1)], "y": [(i, i) for i in range(n)],
                  "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs}  # fmt: skip
-        return Program(title, self.operations, {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)},
-                       {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()})  # fmt: skip
+        vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
+        pairs = {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()}
+        return Program(title, self.operations, vectors, pairs)
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
         """F, its Jacobian, and where there is one the right-hand side."""
@@ -126,7 +130,7 @@ class _Made:
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
         entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]
         program.pattern = np.asarray(rows, dtype=np.int64), np.asarray(columns, dtype=np.int64)
-        program.add("jacobian", "entries of dF/dy, then of dF/dy', at the rows and columns of the pattern", ALL, entries, at, part)
+        program.add("jacobian", "entries of dF/dy, then of dF/dy'", ALL, entries, at, part)
 
     def _rates(self, program: Program) -> list[Entry]:
         return [Entry(e.name, e.unit) for e in program.inputs["yp"]]
@@ -146,7 +150,7 @@ class _Made:
         method from 0 is exact. Raises OptionError where they are not."""
         if any(group.derived.reactive for group in self.assembly.model.groups):
             raise OptionError("form = a form without multipliers: friction that follows from the reactions makes the equations "
-                              "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1('algebraic')")  # fmt: skip
+                              "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the derivatives begin with the residual
@@ -232,7 +236,7 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
     _emit_reactions(part, nb, base, out, items)
     names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
              for i in range(3)]  # fmt: skip
-    program.add("joint_forces", "force and torque (about the joint) on body l of every item, inertial components", arguments, names,
+    program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
                 out + np.arange(6 * len(items)), part)  # fmt: skip
 
 
@@ -241,7 +245,8 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     model = prepared.model
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
-    other = _Made(assembly, assembly.numbering.start["lambda"], made.fixed | {("", name) for name in assembly.numbering.form_numbers})
+    fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
+    other = _Made(assembly, assembly.numbering.start["lambda"], fixed)
     solved = other.solved()
     base = made.operations.slots(other.operations.size)
     part = made.part()
@@ -249,14 +254,16 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
     part.set(base + to, from_)
     part.steps += [shifted(step, base) for step in solved.steps]
-    program.slots["p"] = np.concatenate([program.slots["p"], np.array(other.pairs, dtype=np.int64).reshape(-1, 2) + [0, base]])
+    pairs = np.array(other.pairs, dtype=np.int64).reshape(-1, 2) + np.array([0, base])
+    program.slots["p"] = np.concatenate([program.slots["p"], pairs])
     return part, other.numbering, base
 
 
 def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
     """Pairs of slots: positions, velocities and states of the numbering of all nodes, and what they are by the unknowns."""
     nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
-    found = [(every.node_place(head, node, i), nb.node_place(head, node, i)) for node in model.nodes if node not in moved.nodes
+    found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
+             for node in model.nodes if node not in moved.nodes
              for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]  # fmt: skip
     for tree_plan, trees in moved.plans():
         piece = tree_plan.motion_of_all
@@ -268,7 +275,7 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
         found += [(every.node_place(head, tree.node(-c), 0), moved.slot(nb, tree, ("clock", c, order)))
                   for _, c, _ in tree.driven for order, head in enumerate("qu")]  # fmt: skip
     place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
-    return found + [(every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values())]
+    return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
 
 
 def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:

@@ -14,7 +14,7 @@ from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
 
-DIAGONAL = 1e-3  #: of the largest entry of a column: from here on the diagonal is the pivot, which keeps the pattern
+DIAGONAL = 0.1  #: of the largest entry of a column: from here on the diagonal is the pivot, which keeps the pattern
 
 
 class Derivation(NamedTuple):
@@ -101,7 +101,7 @@ class _Numbers:
                 continue
             if by is not None:
                 value = self.name(value) * self.name(self.at(by[place]))
-            self.W[int(to[place])] = self.at(to[place]) + self.number(factors[place]) * value
+            self.W[int(to[place])] = self.at(to[place]) + self.number(float(factors[place])) * value
 
     def _matrix(self, f: dict[str, Any]) -> list[list[Any]]:
         """The matrix of a solution: full, or symmetric and given by its band."""
@@ -109,8 +109,8 @@ class _Numbers:
         if f["kind"] == LU:
             return [[self.at(first + i * n + j) for j in range(n)] for i in range(n)]
         width = f["inputs"]
-        return [[self.at(first + max(i, j) * width + width - 1 - abs(i - j)) if abs(i - j) < width else self.zero for j in range(n)]
-                for i in range(n)]  # fmt: skip
+        return [[self.at(first + max(i, j) * width + width - 1 - abs(i - j)) if abs(i - j) < width else self.zero
+                 for j in range(n)] for i in range(n)]  # fmt: skip
 
     def _solve(self, f: dict[str, Any], A: list[list[Any]]) -> None:
         """Gauss elimination with the right-hand sides."""
@@ -123,7 +123,8 @@ class _Numbers:
             for row in rows[k + 1 :]:
                 if row[k] != zero:
                     factor = self.name(row[k] / rows[k][k])
-                    row[k:] = [self.name(a - factor * b) if b != zero else a for a, b in zip(row[k:], rows[k][k:], strict=True)]
+                    pairs = zip(row[k:], rows[k][k:], strict=True)
+                    row[k:] = [self.name(a - factor * b) if b != zero else a for a, b in pairs]
         for r in range(n, n + times):
             for k in reversed(range(n)):
                 rest = sum((rows[k][j] * rows[j][r] for j in range(k + 1, n) if rows[k][j] != zero and rows[j][r] != zero), zero)
@@ -138,8 +139,8 @@ class _Numbers:
         def choose(k: int, rows: list[list[float]]) -> int:
             sizes = [abs(row[k]) for row in rows[k:]]
             if not max(sizes) > 0:
-                raise OptionError("what = a scene whose masses or constraints are singular at its start: the accelerations have no "
-                                  "formula there; export it in C, whose solution chooses its pivots as it runs")  # fmt: skip
+                raise OptionError("what = a scene whose masses or constraints are singular at its start: its accelerations have "
+                                  "no formula there; export C, which chooses its pivots as it runs")  # fmt: skip
             found.append(k if sizes[0] >= DIAGONAL * max(sizes) else k + int(np.argmax(sizes)))
             return found[-1]
 
@@ -182,5 +183,4 @@ class _Symbols(_Numbers):
 
 def _bare(e: Expr, table: dict[Expr, Expr]) -> Expr:
     """The expression in names, without the marks that keep subexpressions together."""
-    plain = rebuilt(e, lambda node, args: args[0] if type(node).__name__ == "UnevaluatedExpr" else table.get(node))
-    return plain
+    return rebuilt(e, lambda node, args: args[0] if type(node).__name__ == "UnevaluatedExpr" else table.get(node))

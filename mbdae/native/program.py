@@ -40,8 +40,8 @@ class Part(ctypes.Structure):
 
 
 class Step(NamedTuple):
-    """One operation as it was stated. slots: the lowest it touches, and the one behind the highest; kernel: what a CALL evaluates,
-    with its symbols and expressions, where that is known."""
+    """One operation as it was stated. slots: the lowest it touches, and the one behind the highest; kernel: what a CALL
+    evaluates, with its symbols and expressions, where that is known."""
 
     fields: dict[str, Any]
     tables: dict[str, Array | Index]

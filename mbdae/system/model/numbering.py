@@ -255,8 +255,8 @@ class Numbering:
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of constant parameters."""
-        instances = self.model.groups[g].instances
-        values = np.array([[(self.form_numbers | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
+        instances, known = self.model.groups[g].instances, self.form_numbers
+        values = np.array([[(known | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
         return values.reshape(len(instances), len(inputs.parameters))
 
     def scaling(self) -> Array:
