@@ -10,7 +10,7 @@ import mbdae as mb
 from mbdae.reports.report import exported
 
 EXACT = 1e-12
-QUICK = ("revolute", "screw", "gear", "pointspring", "jointstop", "rigidbody", "coulomb", "beam", "lineload")
+QUICK = ("revolute", "screw", "gear", "pointspring", "jointstop", "rigidbody", "beam", "lineload")
 
 
 class Magnet(mb.Force):
