@@ -35,7 +35,7 @@ def scene(mass=1.0):
 def right_hand_side(export):
     """f(t, y, p) as a function of numbers, from the steps and outputs in SymPy."""
     steps, outputs = export["rates"]
-    vectors = sympy.Symbol("t"), *(sympy.symbols(f"{name}:{len(export.inputs[name])}") for name in "yp")
+    vectors = sympy.Symbol("t"), *(sympy.symbols(f"{name}:{len(export.inputs[name])}") for name in ("y", "p"))
     return sympy.lambdify(vectors, list(outputs), cse=lambda expressions: (steps, expressions))
 
 
