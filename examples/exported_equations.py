@@ -56,4 +56,5 @@ def by_scipy(mass=1.0):
 if __name__ == "__main__":
     for mass in (1.0, 0.2):
         own = scene(mass).simulate(t_end, accuracy=1e-9)["elbow"].angle[-1]
-        print(f"mass {mass} kg: {by_scipy(mass):.9f} rad by SciPy, {own:.9f} rad by mbdae, apart by {np.abs(by_scipy(mass) - own):.1e}")
+        other = by_scipy(mass)
+        print(f"mass {mass} kg: {other:.9f} rad by SciPy, {own:.9f} rad by mbdae, apart by {np.abs(other - own):.1e}")

@@ -274,6 +274,14 @@ def test_refusals_say_why(arguments, words):
         mb.export(four_bar(), **arguments)
 
 
+def test_casadi_is_asked_for_where_it_is_needed(monkeypatch):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    export = mb.export(four_bar(), "casadi")
+    assert "Function(" in export.text
+    with pytest.raises(mb.OptionError, match=r"pip install 'mbdae\[casadi\]'"):
+        export["residual"]
+
+
 def test_friction_by_reactions_has_no_formula_for_the_accelerations():
     s = mb.Scene("rubbing")
     a = s.link("a", (0, 0), (1, 0), mass=1.0)
