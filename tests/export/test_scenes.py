@@ -53,7 +53,8 @@ def beam(mass=0.5, stiffness=2.0, recursive=True, space="planar"):
     """A damped beam welded to a crank."""
     s = mb.Scene("beam on a crank", gravity=(0, -9.81, 0), space=space)
     section = mb.Section.rectangular(0.01, 0.02, 70e9, 0.3, 2700, damping=1e-4)
-    crank, rod = s.link("crank", (0, 0), (0.3, 0), mass=mass), s.beam("rod", (0.3, 0), (1, 0.1), section=section, elements=1)
+    crank = s.link("crank", (0, 0), (0.3, 0), mass=mass)
+    rod = s.beam("rod", (0.3, 0), (1, 0.1), section=section, elements=2 if space == "planar" else 1)
     s.revolute("A", s.ground, crank, at=(0, 0), spring=stiffness, model=mb.Recursive() if recursive else mb.Kinematic())
     s.weld("W", crank, rod, at=(0.3, 0))
     return s
@@ -134,7 +135,7 @@ class Kernels:
         """What errors are relative to: of a residual the terms of each row, of a Jacobian the entries of each row, of what a
         matrix was solved for the largest number."""
         rows = sum(abs(J) @ abs(x) for J, x in zip(wanted["jacobian"], (y, yp), strict=True)) + abs(wanted["residual"])
-        found = {name: np.max(np.abs(wanted[name])) for name in ("rates", "joint_forces")}
+        found = {name: np.max(np.abs(wanted[name]), initial=0.0) for name in ("rates", "joint_forces")}
         if self.prepared.model.lines:  # large forces of strains leave small ones in the joints
             t, (q, u, s) = np.zeros(1), self.prepared.states(np.zeros(1), y[None])
             found["joint_forces"] = max(found["joint_forces"], np.max(np.abs(self.prepared.mechanics.load(t, q, u, s))))
