@@ -37,6 +37,15 @@ def pendulum(mass=1.0, stiffness=3.0):
     return s
 
 
+def driven(mass=1.0, stiffness=3.0):
+    """A link on a crank that is turned; all joints are recursive, with springs on their angles."""
+    s = mb.Scene("driven crank", gravity=(0, -9.81, 0))
+    a, b = s.link("a", (0, 0), (1, 0.2), mass=mass), s.link("b", (1, 0.2), (2, 0), mass=2.0)
+    s.revolute("A", s.ground, a, at=(0, 0), model=mb.Recursive(), angle=0.7 * mb.t**2, spring=stiffness, damper=0.2)
+    s.revolute("B", a, b, at=(1, 0.2), model=mb.Recursive(), spring=stiffness)
+    return s
+
+
 def four_bar(mass=0.3, stiffness=2.0):
     e = example("four_bar")
     s = mb.Scene("four-bar", gravity=(0, -9.81, 0))
@@ -73,7 +82,7 @@ def spinning(mass=2.0, stiffness=40.0):
 
 ELIMINATED = mb.Index1(multipliers="eliminated")
 SCENES = {
-    "pendulum": (pendulum, None), "four-bar": (four_bar, None), "four-bar, index 3": (four_bar, mb.Index3()),
+    "pendulum": (pendulum, None), "driven": (driven, None), "four-bar": (four_bar, None), "four-bar, index 3": (four_bar, mb.Index3()),
     "four-bar, eliminated": (four_bar, ELIMINATED), "beam": (beam, None),
     "beam, GGL": (lambda *p: beam(*p, recursive=False), None),
     "beam, eliminated": (lambda *p: beam(*p, recursive=False), ELIMINATED),
@@ -83,7 +92,7 @@ SCENES = {
     "bristles": (lambda *p: example("stick_slip").scene(), None),
 }  # fmt: skip
 SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews")
-CHANGED = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
+CHANGED = ("pendulum", "driven", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
 
 
 class Kernels:
