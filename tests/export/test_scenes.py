@@ -82,7 +82,8 @@ def spinning(mass=2.0, stiffness=40.0):
 
 ELIMINATED = mb.Index1(multipliers="eliminated")
 SCENES = {
-    "pendulum": (pendulum, None), "driven": (driven, None), "four-bar": (four_bar, None), "four-bar, index 3": (four_bar, mb.Index3()),
+    "pendulum": (pendulum, None), "driven": (driven, None), "four-bar": (four_bar, None),
+    "four-bar, index 3": (four_bar, mb.Index3()),
     "four-bar, eliminated": (four_bar, ELIMINATED), "beam": (beam, None),
     "beam, GGL": (lambda *p: beam(*p, recursive=False), None),
     "beam, eliminated": (lambda *p: beam(*p, recursive=False), ELIMINATED),
@@ -184,7 +185,7 @@ def differences(export, call, kernels, p):
     return worst
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "beam in space" else n for n in SCENES])
 def test_c_is_the_kernel(name, compiled):
     make, form = SCENES[name]
     export = mb.export(make(), "c", form)
