@@ -248,6 +248,7 @@ def test_names_units_and_values():
     p = {e.name: (e.unit, e.value) for e in export.inputs["p"]}
     assert p["crank.mass"] == ("kg", 0.3)
     assert p["D.k_p1"] == ("m", 0.6)
+    assert not [name for name in p if "#" in name]  # the mass of the body and that of its weight are one input
     assert p["C.stiffness"][1] == 2.0
     assert export.outputs["joint_forces"][6].name == "B.force[0]"
     units = {e.name: e.unit for e in export.outputs["residual"]}
