@@ -214,9 +214,11 @@ def test_casadi_is_the_kernel(name):
     export = mb.export(make(), "casadi", form)
 
     def call(name, **vectors):
-        found = export[name](*(vectors[v] for v in export.arguments[name]))
+        found = export[name](**{v: vectors[v] for v in export.arguments[name]})
         rows, columns = export.pattern
-        return np.concatenate([np.array(a)[rows, columns] for a in found]) if name == "jacobian" else np.array(found).ravel()
+        if name == "jacobian":
+            return np.concatenate([np.array(found[part])[rows, columns] for part in ("fy", "fyp")])
+        return np.array(found["out"]).ravel()
 
     worst = differences(export, call, Kernels(make(), form), values(export.inputs["p"]))
     assert all(error < EXACT for error in worst.values()), worst
