@@ -60,13 +60,14 @@ def main() -> None:
         ggl = make().system("ggl")
         y, yp = ggl.y0.copy(), ggl.yp0.copy()
         e, out = ggl.assembly.evaluation, np.zeros((2, ggl.pattern.nnz))
+        e.make("residual", "jacobian")
         at = y.ctypes.data, yp.ctypes.data, out[0].ctypes.data, out[1].ctypes.data
         cost = [best(lambda e=e, at=at: c.scene_residual(e.address, 0.0, *at[:3])) - empty,
                 best(lambda e=e, at=at: c.scene_jacobian(e.address, 0.0, *at)) - empty]  # fmt: skip
         scene = make().recursive()
         free = not prepare(scene).rows
         system = (scene if free else make()).system(mb.ODE() if free else mb.Index1(multipliers="eliminated"))
-        rates, y2, out2 = system.native, system.y0.copy(), np.zeros(system.n)
+        rates, y2, out2 = system.native and system.native.made("rates"), system.y0.copy(), np.zeros(system.n)
         at = y2.ctypes.data, out2.ctypes.data
         spent = "" if rates is None else f"{best(lambda r=rates, at=at: c.scene_rates(r.table.self, 0.0, *at)) - empty:.2f}"
         print(f"| {name} | {ggl.n} | {e.nnz} | {cost[0]:.2f} | {cost[1]:.2f} | {system.n} | {spent} |")

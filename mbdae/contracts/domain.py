@@ -10,7 +10,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.motion import symbolic_motion, value_of
+from mbdae.symbolic.motion import real_value, symbolic_motion
 from mbdae.symbolic.vectors import Expr
 
 DRAWS = 200  #: values of the coordinates that are tried
@@ -19,8 +19,8 @@ LARGEST = 1e6  #: of amounts and their derivatives: beyond it rounding hides wha
 
 def value(e: Expr, numbers: Mapping[str, float]) -> float:
     """An expression at values of its symbols by name; NaN where it is not real or not finite."""
-    found = value_of(e.subs({se.Symbol(name): number for name, number in numbers.items()}))
-    return found.real if found is not None and found.imag == 0 and np.isfinite(found.real) else np.nan
+    found = real_value(e.subs({se.Symbol(name): number for name, number in numbers.items()}))
+    return found if np.isfinite(found) else np.nan
 
 
 class Domain:

@@ -13,7 +13,7 @@ import symengine as se
 import mbdae.native
 from mbdae.export.languages import C, c_number, described
 from mbdae.export.program import Entry, Function, Program, reach, weights
-from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, SET, Step
 from mbdae.symbolic.source import steps
 
 AT_ONCE = 6  #: entries of an operation up to which it is written line by line
@@ -109,8 +109,8 @@ class _File:
                 lines += [f"W[{slot}] = t;" for _, slot in pairs]
             else:
                 lines += self._each(len(pairs), [pairs[:, 1], pairs[:, 0]], f"W[{{0}}] = {vector}[{{1}}];")
-        for step, used in zip(f.steps, f.calls, strict=True):
-            lines += self._step(step, used)
+        for step in f.steps:
+            lines += self._step(step)
         lines += self._each(len(f.at), [np.arange(len(f.at)), f.at], "out[{0}] = W[{1}];")
         size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
         static = "static " if size > ON_STACK else ""
@@ -119,10 +119,10 @@ class _File:
         inner = "\n".join(f"  {line}" for line in [*begin, *lines, "return 0;"])
         return f"{_signature(self.name, f)};\n/* {f.meaning} */\n{_signature(self.name, f)} {{\n{inner}\n}}\n"
 
-    def _step(self, step: Step, used: tuple[int, ...]) -> list[str]:
+    def _step(self, step: Step) -> list[str]:
         f, kind = step.fields, step.fields["kind"]
         if kind == CALL:
-            return self._call(step, used)
+            return self._call(step)
         if kind == LOAD:
             return self._load(f["first"], step.tables["weight"])
         if kind == CHOLESKY:
@@ -136,7 +136,7 @@ class _File:
         """Copies, sums and products."""
         f = step.fields
         names = [name for name in ("to", "from_", "by") if name in step.tables]
-        factors = weights(step) if f["kind"] in (ADD, MULTIPLY) else np.ones((1, f["count"]))
+        factors = weights(step)
         plain = bool(np.all(factors == 1))
         texts = [f"W[{{{i}}}]" for i in range(len(names))]
         right = " * ".join([*([] if plain else [f"{{{len(names)}}}"]), *texts[1:]])
@@ -172,10 +172,10 @@ class _File:
             return [f"memset(W + {first}, 0, {len(values)} * sizeof *W);"]
         return self._each(len(values), [first + np.arange(len(values)), np.asarray(values, dtype=float)], "W[{0}] = {1};")
 
-    def _call(self, step: Step, used: tuple[int, ...]) -> list[str]:
+    def _call(self, step: Step) -> list[str]:
         """The call of a kernel at its points."""
         f, gather = step.fields, step.tables["from_"].ravel()
-        name = self._kernel(step.kernel, used)
+        name = self._kernel(f["kernel"], f["used"])
         if f["times"] == 1:
             return [f"for (int k = 0; k < {f['inputs']}; k++) X[k] = W[{self._place(gather)}];", f"{name}(X, W + {f['first']});"]
         return [f"for (int r = 0; r < {f['times']}; r++) {{",

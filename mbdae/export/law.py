@@ -16,6 +16,7 @@ from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
 from mbdae.native.program import Operations
 from mbdae.reports.statement import OPTIONS, structure_of
+from mbdae.results.sensors import power_outputs, reaction_outputs
 from mbdae.symbolic import outputs as of
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -41,14 +42,6 @@ def _gamma(d: Derived) -> Table:
     return of.acceleration(d) if d.rows else []
 
 
-def _reaction(d: Derived) -> Table:
-    return [] if isinstance(d.law, Element) else of.reaction(d)
-
-
-def _power(d: Derived) -> Table:
-    return [] if isinstance(d.law, Element) else of.power(d)
-
-
 #: name of a function -> its outputs and their meaning
 FUNCTIONS: dict[str, tuple[Callable[[Derived], Table], str]] = {
     "forces": (of.dynamics, "generalised forces of the law on the velocities of its frames, left-hand side of M u' + ... = 0"),
@@ -60,8 +53,8 @@ FUNCTIONS: dict[str, tuple[Callable[[Derived], Table], str]] = {
     "states": (of.state_rows, "s' - rate = 0 of the internal states"),
     "kinematics": (lambda d: of.kinematics(d) if isinstance(d.law, Element) else [], "q' - H(q) u = 0"),
     "coordinates": (of.coordinate, "coordinates of the joint and their rates"),
-    "joint_forces": (_reaction, "force and torque (about the joint) on body l, inertial components"),
-    "power": (_power, "power that the law delivers to its bodies"),
+    "joint_forces": (reaction_outputs, "force and torque (about the joint) on body l, inertial components"),
+    "power": (power_outputs, "power that the law delivers to its bodies"),
 }
 
 
@@ -203,9 +196,9 @@ def _program(title: str, kernels: Mapping[str, tuple[Any, Iterable[Expr], Sequen
     operations = Operations(len(slot))
     slots = {"x": [(i, i) for i in range(len(unknown))], "p": [(i, len(unknown) + i) for i in range(len(parameters))]}
     program = Program(title, operations, {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
-                      {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()})  # fmt: skip
+                      {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()}, np.zeros(0))  # fmt: skip
     for name, (kernel, symbols, outputs) in kernels.items():
         part = operations.part()
-        first = kernel.emit(part, np.array([[slot[str(s)] for s in symbols]], dtype=np.intp).reshape(1, -1))
-        program.add(name, meanings[name], ("x", "p"), outputs, first + np.arange(len(outputs)), part)
+        at = kernel.emit(part, np.array([[slot[str(s)] for s in symbols]], dtype=np.intp).reshape(1, -1))
+        program.add(name, meanings[name], ("x", "p"), outputs, at.ravel(), part)
     return program

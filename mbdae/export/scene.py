@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
-from mbdae.export.program import Entry, Program, shifted
+from mbdae.export.program import Entry, Program, filled, shifted
 from mbdae.export.units import parameter_entries, rate_of, row_units, unknown_units
 from mbdae.formulations import Form, Index1, default_form, system_for
 from mbdae.kernels.plan import plan
 from mbdae.native.program import Operations
-from mbdae.symbolic.derive import Derived
-from mbdae.symbolic.law import Element
-from mbdae.symbolic.outputs import Target, reaction
+from mbdae.results.sensors import reaction_outputs
 from mbdae.symbolic.tree import OPERATIONS, tree_program
-from mbdae.symbolic.vectors import Expr
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.model import Model
 from mbdae.system.model.moved_bodies import MovedBodies
@@ -90,19 +87,11 @@ class _Made:
         self.operations = self.e.operations
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' apart where it is solved for
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
-        self.begun = self._begun({slot for _, slot in self.pairs})
-
-    def _begun(self, given: set[int]) -> Operations:
-        """Constants that are not given, and prescribed values, in their slots."""
-        nb, part = self.numbering, self.operations.part()
-        fixed = np.array([s for s in range(nb.first_input, nb.width) if s not in given])
-        for run in np.split(fixed, np.flatnonzero(np.diff(fixed) > 1) + 1):
-            part.load(int(run[0]), nb.workspace(1)[0, run])
-        return self.operations.part(part, self.e.clock)
+        self.numbers = self.numbering.workspace(1)[0]
 
     def part(self, *others: Operations) -> Operations:
-        """A list that begins with constants and prescribed values."""
-        return self.operations.part(self.begun, *others)
+        """A list that begins with prescribed values."""
+        return self.operations.part(self.e.clock, *others)
 
     def program(self, title: str, system: Any) -> Program:
         """The program with its inputs, whose values are the start of the system."""
@@ -113,7 +102,7 @@ class _Made:
                  "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs}  # fmt: skip
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
         pairs = {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()}
-        return Program(title, self.operations, vectors, pairs)
+        return Program(title, self.operations, vectors, pairs, self.numbers)
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
         """F, its Jacobian, and where there is one the right-hand side."""
@@ -124,8 +113,8 @@ class _Made:
                     self.part(e.residual_part))  # fmt: skip
         self._jacobian(program, rows, columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
         if e.rates_part is not None:
-            part = self.operations.part(self._still(0), e.rates_part)
-            program.add("rates", "y' of y' = f(t, y)", STATE, self._rates(program), e.rates + np.arange(self.n), part)
+            program.add("rates", "y' of y' = f(t, y)", STATE, self._rates(program), e.rates + np.arange(self.n),
+                        self.part(e.rates_part))  # fmt: skip
 
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
         entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]
@@ -134,14 +123,6 @@ class _Made:
 
     def _rates(self, program: Program) -> list[Entry]:
         return [Entry(e.name, e.unit) for e in program.inputs["yp"]]
-
-    def _still(self, first: int) -> Operations:
-        """y' and the multipliers from unknown `first` on are 0."""
-        part, n = self.part(), self.assembly.n
-        part.load(n, np.zeros(n))
-        if first:
-            part.load(first, np.zeros(n - first))
-        return part
 
     # -- multipliers eliminated
 
@@ -154,12 +135,12 @@ class _Made:
         nb, e, n = self.numbering, self.e, self.assembly.n
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the derivatives begin with the residual
-        part = self.operations.part(self._still(first), *(() if loaded else (e.residual_part,)), e.jacobian_part)
+        part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
         unknown, x = self._matrix(part, 1)
-        part.add(x + np.arange(len(unknown)), e.rows + unknown, -np.ones(len(unknown)))
+        part.add(x + np.arange(len(unknown)), e.rows + unknown, -1.0)
         part.lu(len(unknown), x - len(unknown) ** 2, x)
         plain = np.r_[np.arange(nb.nq), np.arange(nb.nq + nb.nu, first)]
-        part.add(n + plain, e.rows + plain, -np.ones(len(plain)))
+        part.add(n + plain, e.rows + plain, -1.0)
         part.set(np.r_[n + nb.nq + np.arange(nb.nu), first + np.arange(nb.m)], x + np.arange(len(unknown)))
         return part
 
@@ -172,8 +153,7 @@ class _Made:
         rows, columns = pattern.indices, np.repeat(np.arange(self.assembly.n), np.diff(pattern.indptr))
         chosen = np.flatnonzero((place[rows] >= 0) & (place[columns] >= 0))
         size = len(unknown)
-        K = self.operations.slots(size * (size + times))
-        part.load(K, np.zeros(size * (size + times)))
+        K = part.zeros(size * (size + times))
         entry = e.fy + chosen + np.where(columns[chosen] < nb.start["lambda"], e.nnz, 0)
         part.set(K + place[rows[chosen]] * size + place[columns[chosen]], entry)
         return unknown, K + size * size
@@ -186,7 +166,7 @@ class _Made:
         program.add("rates", "y' of y' = f(t, y)", STATE, self._rates(program), full + states, rates)
         part, out = self.operations.part(rates), self.operations.slots(n)
         part.set(out + states, self.dotted + states)
-        part.add(out + states, full + states, -np.ones(n))
+        part.add(out + states, full + states, -1.0)
         rows = [Entry(f"rate of {of.name}", e.unit) for of, e in zip(program.inputs["y"], program.inputs["yp"], strict=True)]
         program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
         part = self.operations.part(rates, e.jacobian_part)
@@ -210,10 +190,6 @@ class _Made:
 # -- joint forces
 
 
-def _reactions(d: Derived) -> list[tuple[Target, Expr]]:
-    return [] if isinstance(d.law, Element) else reaction(d)
-
-
 def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated: bool) -> None:
     """Force and torque on l of every joint and force element. Of forms whose unknowns are not all multipliers (recursive joints,
     nodes that share displacements) by the accelerations of all bodies."""
@@ -231,8 +207,7 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
     except OptionError as error:
         program.missing["joint_forces"] = str(error)
         return
-    out = made.operations.slots(6 * len(items))
-    part.load(out, np.zeros(6 * len(items)))
+    out = part.zeros(6 * len(items))
     _emit_reactions(part, nb, base, out, items)
     names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
              for i in range(3)]  # fmt: skip
@@ -248,8 +223,7 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
     other = _Made(assembly, assembly.numbering.start["lambda"], fixed)
     solved = other.solved()
-    base = made.operations.slots(other.operations.size)
-    part = made.part()
+    base, part = made.operations.constant(filled(other.operations, other.numbers)), made.part()
     part.set([base + other.e.at, base + other.e.at + 1], [made.e.at, made.e.at + 1])
     to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
     part.set(base + to, from_)
@@ -267,10 +241,9 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
              for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]  # fmt: skip
     for tree_plan, trees in moved.plans():
         piece = tree_plan.motion_of_all
-        value = piece.kernel.emit(part, moved.gather(nb, piece, trees))
-        for n, (tree, target) in enumerate((tree, target) for tree in trees for target in piece.targets):
-            if target[0] != "up":
-                found.append((every.node_place(target[0], tree.node(target[1]), target[2]), value + n))
+        values = piece.kernel.emit(part, moved.gather(nb, piece, trees))
+        found += [(every.node_place(head, tree.node(node), i), value) for tree, row in zip(trees, values.tolist(), strict=True)
+                  for (head, node, i), value in zip(piece.targets, row, strict=True) if head != "up"]  # fmt: skip
     for tree in moved.trees:
         found += [(every.node_place(head, tree.node(-c), 0), moved.slot(nb, tree, ("clock", c, order)))
                   for _, c, _ in tree.driven for order, head in enumerate("qu")]  # fmt: skip
@@ -281,8 +254,8 @@ def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, 
 def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
     """Add the reactions of all laws to the places of their items. base: the first slot of the numbering."""
     for g, group in enumerate(nb.model.groups):
-        p, active = plan(group.derived, _reactions), [i for i, one in enumerate(group.instances) if one.item in items]
+        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
         if p.targets and active:
             values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
-            to = np.array([[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active])
-            part.add(to, values + np.arange(to.size), np.ones(to.size))
+            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
+            part.add(to, values)

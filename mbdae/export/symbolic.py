@@ -73,15 +73,16 @@ class _Numbers:
         for name in function.arguments:
             for entry, slot in program.slots[name].tolist():
                 self.W[slot] = vectors[name][entry]
-        for step, used in zip(function.steps, function.calls, strict=True):
-            self._step(step, used)
+        for step in function.steps:
+            self._step(step)
         return [self.at(slot) for slot in function.at]
 
-    def _step(self, step: Step, used: tuple[int, ...]) -> None:
+    def _step(self, step: Step) -> None:
         f, kind = step.fields, step.fields["kind"]
         if kind == CALL:
+            used = f["used"]
             for r, row in enumerate(step.tables["from_"].reshape(f["times"], -1)):
-                found = self.call(step.kernel, used, [self.at(slot) for slot in row])
+                found = self.call(f["kernel"], used, [self.at(slot) for slot in row])
                 self.W |= {f["first"] + r * f["outputs"] + o: value for o, value in zip(used, found, strict=True)}
         elif kind == LOAD:
             self.W |= {f["first"] + i: self.number(value) for i, value in enumerate(step.tables["weight"])}
@@ -92,7 +93,7 @@ class _Numbers:
 
     def _map(self, step: Step, kind: int) -> None:
         to, from_ = reach(step, "to"), reach(step, "from_")
-        factors = np.ones(to.shape) if kind == SET else np.broadcast_to(weights(step), to.shape)
+        factors = np.broadcast_to(weights(step), to.shape)
         by = reach(step, "by") if kind == MULTIPLY else None
         for place in np.ndindex(to.shape):
             value = self.at(from_[place])

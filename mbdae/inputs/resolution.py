@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import symengine as se
@@ -48,14 +48,21 @@ class Stretches:
         i = int(np.argmin(widths))
         return float(widths[i]), float(self.edges[i])
 
-    def longest_step(self, t: float, share: float = 1.0) -> float:
-        """Longest step (s) from t: a share of the stretch in which it begins and, where it reaches into the next one, the same
-        share of that; it may end after the run."""
-        i = min(max(int(np.searchsorted(self.edges, t, side="right")) - 1, 0), len(self.edges) - 2)
-        a, b = float(self.edges[i]), float(self.edges[i + 1])
-        if i + 2 >= len(self.edges):
+
+class LongestStep(NamedTuple):
+    """Longest step (s) from a time: a share of the stretch between two edges (n+1,) in which it begins and, where it reaches into
+    the next one, the same share of that; it may end after the run."""
+
+    edges: Array
+    share: float = 1.0
+
+    def __call__(self, t: float) -> float:
+        edges, share = self.edges, self.share
+        i = min(max(int(np.searchsorted(edges, t, side="right")) - 1, 0), len(edges) - 2)
+        a, b = float(edges[i]), float(edges[i + 1])
+        if i + 2 >= len(edges):
             return share * (b - a)
-        return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(self.edges[i + 2]) - b))
+        return min(share * (b - a), b - t + share * (t - a) / (b - a) * (float(edges[i + 2]) - b))
 
 
 def stretches(expressions: Sequence[Expr], edges: Array) -> Stretches:

@@ -167,12 +167,14 @@ class Solver(ABC):
         longest = line.longest_step(SHARE if share is None and self.fixed else share or 1.0)
         try:
             for a, b in pairwise(line.edges.tolist()):
-                loop.t_end, values = b, loop.system.enter(a, loop.state[0], (a + b) / 2)
+                loop.t_end = b
+                loop.system.read_at((a + b) / 2)
+                values = loop.state if a == system.t0 else loop.system.restarted(a, loop.state[0])
                 loop.system = loop.system.starting(a, *values, longest)
                 loop.restart(*values)
                 self._part(loop, h0 if a == system.t0 else None)
         finally:
-            system.leave()
+            system.read_at(None)
 
     def _part(self, loop: StepLoop, h0: float | None) -> None:
         """Integrate to the end of a part, from one choice of equations to the next where the system renews itself."""

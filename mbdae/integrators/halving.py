@@ -72,7 +72,7 @@ def _halved(solver: Any, system: System, asked: Asked, accuracy: float, measure:
     first = h
     best: Halved | None = None
     failures, confirmed = 0, inf
-    most = 1 if getattr(system.guards, "jumps", False) else solver.order  # steps across a jump of the force have order 1
+    most = 1 if system.guard_jumps else solver.order  # steps across a jump of the force have order 1
     order, earlier = float(min(most, BELIEVED)), (inf, inf)
     while runs - failures < RUNS:
         now = solver.with_step(h)

@@ -17,7 +17,7 @@ from mbdae.laws.elements.beam import Beam
 from mbdae.laws.elements.line_mesh import LineMesh
 from mbdae.laws.elements.line_shape import Table, mass_points, strain_points
 from mbdae.laws.forces.line_load import LineLoad
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, block
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.law import Structure
 from mbdae.symbolic.line import LineDerived, derive_line
@@ -129,22 +129,19 @@ class GyroscopicKernel(ElementKernel):
         self.inputs: list[Target] = [("u", a, 3 + i) for a in range(count) for i in range(3)]
         self.targets = self.inputs
 
-    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
         W, L, width = *self._spins(part, gather), 3 * self.count
-        found = part.slots(gather.size)
-        part.load(found, np.zeros(gather.size))
+        found = part.zeros(gather.size)
         at, weights = np.array(np.nonzero(_cross())), np.tile(_cross()[np.nonzero(_cross())], self.count)
         i, j, k = (at[:, None, :] + 3 * np.arange(self.count)[:, None]).reshape(3, -1)
         part.multiply(found + i, W + j, L + k, weights, len(gather), width, width, width)
-        return found
+        return block(found, len(gather), width)
 
-    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
         W, L, width, E = *self._spins(part, gather), 3 * self.count, _cross()
         terms = [(int(i), int(j), int(k), float(E[i, j, k])) for i, j, k in zip(*np.nonzero(E), strict=True)]
-        J, places = part.slots(self.J.size), list(zip(*(p.tolist() for p in self._places), strict=True))
-        part.load(J, self.J)
-        found = part.slots(len(gather) * len(places))
-        part.load(found, np.zeros(len(gather) * len(places)))
+        J, places = part.constant(self.J), list(zip(*(p.tolist() for p in self._places), strict=True))
+        found = part.zeros(len(gather) * len(places))
         products, sums = [], []
         for n, (output, column) in enumerate(places):
             (a, i), (b, l) = divmod(output, 3), divmod(column, 3)
@@ -155,14 +152,13 @@ class GyroscopicKernel(ElementKernel):
                       width, width * width)  # fmt: skip
         to, momentum, weight = zip(*sums, strict=True)
         part.add(found + np.array(to), L + np.array(momentum), np.array(weight), len(gather), len(places), width)
-        return found
+        return block(found, len(gather), len(places))
 
     def _spins(self, part: Operations, gather: NDArray[np.intp]) -> tuple[int, int]:
         """Slots of the spins and of the angular momenta (elements, 3 count)."""
         width = 3 * self.count
-        W, L = part.slots(gather.size), part.slots(gather.size)
+        W, L = part.slots(gather.size), part.zeros(gather.size)
         part.set(W + np.arange(gather.size), gather)
-        part.load(L, np.zeros(gather.size))
         rows, columns = np.divmod(np.arange(width * width), width)
         part.add(L + rows, W + columns, self.J.reshape(self.elements, -1), len(gather), width, width)
         return W, L

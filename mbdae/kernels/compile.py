@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.kernels.oracle import numpy_function
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, block
 from mbdae.symbolic.vectors import Expr
 
 #: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
@@ -51,26 +51,16 @@ class Kernel:
         else:  # LLVM takes no function without arguments
             out[...] = self.once(x)
 
-    def bound(self, x: NDArray[np.float64], out: NDArray[np.float64]) -> Callable[[], Any]:
-        """The call bound to two arrays: shapes are checked here, once; at every call that would take two thirds of its time."""
-        if not self.symbols:
-            return partial(self, x, out)
-        if x.shape[1] != len(self.symbols) or out.shape != (len(x), self.width):
-            raise ValueError(f"inputs {x.shape} and outputs {out.shape} of {len(self.symbols)} symbols, {self.width} expressions")
-        if not (x.flags.c_contiguous and out.flags.c_contiguous):
-            raise ValueError("inputs and outputs of a bound kernel are read and written in place: both must be C-contiguous")
-        return partial(self.compiled.unsafe_eval, x.reshape(-1), out.reshape(-1), len(x))
-
-    def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> int:
-        """Append the kernel to a native program, at points with inputs at slots gather (points, inputs); the slot of the first
-        value, which is `first` where the values have a place."""
+    def emit(self, part: Operations, gather: NDArray[np.intp], first: int | None = None) -> NDArray[np.intp]:
+        """Append the kernel to a native program, at points with inputs at slots gather (points, inputs); the slots of its values
+        (points, outputs), which begin at `first` where they have a place."""
         if gather.shape[1:] != (len(self.symbols),):
             raise ValueError(f"slots {gather.shape} of {len(self.symbols)} symbols")
         if self.symbols:
-            return part.call(self.compiled.as_ctypes(), gather, self.width, first, self)
+            return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first
         part.load(first, np.tile([float(e) for e in self.expressions], len(gather)))  # LLVM takes no function without arguments
-        return first
+        return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (..., outputs) for inputs (..., inputs)."""

@@ -16,7 +16,7 @@ Array = NDArray[Any]
 
 
 class ElementKernel(ABC):
-    """A law over m elements of the same kind; called like a `Kernel` whose points are the elements.
+    """A law over m elements of the same kind; emitted like a `Kernel` whose points are the elements.
 
     inputs   columns of x: ("q", node, i), ("u", node, i), ("z", j) algebraic unknowns, ("p", name) prescribed values
     targets  columns of the outputs: ("u", node, i) momentum rows, left-hand side, ("z", j) rows of the algebraic unknowns
@@ -36,21 +36,13 @@ class ElementKernel(ABC):
     def full_jacobian(self, x: Array) -> Array:
         """(N, outputs, inputs) derivatives of `values` by unknowns; ("p", name), the last inputs, are left out."""
 
-    def __call__(self, x: Array, out: Array) -> None:
-        out[:] = self.values(x)
+    @abstractmethod
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Append the kernel to a native program; the slots of its values (elements, outputs)."""
 
-    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
-        """Append the kernel to a native program; the slot of the first value."""
-        return part.call_back(self, gather, self.width)
-
-    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
-        """Append the derivatives; the slot of the first value."""
-        return part.call_back(ElementJacobian(self), gather, len(self.jacobian_places))
-
-    @property
-    def width(self) -> int:
-        """Number of outputs."""
-        return len(self.targets)
+    @abstractmethod
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Append the derivatives; their slots (elements, places)."""
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
@@ -70,14 +62,11 @@ class ElementKernel(ABC):
 
 
 class ElementJacobian:
-    """The derivatives of an element kernel, called like a kernel."""
+    """The derivatives of an element kernel, emitted like a kernel."""
 
     def __init__(self, kernel: ElementKernel) -> None:
-        self.kernel, self.width = kernel, len(kernel.jacobian_places)
+        self.kernel = kernel
 
-    def __call__(self, x: Array, out: Array) -> None:
-        out[:] = self.kernel.jacobian(x)
-
-    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
-        """Append the derivatives to a native program; the slot of the first value."""
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Append the derivatives to a native program; their slots."""
         return self.kernel.emit_jacobian(part, gather)

@@ -20,7 +20,7 @@ from mbdae.kernels.element import Array, ElementKernel
 from mbdae.kernels.line_nodes import Nodes
 from mbdae.kernels.line_program import LineProgram
 from mbdae.laws.elements.line_shape import Table
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, block
 from mbdae.symbolic.line import Field, LineDerived
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
@@ -75,11 +75,11 @@ class LineKernel(ElementKernel):
         forces = self.nodes.forces(q, self._covector(duals))
         return np.concatenate([forces.reshape(len(x), -1), rows], axis=1)
 
-    def emit(self, part: Operations, gather: NDArray[np.intp]) -> int:
-        return LineProgram(self, part, gather).values()
+    def emit(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        return block(LineProgram(self, part, gather).values(), len(gather), len(self.targets))
 
-    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> int:
-        return LineProgram(self, part, gather).jacobian()
+    def emit_jacobian(self, part: Operations, gather: NDArray[np.intp]) -> NDArray[np.intp]:
+        return block(LineProgram(self, part, gather).jacobian(), len(gather), len(self.jacobian_places))
 
     def at_points(self, x: Array, expressions: Sequence[Expr]) -> Array:
         """(N, points, expressions) values of other expressions of the law, such as `derived.energy`.

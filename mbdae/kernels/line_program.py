@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.line_nodes import kinematic_tensor
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, block
 
 Index = NDArray[np.intp]
 Array = NDArray[Any]
@@ -41,12 +41,6 @@ class LineProgram:
 
     # -- steps that values and derivatives share
 
-    def room(self, width: int) -> int:
-        """Slots (elements, width), 0 at every evaluation."""
-        first = self.part.slots(self.elements * width)
-        self.part.load(first, np.zeros(self.elements * width))
-        return first
-
     def move(self, to: Any, from_: Any, to_step: int, from_step: int) -> None:
         """Copy within every element."""
         self.part.set(to, from_, self.elements, to_step, from_step)
@@ -68,7 +62,7 @@ class LineProgram:
         n = self.nodes
         if n.T is None:
             return first, step
-        found = self.room(self.a)
+        found = self.part.zeros(self.elements * self.a)
         translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
         self.move(found + translations, first + translations, self.a, step)
         self._turn(found, first, [(node * n.nq + 3 + a, node * n.nq + 3 + b, node, a, b) for node in range(n.count)
@@ -101,8 +95,7 @@ class LineProgram:
         if place:
             to, from_ = np.array(place).T
             self.move(X + to, self.e + from_, size, self.inputs)
-        gather = X + np.arange(self.elements * size).reshape(-1, width)
-        return point.emit(self.part, gather)
+        return int(point.emit(self.part, block(X, self.elements * points, width))[0, 0])
 
     def _constants(self, width: int) -> Array:
         """(elements, points, width) numbers of the law, and what angles of corners in the plane add to its variables."""
@@ -119,7 +112,7 @@ class LineProgram:
         n, velocities = self.nodes, self.e + self.a
         if n.flat:
             return velocities, self.inputs
-        found = self.room(self.a)
+        found = self.part.zeros(self.elements * self.a)
         pairs = np.array([(node * n.nq + i, node * n.nu + i) for node in range(n.count) for i in range(3)]).T
         self.move(found + pairs[0], velocities + pairs[1], self.a, self.inputs)
         entries = [(node * n.nq + 3 + a, node * n.nu + 3 + c, node * n.nq + 3 + b, w) for node in range(n.count)
@@ -129,13 +122,13 @@ class LineProgram:
 
     def covector(self, values: int, width: int) -> int:
         """Generalised forces (count, nq) of the nodes' positions, from the duals at the points."""
-        kernel, n, found = self.kernel, self.nodes, self.room(self.a)
+        kernel, n, found = self.kernel, self.nodes, self.part.zeros(self.elements * self.a)
         table = kernel.duals.reshape(self.a, kernel.points, -1)
         rows, g, d = np.nonzero(table)
         self.part.add(found + rows, values + g * width + d, table[rows, g, d], self.elements, self.a, kernel.points * width)
         if n.T is None:
             return found
-        back = self.room(self.a)
+        back = self.part.zeros(self.elements * self.a)
         translations = np.array([node * n.nq + i for node in range(n.count) for i in range(3)])
         self.move(back + translations, found + translations, self.a, self.a)
         self._turn(back, found, [(node * n.nq + 3 + b, node * n.nq + 3 + a, node, a, b) for node in range(n.count)
@@ -149,7 +142,7 @@ class LineProgram:
         kernel, n = self.kernel, self.nodes
         point, out = kernel.point, len(kernel.targets)
         values, width, duals = self.points(point), point.width, len(kernel.derived.duals)
-        covector, found = self.covector(values, width), self.room(out)
+        covector, found = self.covector(values, width), self.part.zeros(self.elements * out)
         if n.flat:
             self.move(found + np.arange(self.a), covector + np.arange(self.a), out, self.a)
         else:
@@ -175,7 +168,7 @@ class LineProgram:
         spread, (rows, columns) = kernel._spread
         if self.nodes.flat:
             return self._in_the_plane(values, width, duals, spread, columns)
-        K, size = self.room(rows * columns), rows * columns
+        K, size = self.part.zeros(self.elements * rows * columns), rows * columns
         found = sp.coo_matrix(spread)
         each = width - duals
         at = values + found.col // each * width + duals + found.col % each
@@ -191,7 +184,7 @@ class LineProgram:
         """The same in the plane, where rotations are angles: one constant map from the points to the places."""
         outputs, inputs = self.kernel._places
         chosen = sp.coo_matrix(spread[(outputs + self.a - self.nu) * columns + inputs])
-        found, each = self.room(len(outputs)), width - duals
+        found, each = self.part.zeros(self.elements * len(outputs)), width - duals
         at = chosen.col // each * width + duals + chosen.col % each
         self.part.add(found + chosen.row, values + at, chosen.data, self.elements, len(outputs), self.kernel.points * width)
         return found
@@ -200,14 +193,14 @@ class LineProgram:
         """Derivatives of sections by sections as those of nodes by nodes: T on the right, its transpose on the left."""
         n, a, size = self.nodes, self.a, rows * columns
         rotations = [(node, node * n.nq + 3) for node in range(n.count)]
-        by_nodes = self.room(size)
+        by_nodes = self.part.zeros(self.elements * size)
         turned = {block + first + i for block in blocks for _, first in rotations for i in range(4)}
         plain = [r * columns + c for r in range(rows) for c in range(columns) if c not in turned]
         self.move(by_nodes + np.array(plain), K + np.array(plain), size, size)
         pairs = [(i, j) for i in range(4) for j in range(4)]
         at = [(r * columns + block + first, node) for r in range(rows) for block in blocks for node, first in rotations]
         self._turn(by_nodes, K, [(start + j, start + i, node, i, j) for start, node in at for i, j in pairs], size, size)
-        found = self.room(size)
+        found = self.part.zeros(self.elements * size)
         turned = {first + i for _, first in rotations for i in range(4)}
         plain = [r * columns + c for r in range(rows) if r not in turned or r >= a for c in range(columns)]
         self.move(found + np.array(plain), by_nodes + np.array(plain), size, size)
@@ -220,7 +213,7 @@ class LineProgram:
         """Derivatives by positions and their rates as those by positions and velocities: q' = H(q) u."""
         n, a, nu = self.nodes, self.a, self.nu
         wide, size = columns - a + nu, rows * (columns - a + nu)
-        found = self.room(size)
+        found = self.part.zeros(self.elements * size)
         copies, by_position, by_velocity = [], [], []
         for r in range(rows):
             to, from_ = r * wide, r * columns
@@ -243,7 +236,7 @@ class LineProgram:
         kernel, n = self.kernel, self.nodes
         places = kernel._places
         count, a = len(places[0]), self.a
-        found = self.room(count)
+        found = self.part.zeros(self.elements * count)
         copies, moments, geometric = [], [], []
         for k, (o, i) in enumerate(zip(*(p.tolist() for p in places), strict=True)):
             node, r = divmod(o, n.nu)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
+import symengine as se
+
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree import OPERATIONS, tree_program
@@ -14,6 +16,7 @@ from mbdae.symbolic.vectors import Expr
 
 CHUNK = 3000  #: steps of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
 OPTIMISED = 1000  #: steps up to which LLVM optimises in a few hundredths of a second
+MOST_SOLVED, LONGEST_SOLVED = 16, 2000  #: accelerations, and steps, of one kernel that solves for them
 
 
 class Piece(NamedTuple):
@@ -71,6 +74,29 @@ class TreePlan:
     def mass(self) -> list[Piece]:
         """Derivatives of the rows by accelerations."""
         return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
+
+    @cached_property
+    def rates(self) -> Piece | None:
+        """Accelerations of a tree on which no law outside acts, and then the pivots of its mass matrix, of the rows that are its
+        targets. The kernel reads behind its inputs what all other laws add to these rows, with a minus sign. None where the
+        program is long."""
+        rows = {t: e for t, e in self.rows if t[0] == "u"}
+        number = {t[1:]: i for i, t in enumerate(rows)}
+        entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
+                   if p[0] == "up" and t in rows and p[1:] in number and number[p[1:]] <= number[t[1:]]}  # fmt: skip
+        still = {s: se.Integer(0) for s, place in self.places.items() if place[0] == "up"}
+        forces = [se.Symbol(f"force{i}") for i in range(len(rows))]
+        if self.structure.loaded or self.structure.root.moves or len(rows) > MOST_SOLVED:
+            return None
+        program, found = self.tree.program.at(still, [*rows.values(), *entries.values()])
+        right = [f - e for f, e in zip(forces, found, strict=False)]
+        x, pivots = program.solved(dict(zip(entries, found[len(rows) :], strict=True)), right)
+        needed, outputs = program.needed([*x, *pivots]), program.closed([*x, *pivots])
+        if len(needed) > LONGEST_SOLVED:
+            return None
+        used = set().union(*(e.free_symbols for e in outputs))
+        symbols = [s for s in self.places if s in used]
+        return Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))
 
     @cached_property
     def motion_of_all(self) -> Piece:

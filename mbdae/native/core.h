@@ -11,6 +11,12 @@
 #else
 #define API __attribute__((visibility("default")))
 #endif
+/* Loops over numbers, compiled for wide registers too; the processor decides when the library is opened. Numbers are the same. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
 typedef int64_t I;
 
 /* Results of a call. Positive: the numbers cannot be computed there (a method may shorten its step and try again);
@@ -28,6 +34,22 @@ typedef struct {
   int (*rates)(void *self, double t, const double *y, double *out);
   int (*rate_jacobian)(void *self, double t, const double *y, const double *yp, double *out);
 } Equations;
+
+/* How long a step may be because of inputs of time: `share` of the stretch between two edges in which it begins and, where it
+   reaches into the next one, the same share of that. No edges: no bound. */
+typedef struct { const double *edges; I count; double share; } Stretches;
+
+static inline double longest_step(const Stretches *s, double t) {
+  if (s->count < 2) return INFINITY;
+  I low = 0, high = s->count - 1; /* edges[low] <= t < edges[high], but for a time outside of them */
+  while (high - low > 1) {
+    const I middle = (low + high) / 2;
+    if (s->edges[middle] <= t) low = middle;
+    else high = middle;
+  }
+  const double a = s->edges[low], b = s->edges[high], whole = s->share * (b - a);
+  return high == s->count - 1 ? whole : fmin(whole, b - t + s->share * (t - a) / (b - a) * (s->edges[high + 1] - b));
+}
 
 static inline int all_finite(const double *x, I n) {
   for (I i = 0; i < n; i++)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,7 +20,7 @@ RESIDUAL = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer, Pointer)
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
-NOT_FINITE, SINGULAR, RAISED = 1, 2, -1
+SINGULAR, RAISED = 2, -1
 #: addresses of which a call back keeps arrays: a method works with few
 MOST_SEEN = 64
 #: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
@@ -34,6 +34,12 @@ class Table(ctypes.Structure):
                 ("rates", Pointer), ("rate_jacobian", Pointer))  # fmt: skip
 
 
+class Stretches(ctypes.Structure):
+    """`Stretches` of core.h."""
+
+    _fields_ = (("edges", Pointer), ("count", Whole), ("share", Number))
+
+
 class Caught:
     """What call backs raise, and the signals they notice. error: what one raised, None otherwise."""
 
@@ -43,15 +49,17 @@ class Caught:
 
 
 class Equations:
-    """The table of a system and what it refers to; caught: by its call backs."""
+    """The table of a system and what it refers to; caught: by its call backs; make: compiles the parts ("residual", "jacobian",
+    "rates") that are about to be called, None where all are ready."""
 
-    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None) -> None:
-        self.table, self._kept, self.caught = table, kept, caught or Caught()
+    def __init__(self, table: Table, *kept: Any, caught: Caught | None = None, make: Callable[..., None] | None = None) -> None:
+        self.table, self._kept, self.caught, self._make = table, kept, caught or Caught(), make
 
-    @property
-    def error(self) -> BaseException | None:
-        """What a call back raised, None otherwise."""
-        return self.caught.error
+    def made(self, *parts: str) -> Self:
+        """These equations, of which some parts are about to be called."""
+        if self._make is not None:
+            self._make(*parts)
+        return self
 
     @property
     def called(self) -> bool:
@@ -70,19 +78,47 @@ class Equations:
             raise error
 
 
+class Listening:
+    """Context of a method that calls equations from C. Where these are calls of Python, signals wait while C runs."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self._signals: Signals | None = None
+
+    def __enter__(self) -> Self:
+        if self.equations.called:  # else no Python runs inside
+            self.equations.caught.signals = self._signals = Signals().__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        signals, self._signals, self.equations.caught.signals = self._signals, None, None
+        if signals is not None:
+            signals.__exit__(*error)
+
+    def native(self, function: Any, *args: Any) -> int:
+        """Result of a function of C."""
+        if self._signals is None:
+            return int(function(*args))
+        self._signals.inside = True
+        code = int(function(*args))
+        self._signals.inside = False
+        return code
+
+
 def equations_of(system: Any) -> Equations:
     """F(t, y, y') = 0 of a System: its own native evaluation where it has one, else by call back."""
-    own = getattr(system, "native", None)
-    return own if own is not None and own.table.residual else called(system)
+    own: Equations | None = getattr(system, "native", None)
+    return own.made("residual", "jacobian") if own is not None and own.table.residual else called(system)
 
 
 def rates_of(system: Any, rate_jacobian: RateJacobian | None = None) -> Equations:
     """The same with y' = f(t, y). rate_jacobian: called where the equations have no Jacobian of the rates."""
-    own = getattr(system, "native", None)
+    own: Equations | None = getattr(system, "native", None)
     if own is None or not own.table.rates:
         return called(system, rate_jacobian)
-    if rate_jacobian is None or own.table.rate_jacobian:
-        return own  # type: ignore[no-any-return]
+    own.made("rates")
+    if rate_jacobian is None:
+        return own
     call = _RateJacobian(system, rate_jacobian).guarded(own.caught)
     table = Table.from_buffer_copy(own.table)
     table.rate_jacobian = ctypes.cast(call, Pointer).value

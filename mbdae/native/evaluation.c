@@ -6,11 +6,9 @@
 #include "core.h"
 
 typedef void (*Kernel)(double *out, const double *in, void *data);
-typedef int (*CallBack)(double *out, const double *in, void *data);
 
 /* What an operation does, for each of `times` instances r:
    CALL      a kernel at one point: `inputs` numbers W[from[r * inputs + j]], values to W[first + r * outputs]
-   CALL_BACK a function of Python for all instances at once, inputs and values as above
    LOAD      W[first ...] = weight[0 ... count)
    SET       W[to[k] + r to_step] = W[from[k] + r from_step]
    ADD       W[to[k] + r to_step] += weight[k + r weight_step] W[from[k] + r from_step]
@@ -18,8 +16,9 @@ typedef int (*CallBack)(double *out, const double *in, void *data);
    CHOLESKY  factors in place of the symmetric band matrix (count, inputs) at `first`, solves for W[outputs ...) in place
    SOLVE     solves with these factors for `times` further right-hand sides at W[outputs + r * count ...)
    LU        solves with the full matrix (count, count), row by row, at `first`, for `times` right-hand sides at
-             W[outputs + r * count ...); the matrix is overwritten */
-enum { CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU };
+             W[outputs + r * count ...); the matrix is overwritten
+   POSITIVE  ends with SINGULAR unless every W[from[k]] > 0 */
+enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE };
 
 typedef struct {
   I kind, times, count, first, inputs, outputs, to_step, from_step, by_step, weight_step;
@@ -34,6 +33,7 @@ typedef struct { const Operation *first; I count; } Part;
 
 /* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
 static int run(Part part, double *W, double *x, I *bad) {
+  if (!part.first) return NOT_FINITE; /* not made: nothing is computed */
   for (const Operation *a = part.first; a < part.first + part.count; a++) {
     const I *to = a->to, *from = a->from, *by = a->by;
     const double *weight = a->weight;
@@ -43,10 +43,6 @@ static int run(Part part, double *W, double *x, I *bad) {
         for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
         ((Kernel)a->function)(W + a->first + r * a->outputs, x, a->data);
       }
-      break;
-    case CALL_BACK:
-      for (I j = 0; j < a->times * a->inputs; j++) x[j] = W[from[j]];
-      if (((CallBack)a->function)(W + a->first, x, a->data)) return RAISED;
       break;
     case LOAD:
       memcpy(W + a->first, weight, sizeof(double) * (size_t)a->count);
@@ -76,13 +72,18 @@ static int run(Part part, double *W, double *x, I *bad) {
       *bad = full_solve(a->count, a->times, W + a->first, W + a->outputs);
       if (*bad >= 0) return SINGULAR;
       break;
+    case POSITIVE:
+      for (*bad = 0; *bad < a->count; ++*bad)
+        if (!(W[from[*bad]] > 0)) return SINGULAR;
+      break;
     }
   }
   return DONE;
 }
 
-/* The equations of a scene with n unknowns, whose derivatives begin at slot `dotted`. at: slots of the time and of the time at which conditions of inputs are read. read: that time, NaN
-   where it follows from the time, and the end of the run, after which nothing is read. */
+/* The equations of a scene with n unknowns, whose derivatives begin at slot `dotted`. at: slots of the time and of the time at
+   which conditions of inputs are read. read: that time, NaN where it follows from the time, and the end of the run, after which
+   nothing is read. */
 typedef struct {
   double *W, *x;
   I n, dotted, nnz, rows, fy, fyp, rates, at, bad;
@@ -93,9 +94,14 @@ typedef struct {
 
 static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY) - fabs(t)); }
 
+/* Copies n numbers, unless they are in place. */
+static void copy(double *to, const double *from, I n) {
+  if (to != from) memcpy(to, from, sizeof(double) * (size_t)n);
+}
+
 static int scene_fill(Scene *s, double t, const double *y, const double *yp) {
-  if (y != s->W) memcpy(s->W, y, sizeof(double) * (size_t)s->n);
-  if (yp) memcpy(s->W + s->dotted, yp, sizeof(double) * (size_t)s->n);
+  copy(s->W, y, s->n);
+  if (yp) copy(s->W + s->dotted, yp, s->n);
   else memset(s->W + s->dotted, 0, sizeof(double) * (size_t)s->n);
   if (!s->clock.count) return DONE;
   double side = s->read[0], end = s->read[1];
@@ -110,7 +116,7 @@ API int scene_residual(void *self, double t, const double *y, const double *yp, 
   Scene *s = self;
   int code = scene_fill(s, t, y, yp);
   if (!code) code = run(s->residual, s->W, s->x, &s->bad);
-  memcpy(out, s->W + s->rows, sizeof(double) * (size_t)s->n);
+  copy(out, s->W + s->rows, s->n);
   return code;
 }
 
@@ -118,8 +124,8 @@ API int scene_jacobian(void *self, double t, const double *y, const double *yp, 
   Scene *s = self;
   int code = scene_fill(s, t, y, yp);
   if (!code) code = run(s->jacobian, s->W, s->x, &s->bad);
-  memcpy(fy, s->W + s->fy, sizeof(double) * (size_t)s->nnz);
-  memcpy(fyp, s->W + s->fyp, sizeof(double) * (size_t)s->nnz);
+  copy(fy, s->W + s->fy, s->nnz);
+  copy(fyp, s->W + s->fyp, s->nnz);
   return code;
 }
 
@@ -127,7 +133,7 @@ API int scene_rates(void *self, double t, const double *y, double *out) {
   Scene *s = self;
   int code = scene_fill(s, t, y, NULL);
   if (!code) code = run(s->of_rates, s->W, s->x, &s->bad);
-  memcpy(out, s->W + s->rates, sizeof(double) * (size_t)s->n);
+  copy(out, s->W + s->rates, s->n);
   return code;
 }
 
@@ -137,12 +143,12 @@ API int scene_part(Scene *s, const Part *part, double t, const double *y, const 
   return code ? code : run(*part, s->W, s->x, &s->bad);
 }
 
-/* The same at k states, one row of y (k, stride) each: `count` numbers from slot `first` on into the rows of out. */
-API int scene_values(Scene *s, const Part *part, I k, const double *t, const double *y, I stride, I first, I count, double *out) {
+/* `count` numbers that the residual leaves, at k states, one row of y (k, stride) each. */
+API int scene_values(Scene *s, I k, const double *t, const double *y, I stride, I count, double *out) {
   int code = DONE;
   for (I i = 0; i < k && !code; i++) {
-    code = scene_part(s, part, t[i], y + i * stride, NULL);
-    memcpy(out + i * count, s->W + first, sizeof(double) * (size_t)count);
+    code = scene_part(s, &s->residual, t[i], y + i * stride, NULL);
+    memcpy(out + i * count, s->W + s->rows, sizeof(double) * (size_t)count);
   }
   return code;
 }

@@ -12,7 +12,7 @@ typedef struct {
   const Equations *e;
   Coefficients stages, errors, dense;       /* (ALL, ALL), orders 5 and 3 (2, 13), rows 3 to 6 of the interpolant (4, ALL) */
   const double *c, *nodes, *atol; I inner;  /* (ALL,), (inner,) parts of a step at which the interpolant is stored, (n,) */
-  double rtol, h, longest;                  /* next step, and the longest that may be taken */
+  double rtol, h, longest; Stretches stretches; /* next step, and what bounds it */
   double *K, *y, *next, *F;                 /* (ALL, n), (n,), (n,), (8, n) */
   I evaluations, rejected, after_rejection;
 } Explicit;
@@ -47,8 +47,8 @@ static double error_of(const Explicit *x, double h) {
   return below > 0 ? fabs(h) * sum[0] / sqrt(below * (double)n) : 0;
 }
 
-/* Increments at the inner nodes of the step from y to end, by the interpolant of order 7. */
-static int interpolate(Explicit *x, double t, double h, const double *end, double *out) {
+/* Coefficients F of the interpolant of order 7 over the step from y to end. */
+static int interpolant(Explicit *x, double t, double h, const double *end) {
   I n = x->e->n;
   for (I i = STAGES + 1; i < ALL; i++) {
     int code = stage(x, t, h, i, x->K + i * n);
@@ -67,21 +67,26 @@ static int interpolate(Explicit *x, double t, double h, const double *end, doubl
       F[(3 + i) * n + j] = h * sum;
     }
   }
-  for (I k = 0; k < x->inner; k++)
-    for (I j = 0; j < n; j++) {
-      double part = x->nodes[k], sum = 0;
-      for (I i = 7; i-- > 0;) sum = (sum + F[i * n + j]) * (i % 2 ? 1 - part : part);
-      out[k * n + j] = sum;
-    }
   return DONE;
 }
 
+/* What y has grown by after a part of the step. */
+static void inside(const Explicit *x, double part, double *out) {
+  I n = x->e->n;
+  for (I j = 0; j < n; j++) {
+    double sum = 0;
+    for (I i = 7; i-- > 0;) sum = (sum + x->F[i * n + j]) * (i % 2 ? 1 - part : part);
+    out[j] = sum;
+  }
+}
+
 /* One accepted step from t; y and K's first row are those at its beginning, and at its end afterwards. end: where no step goes
-   beyond. Returns DONE, RAISED or STUCK; *t is the end of the step. */
-static int one_step(Explicit *x, double *t, double end, double *inner) {
+   beyond. out: takes the increments at the nodes, or where `times` (ending with infinity) are given y at those within the step; its
+   last stages are evaluated where something is taken. Returns DONE, RAISED or STUCK; *t is the end of the step, *taken how many. */
+static int one_step(Explicit *x, double *t, double end, const double *times, double *out, I *taken) {
   I n = x->e->n;
   for (;;) {
-    double h = fmin(x->h, x->longest);
+    double h = fmin(x->h, fmin(x->longest, longest_step(&x->stretches, *t)));
     if (*t + 1.01 * h >= end) h = end - *t;
     if (!(*t + h > *t)) return STUCK;
     int code = DONE;
@@ -96,7 +101,8 @@ static int one_step(Explicit *x, double *t, double end, double *inner) {
     }
     double *reached = x->F + 7 * n; /* `next` serves the stages of the interpolant */
     memcpy(reached, x->next, sizeof(double) * (size_t)n);
-    code = interpolate(x, *t, h, reached, inner);
+    double later = h == end - *t ? end : *t + h;
+    code = times && !(*times < later) ? DONE : interpolant(x, *t, h, reached);
     if (code == RAISED) return RAISED;
     if (code) { /* the step stands, its interpolant does not: a shorter one */
       x->h = 0.5 * h;
@@ -107,7 +113,12 @@ static int one_step(Explicit *x, double *t, double end, double *inner) {
     if (x->after_rejection) factor = fmin(1, factor);
     x->h = fmax(factor * h, h < x->h && factor >= 1 ? x->h : 0); /* a step cut by the end says little of the next one */
     x->after_rejection = 0;
-    *t = h == end - *t ? end : *t + h;
+    for (*taken = 0; times ? times[*taken] < later : *taken < x->inner; ++*taken, out += n) {
+      inside(x, times ? (times[*taken] - *t) / h : x->nodes[*taken], out);
+      for (I j = 0; times && j < n; j++) out[j] += x->y[j];
+    }
+    for (; times && times[*taken] == later; ++*taken, out += n) memcpy(out, reached, sizeof(double) * (size_t)n);
+    *t = later;
     memcpy(x->y, reached, sizeof(double) * (size_t)n);
     memcpy(x->K, x->K + STAGES * n, sizeof(double) * (size_t)n);
     return DONE;
@@ -122,13 +133,86 @@ API int explicit_steps(Explicit *x, double from, double end, double most, double
   size_t size = sizeof(double) * (size_t)n;
   double begin = clock_s();
   for (*made = 0; *made < room && from < end;) {
-    int code = one_step(x, &from, end, inner + *made * x->inner * n);
+    I taken;
+    int code = one_step(x, &from, end, NULL, inner + *made * x->inner * n, &taken);
     if (code) return code;
     t[*made] = from;
     memcpy(Y + *made * n, x->y, size);
     memcpy(Yp + *made * n, x->K, size);
     ++*made;
     if ((double)x->evaluations > most || clock_s() - begin > seconds) break;
+  }
+  return DONE;
+}
+
+/* Root mean square of v in units of the tolerance at y. */
+static double size_of(const Explicit *x, const double *v) {
+  double sum = 0;
+  for (I j = 0; j < x->e->n; j++) {
+    double part = v[j] / (x->atol[j] + x->rtol * fabs(x->y[j]));
+    sum += part * part;
+  }
+  return sqrt(sum / (double)x->e->n);
+}
+
+/* A first step by the sizes of y, y' and a difference quotient of y' (Hairer, Norsett, Wanner, II.4); K's first row is y'. */
+API int explicit_begin(Explicit *x, double t, double span) {
+  I n = x->e->n;
+  double *rate = x->K, *later = x->K + n;
+  x->after_rejection = 0;
+  x->evaluations += 2;
+  int code = x->e->rates(x->e->self, t, x->y, rate);
+  if (code) return code;
+  double size = size_of(x, x->y), speed = size_of(x, rate);
+  double h = fmin(span, fmin(size, speed) > 1e-5 ? 0.01 * size / speed : 1e-6 * span);
+  for (I j = 0; j < n; j++) x->next[j] = x->y[j] + h * rate[j];
+  code = x->e->rates(x->e->self, t + h, x->next, later);
+  if (code < 0) return RAISED;
+  for (I j = 0; j < n; j++) later[j] -= rate[j];
+  double change = code ? NAN : size_of(x, later) / h, steepest = isfinite(change) ? fmax(speed, change) : speed;
+  x->h = fmin(fmin(100 * h, span), steepest > 1e-15 ? pow(0.01 / steepest, 0.125) : fmax(1e-6 * span, 1e-3 * h));
+  return isfinite(speed) ? DONE : NOT_FINITE;
+}
+
+/* Runs of the same equations from `from` to `end`, one behind the other: row i of starts (points, n), and of numbers (points,
+   width), which go to `slots` of W. times: of the outputs, then infinity; row i of out is (times, n). *code, steps, rejected and
+   evaluations have an entry for every point. A point that fails ends, the next one begins. */
+typedef struct {
+  I points, width, outputs, point, begun, taken;
+  double from, end, t;
+  const double *starts, *numbers, *times; const I *slots;
+  double *W, *out, *last;
+  I *code, *steps, *rejected, *evaluations;
+} Batch;
+
+/* Go on for so many seconds, and to the end of a point where a call back raised. */
+API int explicit_batch(Explicit *x, Batch *b, double seconds) {
+  size_t size = sizeof(double) * (size_t)x->e->n;
+  double begin = clock_s();
+  for (int code = DONE; code >= 0 && b->point < b->points; b->point++) {
+    I n = x->e->n, i = b->point;
+    double *out = b->out + i * b->outputs * n;
+    code = DONE;
+    if (!b->begun) {
+      for (I k = 0; k < b->width; k++) b->W[b->slots[k]] = b->numbers[i * b->width + k];
+      memcpy(x->y, b->starts + i * n, size);
+      x->evaluations = x->rejected = b->steps[i] = b->taken = 0;
+      for (b->t = b->from; b->times[b->taken] == b->from; b->taken++) memcpy(out + b->taken * n, x->y, size);
+      code = explicit_begin(x, b->from, b->end - b->from);
+    }
+    for (b->begun = 1; !code && b->t < b->end;) {
+      I taken;
+      code = one_step(x, &b->t, b->end, b->times + b->taken, out + b->taken * n, &taken);
+      if (code) break;
+      b->steps[i]++;
+      b->taken += taken;
+      if (b->t < b->end && clock_s() - begin > seconds) return DONE;
+    }
+    b->begun = 0;
+    b->code[i] = code;
+    b->rejected[i] = x->rejected;
+    b->evaluations[i] = x->evaluations;
+    memcpy(b->last + i * n, x->y, size);
   }
   return DONE;
 }

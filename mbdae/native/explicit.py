@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.native.equations import Equations, Number, Pointer, Whole
-from mbdae.native.library import library
-from mbdae.native.signals import Signals
+from mbdae.native.equations import Equations, Listening, Number, Pointer, Stretches, Whole
+from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
+Whole64 = NDArray[np.int64]
 STAGES, ALL, ORDER = 12, 16, 7
 SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
-STUCK = 1000
 
 
 class _Coefficients(ctypes.Structure):
@@ -29,9 +27,35 @@ class Table(ctypes.Structure):
 
     _fields_ = (("e", Pointer), *((name, _Coefficients) for name in ("stages", "errors", "dense")),
                 *((name, Pointer) for name in ("c", "nodes", "atol")), ("inner", Whole),
-                *((name, Number) for name in ("rtol", "h", "longest")),
+                *((name, Number) for name in ("rtol", "h", "longest")), ("stretches", Stretches),
                 *((name, Pointer) for name in ("K", "y", "next", "F")),
                 *((name, Whole) for name in ("evaluations", "rejected", "after_rejection")))  # fmt: skip
+
+
+class Batch:
+    """Runs from starts (k, n), of which y at `times` and at the end, a code and counts are kept. numbers (k, m): what stands in
+    `slots` (m,) of W in each. Raises ValueError where sizes do not fit, a slot is outside of W, or times are not increasing
+    between `begin` and `end`."""
+
+    def __init__(self, begin: float, end: float, starts: Array, times: Array, W: Array, slots: Whole64, numbers: Array) -> None:
+        k, n = starts.shape
+        if numbers.shape != (k, len(slots)) or (len(slots) and not (slots.min() >= 0 and slots.max() < len(W))):
+            raise ValueError(f"numbers {numbers.shape} of {k} points in slots {slots.tolist()} of an array of {len(W)}")
+        if not (begin < end and (np.diff(times, prepend=begin)[1:] > 0).all() and ((times >= begin) & (times <= end)).all()):
+            raise ValueError(f"outputs {times} of runs from {begin} to {end}")
+        self.y, self.last = np.full((k, len(times), n), np.nan), np.full((k, n), np.nan)
+        self.code, self.counts = np.zeros(k, dtype=np.int64), np.zeros((3, k), dtype=np.int64)
+        arrays = {"starts": np.array(starts, dtype=float, order="C"), "numbers": np.array(numbers, dtype=float, order="C"),
+                  "times": np.append(times, np.inf), "slots": np.array(slots, dtype=np.int64), "out": self.y, "last": self.last,
+                  "code": self.code, **dict(zip(("steps", "rejected", "evaluations"), self.counts, strict=True))}  # fmt: skip
+        self._kept, self.n = (arrays, W), n
+        self.table = Runs(points=k, width=len(slots), outputs=len(times), from_=begin, end=end, W=W.ctypes.data,
+                          **{name: a.ctypes.data for name, a in arrays.items()})  # fmt: skip
+
+    @property
+    def done(self) -> int:
+        """Points that have ended."""
+        return int(self.table.point)
 
 
 Entries = Sequence[tuple[int, int, float]]
@@ -70,55 +94,70 @@ class Steps(NamedTuple):
     code: int
 
 
-@cache
-def _steps() -> Any:
-    found = library().explicit_steps
-    found.restype = ctypes.c_int
-    found.argtypes = (Pointer, Number, Number, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer)
-    return found
+#: the library with the functions of explicit.c
+_functions = declared(
+    ("explicit_steps", ctypes.c_int, (Pointer, *[Number] * 4, Whole, *[Pointer] * 5)),
+    ("explicit_begin", ctypes.c_int, (Pointer, Number, Number)), ("explicit_batch", ctypes.c_int, (Pointer, Pointer, Number)),
+)  # fmt: skip
 
 
-class Explicit:
+class Runs(ctypes.Structure):
+    """`Batch` of explicit.c."""
+
+    _fields_ = (*((name, Whole) for name in ("points", "width", "outputs", "point", "begun", "taken")),
+                *((name, Number) for name in ("from_", "end", "t")),
+                *((name, Pointer) for name in ("starts", "numbers", "times", "slots", "W", "out", "last")),
+                *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))  # fmt: skip
+
+
+class Explicit(Listening):
     """A run of a method; nodes: parts of a step where the interpolant is kept."""
 
     def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
         n = int(equations.table.n)
         if not equations.table.rates or atol.shape != (n,):
             raise ValueError(f"{n} equations with rates, and as many tolerances: not {atol.shape}")
-        self.n, self.equations = n, equations
+        super().__init__(equations)
+        self.n = n
         self._K, self._y, self._next, self._F = np.zeros((ALL, n)), np.zeros(n), np.zeros(n), np.zeros((ORDER + 1, n))
         self._kept = method, np.array(nodes, dtype=float), np.array(atol, dtype=float)
         self.table = Table(
             equations.address, method.stages, method.errors, method.dense, method.c, *(a.ctypes.data for a in self._kept[1:]),
-            len(nodes), rtol, 0.0, np.inf, *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0, 0,
-        )  # fmt: skip
-        self.inner = len(nodes)
-        self._signals: Signals | None = None
+            len(nodes), rtol, 0.0, np.inf, Stretches(), *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0,
+            0)  # fmt: skip
+        self.inner, self._at = len(nodes), ctypes.addressof(self.table)
 
-    def __enter__(self) -> Self:
-        if self.equations.called:  # else no Python runs inside
-            self.equations.caught.signals = self._signals = Signals().__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        signals, self._signals, self.equations.caught.signals = self._signals, None, None
-        if signals is not None:
-            signals.__exit__(*error)
+    def bound(self, edges: Array, share: float) -> None:
+        """Bound steps to a share of the stretches between edges (k,), s."""
+        self._edges = np.array(edges, dtype=float)
+        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share)
 
     def begin(self, y: Array, rate: Array, h: float) -> None:
         """Start from y (n,) with slope rate (n,) and a first step of h (s)."""
         self._y[:], self._K[0], self.table.h, self.table.after_rejection = y, rate, h, 0
+
+    def start(self, t: float, y: Array, span: float, h: float | None = None) -> int:
+        """Start from y (n,) at t, with a first step found from two evaluations, of `span` s at most, or with one of h; a code."""
+        self._y[:] = y
+        code = self.native(_functions().explicit_begin, self._at, t, span)
+        if h is not None:
+            self.table.h = h
+        return code
 
     def advance(self, t: float, end: float, most: float, rows: int, longest: float = np.inf) -> Steps:
         """Steps from t towards end, at most so many rows, until more than `most` evaluations were made, for a slice of time."""
         times, y, yp = np.empty(rows), np.empty((rows, self.n)), np.empty((rows, self.n))
         inner, made = np.empty((rows, self.inner, self.n)), Whole()
         self.table.longest = longest
-        if self._signals is not None:
-            self._signals.inside = True
-        code = _steps()(ctypes.byref(self.table), t, end, self.table.evaluations + most, SLICE, rows, times.ctypes.data,
-                        y.ctypes.data, yp.ctypes.data, inner.ctypes.data, ctypes.byref(made))  # fmt: skip
-        if self._signals is not None:
-            self._signals.inside = False
+        arrays = (a.ctypes.data for a in (times, y, yp, inner))
+        code = self.native(_functions().explicit_steps, self._at, t, end, self.table.evaluations + most, SLICE, rows, *arrays,
+                           ctypes.addressof(made))  # fmt: skip
         m = made.value
         return Steps(times[:m], y[:m], yp[:m], inner[:m], code)
+
+    def go_on(self, batch: Batch) -> None:
+        """Go on with a batch for a slice of time."""
+        if batch.n != self.n:
+            raise ValueError(f"starts of {batch.n} unknowns for {self.n} equations")
+        self.table.longest = np.inf
+        self.native(_functions().explicit_batch, self._at, ctypes.addressof(batch.table), SLICE)

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 from mbdae.errors import LibraryError
 from mbdae.native import build
 
 #: number of the interface between C and Python, `mbdae_interface` of version.c
-INTERFACE = 1
+INTERFACE = 5
 
 
 @cache
@@ -31,6 +33,20 @@ def library() -> ctypes.CDLL:
     if found != INTERFACE:
         raise LibraryError(f"{build.LIBRARY} has interface {found}, the Python files beside it need {INTERFACE}: they are of "
                            "different versions. Install mbdae again")  # fmt: skip
+    return opened
+
+
+def declared(*functions: tuple[str, Any, tuple[Any, ...]]) -> Callable[[], Any]:
+    """A function that opens the library, with functions of it declared: name, type of the result, types of the arguments."""
+
+    @cache
+    def opened() -> Any:
+        found = library()
+        for name, result, arguments in functions:
+            function = getattr(found, name)
+            function.restype, function.argtypes = result, arguments
+        return found
+
     return opened
 
 

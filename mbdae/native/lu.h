@@ -2,7 +2,7 @@
    complex numbers. */
 
 /* Row by row: -1, or the pivot that is zero, not finite, or too small beside its column. `largest`: largest multiplier. */
-static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double most, double *largest) {
+WIDE static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *restrict w, double *largest) {
   const I *col = p->col, *diag = p->diag;
   double top = 0;
   for (I i = 0; i < p->n; i++) {
@@ -12,7 +12,7 @@ static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *re
       const I j = col[k], r = p->run[j], end = p->ptr[j + 1];
       const T l = w[j] = NAME(times)(w[j], lu[diag[j]]);
       const double size = NAME(size)(l);
-      if (!(size < most)) return j;
+      if (!(size < MOST)) return j;
       if (size > top) top = size;
       if (size == 0 || diag[j] + 1 == end) continue;
       for (I m = diag[j] + 1; m < r; m++) NAME(less)(&w[col[m]], l, lu[m]);
@@ -30,7 +30,7 @@ static I NAME(factor)(const Order *p, const T *restrict a, T *restrict lu, T *re
 }
 
 /* The solution in place of b. */
-static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
+WIDE static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   for (I i = 0; i < p->n; i++) {
     T v = b[p->rows[i]];
     for (I k = p->ptr[i]; k < p->diag[i]; k++) NAME(less)(&v, lu[k], w[p->col[k]]);
@@ -43,20 +43,16 @@ static void NAME(solve)(const Order *p, const T *lu, T *b, T *w) {
   }
 }
 
-/* The largest residual of a solved system beside the terms of its row: how well the factors are those of the matrix. */
+/* The largest error of a solved system whose solution is known: how slowly Newton's method converges because of the factors. */
 static double NAME(defect)(const Factors *f) {
-  T *x = (T *)f->w + f->n, *r = f->w;
-  for (I i = 0; i < f->n; i++) x[i] = NAME(of)(i % 2 ? -1 : 1);
+  T *x = (T *)f->w + f->n;
+  for (I i = 0; i < f->n; i++) x[i] = NAME(of)(0);
+  for (I k = 0; k < f->nnz; k++) NAME(less)(&x[f->row_of[k]], ((T *)f->a)[k], NAME(of)(f->column_of[k] % 2 ? -1 : 1));
   lu_solve(f, x);
-  for (I i = 0; i < f->n; i++) r[i] = NAME(of)(i % 2 ? -1 : 1), f->sums[i] = 1;
-  for (I k = 0; k < f->nnz; k++) {
-    const T a = ((T *)f->a)[k], v = x[f->column_of[k]];
-    NAME(less)(&r[f->row_of[k]], a, v);
-    f->sums[f->row_of[k]] += NAME(size)(a) * NAME(size)(v);
-  }
   double worst = 0;
   for (I i = 0; i < f->n; i++) {
-    const double part = NAME(size)(r[i]) / f->sums[i];
+    NAME(less)(&x[i], NAME(of)(1), NAME(of)(i % 2 ? 1 : -1));
+    const double part = NAME(size)(x[i]);
     if (!(part <= worst)) worst = part;
   }
   return worst;
@@ -66,7 +62,7 @@ static I NAME(begin)(Factors *f) {
   if (!all_finite(f->a, f->nnz * (I)(sizeof(T) / sizeof(double)))) return f->n;
   if (f->order) {
     double largest = 0;
-    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, f->most, &largest);
+    const I bad = NAME(factor)(f->order, f->a, f->lu, f->w, &largest);
     if (bad >= 0) return f->order->columns[bad];
     return f->surely || largest < TAME || NAME(defect)(f) < ACCURATE ? -1 : f->n;
   }

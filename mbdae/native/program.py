@@ -1,26 +1,26 @@
 """Evaluations as lists of operations on one array of numbers, run natively; see `evaluation.c` for what an operation does.
 
-A program is built once: `slots` gives room in the array, the other methods append operations to a part of it. `Compiled` checks
-every slot against the size of the array and makes the tables; wrong ones raise ValueError and are never run.
+A program is built once: `slots` gives room in the array, the other methods append operations to a part of it. `table` checks
+every slot against the size of the array and makes what C reads; wrong ones raise ValueError and are never run.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbdae.native.equations import RAISED, Number, Pointer, Whole, seen
-from mbdae.native.library import library
+from mbdae.native.equations import Number, Pointer, Whole
+from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, CALL_BACK, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU = range(9)
-CALLED = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Pointer, Pointer)
+CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE = range(9)
 
 
 class Operation(ctypes.Structure):
@@ -40,67 +40,76 @@ class Part(ctypes.Structure):
 
 
 class Step(NamedTuple):
-    """One operation as it was stated. slots: the lowest it touches, and the one behind the highest; kernel: what a CALL
-    evaluates, with its symbols and expressions, where that is known."""
+    """One operation as it was stated. fields: those of `Operation`, with the kernel that a CALL evaluates; slots: the lowest it
+    touches, and the one behind the highest."""
 
     fields: dict[str, Any]
     tables: dict[str, Array | Index]
     slots: tuple[int, int]
-    kernel: Any
+
+
+@dataclass
+class _Room:
+    """The slots of an array that lists of operations share, and numbers in it that never change."""
+
+    size: int
+    constants: list[tuple[int, Array]] = field(default_factory=list)
 
 
 class Operations:
-    """Operations in the order in which they run, not yet bound to an array. size: slots they may use."""
+    """Operations in the order in which they run, not yet bound to an array. size: slots they may use; base: a list on the same
+    array, whose slots these are."""
 
-    def __init__(self, size: int) -> None:
-        self.size, self.steps = size, list[Step]()
-        self._kept: list[Any] = []
-        self.errors: list[BaseException] = []  #: what functions of Python raised
+    def __init__(self, size: int = 0, base: Operations | None = None) -> None:
+        self._room: _Room = _Room(size) if base is None else base._room
+        self.steps = list[Step]()
+
+    @property
+    def size(self) -> int:
+        """Slots of the array."""
+        return self._room.size
 
     def slots(self, count: int) -> int:
         """Room for so many numbers; the first slot."""
-        first, self.size = self.size, self.size + int(count)
+        first, self._room.size = self.size, self.size + int(count)
         return first
+
+    def zeros(self, count: int) -> int:
+        """The same, set to 0 whenever the operations run."""
+        first = self.slots(count)
+        self.load(first, np.zeros(count))
+        return first
+
+    def constant(self, values: ArrayLike) -> int:
+        """Slots of numbers that nothing changes, which `fill` writes once; the first slot."""
+        numbers = np.array(values, dtype=float).ravel()
+        first = self.slots(len(numbers))
+        self._room.constants.append((first, numbers))
+        return first
+
+    def fill(self, W: Array) -> None:
+        """Write the constants into the array."""
+        for first, numbers in self._room.constants:
+            W[first : first + len(numbers)] = numbers
 
     def part(self, *others: Operations) -> Operations:
         """A further list on the same array, which begins with the operations of others."""
-        return _Further(self, others)
+        made = Operations(base=self)
+        for other in others:
+            made.steps += other.steps
+        return made
 
     # -- operations
 
-    def call(self, function: tuple[Any, Any], gather: ArrayLike, width: int, first: int | None = None,
-             kernel: Any = None) -> int:  # fmt: skip
-        """A compiled kernel (its function and data) at points with inputs at slots gather (points, inputs); the slot of the first
-        value, which is `first` where the values have a place. kernel: its symbols and expressions, for those who read them."""
-        table = np.asarray(gather, dtype=np.int64)
-        points, inputs = table.shape
+    def call(self, kernel: Any, gather: ArrayLike, first: int | None = None) -> Index:
+        """A kernel (`mbdae.kernels.Kernel`) at points with inputs at slots gather (points, inputs); the slots of its values
+        (points, width), which begin at `first` where they have a place. `table` compiles it."""
+        slots, width = np.asarray(gather, dtype=np.int64), kernel.width
+        points, inputs = slots.shape
         first = self.slots(points * width) if first is None else first
-        code, data = function
-        self._kept.append(function)
-        address = ctypes.cast(code, Pointer).value
-        self._add(CALL, {"from_": table}, (first, points * width), kernel=kernel, times=points, inputs=inputs, outputs=width,
-                  first=first, function=address, data=getattr(data, "value", data))  # fmt: skip
-        return first
-
-    def call_back(self, function: Callable[[Array, Array], None], gather: ArrayLike, width: int) -> int:
-        """A function (x (points, inputs), out (points, width)) of Python; the slot of the first value. What it raises is kept in
-        `errors`."""
-        table = np.asarray(gather, dtype=np.int64)
-        (points, inputs), first, errors = table.shape, self.slots(table.shape[0] * width), self._errors()
-
-        def called(out: int, x: int, _: Any) -> int:
-            try:
-                function(seen(x, points * inputs).reshape(points, inputs), seen(out, points * width).reshape(points, width))
-            except BaseException as error:
-                errors.append(error)
-                return RAISED
-            return 0
-
-        made = CALLED(called)
-        self._kept.append(made)
-        self._add(CALL_BACK, {"from_": table}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
-                  function=ctypes.cast(made, Pointer).value)  # fmt: skip
-        return first
+        self._add(CALL, {"from_": slots}, (first, points * width), times=points, inputs=inputs, outputs=width, first=first,
+                  kernel=kernel)  # fmt: skip
+        return block(first, points, width)
 
     def load(self, first: int, values: ArrayLike) -> None:
         """Numbers into slots one after the other."""
@@ -111,13 +120,13 @@ class Operations:
         """Copy slots; with `times`, once for every instance, whose slots are a step further."""
         self._map(SET, times, {"to": to, "from_": from_}, None, to_step=to_step, from_step=from_step)
 
-    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0,
+    def add(self, to: ArrayLike, from_: ArrayLike, weight: ArrayLike = 1.0, times: int = 1, to_step: int = 0,
             from_step: int = 0) -> None:  # fmt: skip
-        """W[to] += weight * W[from]. weight (entries,), or (times, entries)."""
+        """W[to] += weight * W[from]. weight: one for all, (entries,), or (times, entries)."""
         self._map(ADD, times, {"to": to, "from_": from_}, weight, to_step=to_step, from_step=from_step)
 
-    def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike, times: int = 1, to_step: int = 0,
-                 from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
+    def multiply(self, to: ArrayLike, from_: ArrayLike, by: ArrayLike, weight: ArrayLike = 1.0, times: int = 1,
+                 to_step: int = 0, from_step: int = 0, by_step: int = 0) -> None:  # fmt: skip
         """W[to] += weight * W[from] * W[by]."""
         self._map(MULTIPLY, times, {"to": to, "from_": from_, "by": by}, weight, to_step=to_step, from_step=from_step,
                   by_step=by_step)  # fmt: skip
@@ -137,26 +146,28 @@ class Operations:
         place."""
         self._add(LU, {}, (matrix, n * n), (right, n * times), times=times, count=n, first=matrix, outputs=right)
 
-    # -- tables
+    def positive(self, at: ArrayLike) -> None:
+        """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
+        self._map(POSITIVE, 1, {"from_": at}, None)
 
-    def _errors(self) -> list[BaseException]:
-        return self.errors
+    # -- tables
 
     def _map(self, kind: int, times: int, slots: dict[str, ArrayLike], weight: ArrayLike | None, **steps: int) -> None:
         tables: dict[str, Any] = {name: np.asarray(values, dtype=np.int64).ravel() for name, values in slots.items()}
-        count = len(tables["to"])
+        count = len(tables["from_"])
         if any(len(table) != count for table in tables.values()):
             raise ValueError(f"tables of different lengths: { {name: len(table) for name, table in tables.items()} }")
         if not count or not times:
             return
         if weight is not None:
             weights = np.asarray(weight, dtype=float)
+            weights = np.full(count, weights) if weights.ndim == 0 else weights
             if weights.shape not in ((count,), (times, count)):
                 raise ValueError(f"weights {weights.shape} for {times} instances of {count} entries")
             steps["weight_step"], tables["weight"] = (count if weights.ndim == 2 else 0), weights.ravel()
         self._add(kind, tables, times=times, count=count, **steps)
 
-    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], kernel: Any = None, **fields: Any) -> None:
+    def _add(self, kind: int, tables: dict[str, Any], *ranges: tuple[int, int], **fields: Any) -> None:
         kept = {name: np.array(table, order="C") for name, table in tables.items()}  # copies: nobody changes them later
         for name, table in kept.items():
             if name != "weight" and table.size:
@@ -164,52 +175,44 @@ class Operations:
                 ranges = (*ranges, (int(table.min()), int(table.max()) + last - int(table.min()) + 1))
         if fields["times"] < 0 or any(fields.get(name, 0) < 0 for name in ("to_step", "from_step", "by_step", "count", "inputs")):
             raise ValueError(f"negative sizes: {fields}")
-        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges), kernel))
+        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges)))
 
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] * (f["times"] if f["kind"] == CALL_BACK else 1) for f, *_ in self.steps
-                    if f["kind"] in (CALL, CALL_BACK)), default=0)  # fmt: skip
+        return max((f["inputs"] for f, *_ in self.steps if f["kind"] == CALL), default=0)
+
+    @property
+    def reads(self) -> frozenset[int]:
+        """Slots from which kernels and copies take numbers."""
+        tables = [tables[name] for _, tables, _ in self.steps for name in ("from_", "by") if name in tables]
+        return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
-        """The operations as C reads them, and what has to be kept alive.
+        """The operations as C reads them, and what has to be kept alive. Kernels are compiled here.
 
         Raises ValueError where one leaves an array of `size` numbers."""
         made = (Operation * max(len(self.steps), 1))()
-        kept: list[Any] = [made, *self._kept]
-        for operation, (fields, tables, (low, high), _) in zip(made, self.steps, strict=False):
+        kept: list[Any] = [made]
+        for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
                 raise ValueError(f"an operation on slots {low} to {high - 1} of an array of {size}")
             for name, value in fields.items():
-                setattr(operation, name, value)
+                if name == "kernel":
+                    code, data = value.compiled.as_ctypes()
+                    operation.function, operation.data = ctypes.cast(code, Pointer).value, getattr(data, "value", data)
+                    kept += code, data, value
+                else:
+                    setattr(operation, name, value)
             for name, table in tables.items():
                 setattr(operation, name, table.ctypes.data)
                 kept.append(table)
         return Part(ctypes.addressof(made), len(self.steps)), kept
 
 
-class _Further(Operations):
-    """A list on the array of another one."""
-
-    def __init__(self, base: Operations, others: Sequence[Operations]) -> None:
-        self._base = base
-        super().__init__(0)
-        for other in others:
-            self.steps += other.steps
-            self._kept += other._kept
-
-    @property
-    def size(self) -> int:
-        return self._base.size
-
-    @size.setter
-    def size(self, value: int) -> None:
-        if value:
-            self._base.size = value
-
-    def _errors(self) -> list[BaseException]:
-        return self._base._errors()
+def block(first: int, points: int, width: int) -> Index:
+    """Slots (points, width) one after the other."""
+    return np.arange(first, first + points * width, dtype=np.int64).reshape(points, width)
 
 
 def _whole(ranges: Sequence[tuple[int, int]]) -> tuple[int, int]:
@@ -229,18 +232,15 @@ class Scene(ctypes.Structure):
     )  # fmt: skip
 
 
-def core() -> Any:
-    """The library with the functions of evaluation.c declared."""
-    found = library()
-    for name, arguments in (("scene_residual", (Pointer, Number, Pointer, Pointer, Pointer)),
-                            ("scene_jacobian", (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
-                            ("scene_rates", (Pointer, Number, Pointer, Pointer)),
-                            ("scene_part", (Pointer, Pointer, Number, Pointer, Pointer)),
-                            ("scene_values", (Pointer, Pointer, Whole, Pointer, Pointer, Whole, Whole, Whole, Pointer)),
-                            ("scene_residuals", (Pointer, Whole, Pointer, Pointer, Pointer, Pointer))):  # fmt: skip
-        function = getattr(found, name)
-        function.argtypes, function.restype = arguments, ctypes.c_int
-    return found
+#: the library with the functions of evaluation.c
+core = declared(
+    ("scene_residual", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer)),
+    ("scene_jacobian", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Pointer, Pointer)),
+    ("scene_rates", ctypes.c_int, (Pointer, Number, Pointer, Pointer)),
+    ("scene_part", ctypes.c_int, (Pointer, Pointer, Number, Pointer, Pointer)),
+    ("scene_values", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Whole, Whole, Pointer)),
+    ("scene_residuals", ctypes.c_int, (Pointer, Whole, Pointer, Pointer, Pointer, Pointer)),
+)
 
 
 def address_of(name: str) -> int | None:

@@ -1,5 +1,8 @@
-/* Newton's iteration on the stages of one collocation step (Hairer and Wanner, IV.8), its starting values and its error. */
+/* Collocation: Newton's iteration on the stages of a step (Hairer and Wanner, IV.8), its starting values, its error, and the
+   control of the step. */
+#include "contacts.h"
 #include "sparse.h"
+#include <float.h>
 
 /* Stages of F(t0 + c_i h, y0 + Z_i, sum_j A_inv[i, j] Z_j / h) = 0; the letters are those of `CollocationTable`. */
 typedef struct {
@@ -24,7 +27,7 @@ typedef struct {
 static const double UNSEEN = 0.1, STAGNATION = 0.03, MARGIN = 30.0;
 
 /* out (s, n) = factor A x, A (s, s), x (s, n) */
-static void product(const double *A, const double *x, double *out, I s, I n, double factor) {
+WIDE static void product(const double *A, const double *x, double *out, I s, I n, double factor) {
   for (I i = 0; i < s; i++) {
     double *o = out + i * n;
     const double first = A[i * s] * factor;
@@ -179,5 +182,222 @@ API int radau_error(Radau *a, double t, const double *y, const double *yp, doubl
   if (code < 0) return code;
   for (I k = 0; k < n; k++) a->error[k] = rhs[k] - a->error[k];
   a->estimate = code == DONE ? filtered(a, weights) : INFINITY;
+  return DONE;
+}
+
+/* -- runs */
+
+/* Further results of a call: Newton's method does not converge with a fresh Jacobian; the order of some factors is bad, and Python
+   looks for another; the step has no width beside the time; it became too small while the error test failed; there are no rates
+   at its end; Python has to look at the contacts of the last step made. */
+enum { DIVERGED = 3, ORDER = 4, NO_WIDTH = 5, VANISHED = 6, NO_RATES = 7, LOOK = 8 };
+
+/* A contraction better than REUSE lets the Jacobian serve the next step too; a new one is evaluated at the predicted stage AMID:
+   amid the steps it serves it serves more of them. Steps longer than the last one by more than FAR do not continue its polynomial;
+   a step grows by 8 at most, but one that ends at a contact may be short. A change of the step from KEEP[0] to KEEP[1] does not pay
+   for new factors; those of a step KEEP_FACTORS times as long as a watched bound allows are used again. An estimate above SUSPECT
+   is compared with round-off; if it is round-off, the step grows as after an estimate of ESCAPE, because shorter steps only make
+   it worse (eps |q| / h in velocities). */
+static const double REUSE = 1e-2, FAR = 50, KEEP[2] = {0.9, 1.2}, KEEP_FACTORS = 0.6, SHRINK = 0.2, GROW = 8, SUSPECT = 0.8,
+                    ESCAPE = 0.05;
+enum { AMID = 1, FIRST = 1, AGAIN = 2 }; /* `rejected` of the first step, and of those after a rejection */
+
+/* A run at the state (y, y'). One unit of every norm is rtol |y| + atol, over (h / time)^order in unknowns of index order + 1. */
+typedef struct {
+  Radau *a;
+  Matrix *matrix;
+  const Equations *rates;                /* y' = f(t, y) of methods whose last stage is not the end of the step; NULL: it is */
+  const double *atol, *order;            /* (n) each */
+  double rtol, time, target;             /* part of the tolerance that Newton's method leaves */
+  I limit;                               /* most iterations */
+  double *y, *yp, *last, *weights, *power; /* (n); last (s, n): increments of the last step */
+  double last_h, factored, power_h;      /* steps of these increments, of the factors, of `power`; 0: there are none */
+  I stale, fresh, at_start, here;        /* the Jacobian: to be replaced, of this very step, next one at its start, always there */
+  double h, exponent, accepted, accepted_error; /* next step; of the controller: 1 / (s + 1), last step and its error */
+  Stretches stretches;
+  Contacts *contacts;                    /* NULL: Python looks at them, or there are none */
+  double bound, landing, smallest;       /* steps (s): allowed by what is watched, to where one has to end, and the least */
+  double width, error;                   /* of the present step */
+  double noise, noise_t, noise_h;        /* round-off that passed for an error first, 0: none did */
+  double tried;                          /* h and `rejected` before the last step that was accepted */
+  I careful, rejected;                   /* rejected: the next step is the first, or one after a rejection */
+  I rejections, jacobians, factorisations, iterations, residuals;
+} Run;
+
+static void weigh(Run *r, double h, const double *increment) {
+  const I n = r->a->n;
+  if (h != r->power_h)
+    for (I k = 0; k < n; k++) r->power[k] = r->order[k] == 0 ? 1 : pow(h / r->time, r->order[k]);
+  r->power_h = h;
+  for (I k = 0; k < n; k++) {
+    double size = fabs(r->y[k]);
+    if (increment) size = fmax(size, fabs(r->y[k] + increment[k]));
+    r->weights[k] = r->power[k] / (r->rtol * size + r->atol[k]);
+  }
+}
+
+API void run_predict(Run *r, double h) { radau_predict(r->a, r->yp, h, h <= FAR * r->last_h ? r->last_h : 0, r->last); }
+
+static int refresh(Run *r, double t, double h) {
+  const Radau *a = r->a;
+  const Equations *e = a->equations;
+  const I n = a->n, i = a->s > AMID ? AMID : a->s - 1;
+  const double *y = r->y, *yp = r->yp;
+  r->fresh = r->last_h == 0 || r->at_start || r->here;
+  if (!r->fresh) {
+    run_predict(r, h);
+    radau_slopes(a, h);
+    for (I k = 0; k < n; k++) a->Y[k] = r->y[k] + a->Z[i * n + k];
+    t += a->c[i] * h, y = a->Y, yp = a->Yp + i * n;
+  }
+  const int code = e->jacobian(e->self, t, y, yp, r->matrix->fy, r->matrix->fyp);
+  if (code > 0) r->matrix->fy[0] = NAN;
+  r->stale = r->at_start = 0, r->factored = 0, r->jacobians++;
+  return code < 0 ? code : DONE;
+}
+
+/* The factors are those of the step h. */
+API void run_factored(Run *r, double h) { r->factored = h, r->a->rate = INFINITY, r->factorisations++; }
+
+static int prepare(Run *r, double t, double h) {
+  const int code = r->stale ? refresh(r, t, h) : DONE;
+  if (code || h == r->factored) return code;
+  r->factored = 0;
+  if (matrix_factor(r->matrix, h, 0) >= 0) return ORDER;
+  run_factored(r, h);
+  return DONE;
+}
+
+/* Solve the stages of a step of h from t: with the present factors, else with those of a fresh Jacobian. */
+API int run_solve(Run *r, double t, double h) {
+  for (r->width = h;; r->stale = r->at_start = 1) {
+    int code = prepare(r, t, h);
+    if (code) return code;
+    weigh(r, h, NULL);
+    run_predict(r, h);
+    code = radau_solve(r->a, t, r->y, h, r->weights, r->target, r->limit);
+    r->iterations += r->a->iterations, r->residuals += r->a->s * r->a->iterations;
+    if (code < 0) return code;
+    if (code) {
+      if (r->a->theta > REUSE) r->stale = 1;
+      return DONE;
+    }
+    if (r->fresh) return DIVERGED;
+  }
+}
+
+/* Move to t + h, the end of the step just solved. */
+API int run_advance(Run *r, double t, double h) {
+  const Radau *a = r->a;
+  const I s = a->s, n = a->n;
+  const size_t row = sizeof(double) * (size_t)n;
+  memcpy(r->last, a->Z, row * (size_t)s);
+  r->last_h = h, r->fresh = 0;
+  for (I j = 0; j < s; j++)
+    for (I k = 0; k < n; k++) r->y[k] += a->end[j] * a->Z[j * n + k];
+  if (!r->rates) {
+    memcpy(r->yp, a->Yp + (s - 1) * n, row);
+    return DONE;
+  }
+  r->residuals++;
+  const int code = r->rates->rates(r->rates->self, t + h, r->y, r->yp);
+  return code > 0 ? NO_RATES : code;
+}
+
+/* The error of the step just solved, in units of the tolerance. */
+static int estimate(Run *r, double t) {
+  Radau *a = r->a;
+  double *increment = a->w; /* of the whole step; `radau_error` writes there only after the weights are made */
+  memset(increment, 0, sizeof(double) * (size_t)a->n);
+  for (I j = 0; j < a->s; j++)
+    for (I k = 0; k < a->n; k++) increment[k] += a->end[j] * a->Z[j * a->n + k];
+  weigh(r, r->width, increment);
+  const int code = radau_error(a, t, r->y, r->yp, r->width, r->weights, r->rejected != 0);
+  r->residuals += a->residuals;
+  r->error = a->estimate;
+  if (code < 0 || !(r->error > SUSPECT)) return code;
+  weigh(r, r->width, NULL);
+  const double noise = radau_noise(a, r->weights);
+  if (!(r->error <= noise)) return DONE;
+  if (r->noise == 0) r->noise = noise, r->noise_t = t, r->noise_h = r->width;
+  r->error = ESCAPE;
+  return DONE;
+}
+
+/* The next step after one that is accepted (Gustafsson), kept where a change would not pay. */
+static double proposed(Run *r) {
+  const double limit = (double)(2 * r->limit), h = r->width, error = fmax(r->error, 1e-10);
+  const double safety = 0.9 * (limit + 1) / (limit + (double)r->a->iterations);
+  double factor = safety * pow(error, -r->exponent);
+  if (r->accepted != 0)
+    factor = fmin(factor, safety * (h / r->accepted) * pow(r->accepted_error / (error * error), r->exponent));
+  r->accepted = h, r->accepted_error = fmax(error, 1e-2);
+  factor = fmin(fmax(factor, SHRINK), r->rejected == AGAIN ? 1 : GROW);
+  return KEEP[0] <= factor && factor <= KEEP[1] ? h : h * factor;
+}
+
+/* The width of the next step: cut or slightly stretched to end with what is left; two equal ones rather than a long and a tiny one. */
+static double fitted(const Run *r, double t, double left) {
+  double h = fmin(r->h, longest_step(&r->stretches, t)), bound = r->bound;
+  if (r->contacts) bound = fmin(bound, contacts_bound(r->contacts, t));
+  if (bound < h) h = KEEP_FACTORS * bound <= r->factored && r->factored <= bound ? r->factored : bound;
+  h = fmin(h, r->landing);
+  if (h * 1.01 >= left) return left;
+  return 2 * h > left && h > 0.6 * left ? left / 2 : h;
+}
+
+/* One attempt at a step from t, its error in `error`. solved: its stages are solved already. */
+static int attempt(Run *r, double t, double end, I solved) {
+  if (!solved) {
+    const double h = fitted(r, t, end - t);
+    if (!(t + h > t)) return r->width = h, NO_WIDTH;
+    const int code = run_solve(r, t, h);
+    if (code) return code;
+  }
+  return estimate(r, t);
+}
+
+/* After an error above 1, or one that is not a number. */
+static int reject(Run *r, double t) {
+  r->rejections++, r->rejected = AGAIN;
+  if (r->width < fmax(r->smallest, 10 * DBL_EPSILON * fabs(t))) return VANISHED;
+  r->h = r->width * fmax(SHRINK, isfinite(r->error) ? 0.9 * pow(r->error, -r->exponent) : 0);
+  return DONE;
+}
+
+static int accept(Run *r, double t) {
+  const double next = proposed(r);
+  r->tried = r->h, r->careful = r->rejected;
+  r->h = isfinite(r->landing) ? fmax(next, r->h) : next; /* a step that ended at a contact or kink was not cut for its error */
+  r->landing = INFINITY, r->rejected = 0;
+  return run_advance(r, t, r->width);
+}
+
+/* Steps from t to `end`, until there is no room for more, more than `most` residuals were evaluated, or `seconds` are over.
+   solved: the stages of the first one are. Row m of T, Y, Yp, inner (s - 1, n) and errors belongs to step m; *made: how many. */
+API int run_steps(Run *r, double t, double end, I solved, double most, double seconds, I room, double *T, double *Y, double *Yp,
+                  double *inner, double *errors, I *made) {
+  const I n = r->a->n, inside = (r->a->s - 1) * n;
+  const size_t row = sizeof(double) * (size_t)n;
+  const double begin = clock_s();
+  for (*made = 0; *made < room && t < end; solved = 0) {
+    int code = attempt(r, t, end, solved);
+    if (code) return code;
+    const I accepted = r->error < 1, m = *made;
+    code = accepted ? accept(r, t) : reject(r, t);
+    if (code) return code;
+    if (accepted) {
+      T[m] = t = t + r->width * (1 + 1e-9) >= end ? end : t + r->width;
+      errors[m] = r->accepted_error;
+      memcpy(Y + m * n, r->y, row);
+      memcpy(Yp + m * n, r->yp, row);
+      memcpy(inner + m * inside, r->last, sizeof(double) * (size_t)inside);
+      ++*made;
+      code = r->contacts ? contacts_calm(r->contacts, t, r->width, r->y) : 1;
+      if (code <= 0) return code < 0 ? code : LOOK;
+      if (r->contacts && contacts_keep(r->contacts)) r->stale = 1;
+    }
+    if ((double)r->residuals > most || clock_s() - begin > seconds) break;
+  }
   return DONE;
 }

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from functools import cache
 from math import inf
 from typing import Any
 
 import numpy as np
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole
-from mbdae.native.library import library
+from mbdae.native.library import declared
 from mbdae.native.sparse import Array, Matrix, address
 
 STAGNATION = 0.03  #: of radau.c: corrections that stopped shrinking do no harm below this part of the tolerance
@@ -27,20 +26,19 @@ class Table(ctypes.Structure):
                 ("residuals", Whole))  # fmt: skip
 
 
-@cache
-def functions() -> ctypes.CDLL:
-    """The library with the functions of radau.c declared."""
-    found = library()
-    for name, result, arguments in (
-        ("radau_slopes", None, (Pointer, Number)),
-        ("radau_predict", None, (Pointer, Pointer, Number, Number, Pointer)),
-        ("radau_noise", Number, (Pointer, Pointer)),
-        ("radau_solve", ctypes.c_int, (Pointer, Number, Pointer, Number, Pointer, Number, Whole)),
-        ("radau_error", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Number, Pointer, Whole)),
-    ):
-        call = getattr(found, name)
-        call.restype, call.argtypes = result, arguments
-    return found
+#: the library with the functions of radau.c
+functions = declared(
+    ("radau_slopes", None, (Pointer, Number)),
+    ("radau_predict", None, (Pointer, Pointer, Number, Number, Pointer)),
+    ("radau_noise", Number, (Pointer, Pointer)),
+    ("radau_solve", ctypes.c_int, (Pointer, Number, Pointer, Number, Pointer, Number, Whole)),
+    ("radau_error", ctypes.c_int, (Pointer, Number, Pointer, Pointer, Number, Pointer, Whole)),
+    ("run_predict", None, (Pointer, Number)),
+    ("run_factored", None, (Pointer, Number)),
+    ("run_solve", ctypes.c_int, (Pointer, Number, Number)),
+    ("run_advance", ctypes.c_int, (Pointer, Number, Number)),
+    ("run_steps", ctypes.c_int, (Pointer, Number, Number, Whole, Number, Number, Whole, *[Pointer] * 6)),
+)
 
 
 class Stages:
@@ -67,7 +65,7 @@ class Stages:
         self.s, self.n, self.equations, self.matrix = s, n, equations, matrix
         self.Z, self.Y, self.Yp, self.R, self._D, self.correction = (np.zeros((s, n)) for _ in range(6))
         self._w, (self.error, self.scaled) = np.zeros((2, n)), np.zeros((2, n))
-        self._last, self._last_h = np.zeros((s, n)), 0.0
+        self._last = np.zeros((s, n))
         self._y, self._yp, self._weights = np.zeros((3, n))
         self._inputs = address(self._y), address(self._yp), address(self._weights)
         arrays = (self.Z, self.Y, self.Yp, self.R, self._D, self.correction, self._w, self.error, self.scaled)

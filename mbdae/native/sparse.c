@@ -3,7 +3,8 @@
 #include <float.h>
 
 enum { TAME = 1000 };                /* multipliers up to it lose few digits: such factors are not checked */
-static const double ACCURATE = 1e-10; /* factors that solve worse than this are those of a bad order */
+static const double MOST = 1e12;     /* multipliers above it: an order is given up unchecked */
+static const double ACCURATE = 1e-4; /* factors that solve worse than this are those of a bad order */
 
 static inline double real_of(double x) { return x; }
 static inline double real_size(double x) { return fabs(x); }
@@ -47,7 +48,11 @@ API void lu_solve(const Factors *f, void *b) {
 }
 
 static void scale(const Matrix *m, double h) {
-  for (I i = 0; i < m->n; i++) m->column[i] = m->scale[i] * pow(h, -m->power[i]), m->row[i] = 0;
+  for (I i = 0; i < m->n; i++) { /* most unknowns have the power 0 or 1 */
+    const double p = m->power[i];
+    m->column[i] = p == 0 ? m->scale[i] : p == 1 ? m->scale[i] / h : m->scale[i] * pow(h, -p);
+    m->row[i] = 0;
+  }
   for (I k = 0; k < m->nnz; k++) {
     const double c = m->column[m->column_of[k]], size = fabs(m->fy[k] * c) + fabs(m->fyp[k] * (c / h));
     double *r = &m->row[m->row_of[k]];

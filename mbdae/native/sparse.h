@@ -18,7 +18,6 @@ typedef struct {
   const I *row_of, *column_of;        /* (nnz) of the entries */
   const Order *order;
   I surely;                           /* no check of the factors: their order was found for these entries, with row exchanges */
-  double most;                        /* multipliers above it: the order has gone bad */
   void *a, *lu, *w;                   /* (nnz) entries, the factors, (2, n) to work with */
   double *sums;                       /* (n) */
   int *swaps; Getrf *getrf; Getrs *getrs;

@@ -16,12 +16,11 @@ from scipy.linalg import cython_lapack
 from scipy.sparse import csc_matrix
 
 from mbdae.native.equations import Number, Pointer, Whole
-from mbdae.native.library import library
+from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MOST = 1e8  #: multipliers of an elimination without row exchanges: larger ones leave no digits
 #: dense factors of LAPACK are faster where sparse ones take more than FEW multiplications, and more than this part of theirs
 #: (measured with full matrices: as fast with 25 unknowns, a third slower with 50, half as fast with 80)
 FEW, DENSE = 5000, 0.5
@@ -46,7 +45,7 @@ class FactorsTable(ctypes.Structure):
     """`Factors` of sparse.h."""
 
     _fields_ = (("n", Whole), ("nnz", Whole), ("complex", Whole), ("row_of", Pointer), ("column_of", Pointer),
-                ("order", Pointer), ("surely", Whole), ("most", Number), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
+                ("order", Pointer), ("surely", Whole), ("a", Pointer), ("lu", Pointer), ("w", Pointer),
                 ("sums", Pointer), ("swaps", Pointer), ("getrf", Pointer), ("getrs", Pointer))  # fmt: skip
 
 
@@ -58,21 +57,15 @@ class MatrixTable(ctypes.Structure):
                                                "column", "w", "factors")))  # fmt: skip
 
 
-@cache
-def functions() -> ctypes.CDLL:
-    """The library with the functions of sparse.h declared."""
-    found = library()
-    for name, result, arguments in (
-        ("lu_factor", Whole, (Pointer,)),
-        ("lu_solve", None, (Pointer, Pointer)),
-        ("matrix_factor", Whole, (Pointer, Number, Whole)),
-        ("matrix_mass", None, (Pointer, Pointer, Pointer)),
-        ("matrix_correct", None, (Pointer, Pointer)),
-        ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
-    ):
-        call = getattr(found, name)
-        call.restype, call.argtypes = result, arguments
-    return found
+#: the library with the functions of sparse.h
+functions = declared(
+    ("lu_factor", Whole, (Pointer,)),
+    ("lu_solve", None, (Pointer, Pointer)),
+    ("matrix_factor", Whole, (Pointer, Number, Whole)),
+    ("matrix_mass", None, (Pointer, Pointer, Pointer)),
+    ("matrix_correct", None, (Pointer, Pointer)),
+    ("matrix_noise", None, (Pointer, Pointer, Pointer, Pointer)),
+)
 
 
 @cache
@@ -199,7 +192,7 @@ class Factors:
         self._lu = np.zeros(0, self.dtype)
         letter = "z" if self.dtype.kind == "c" else "d"
         self.table = FactorsTable(
-            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0, MOST,
+            entries.n, entries.nnz, letter == "z", address(entries.row_of), address(entries.column_of), None, 0,
             address(self.values), None, address(self._work), address(self._sums), address(self._swaps),
             lapack(letter + "getrf"), lapack(letter + "getrs"))  # fmt: skip
         self._at = ctypes.addressof(self.table)
@@ -274,8 +267,8 @@ class Matrix:
         self._values = np.concatenate([self.real, self.pairs.view(float)])
         self.fy, self.fyp = np.zeros((2, nnz))
         self.row, self.column, self._work = np.ones(n), self.scale.copy(), np.zeros((3, n))
-        orders = Orders(entries, searches)
-        self.factors = [Factors(orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
+        self.orders = Orders(entries, searches)
+        self.factors = [Factors(self.orders, kind) for kind in (*(float for _ in self.real), *(complex for _ in self.pairs))]
         if not self.factors:
             raise ValueError("no lambda")
         self._addresses = (Pointer * len(self.factors))(*(ctypes.addressof(f.table) for f in self.factors))

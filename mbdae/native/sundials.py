@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.native.equations import Equations, Number, Pointer, Whole, seen
-from mbdae.native.library import library
+from mbdae.native.library import declared
 from mbdae.native.signals import Signals
 from mbdae.native.sundials_library import UnavailableError, sundials
 from mbdae.native.sundials_steps import MOST_ROWS, Array, Block, Run, Settings, Steps
@@ -312,15 +312,8 @@ def why_not(sparse: bool = False) -> str:
     return ""
 
 
-@cache
-def core() -> Any:
-    """The functions of sundials.c."""
-    try:
-        found = library()
-    except Exception as error:
-        raise UnavailableError(f"the native core could not be built: {error}") from error
-    found.sundials_steps.argtypes = [Pointer, Number, Number, Whole, Pointer, Pointer, Pointer, Pointer, Pointer]
-    return found
+#: the library with the functions of sundials.c
+core = declared(("sundials_steps", ctypes.c_int, (Pointer, Number, Number, Whole, *[Pointer] * 5)))
 
 
 @cache

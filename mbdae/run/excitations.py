@@ -63,6 +63,7 @@ def beginning_at(system: System, run: Solution, t: float) -> System:
     """The system with its start at a time inside a run, s, with consistent values."""
     if t <= system.t0:
         return system
-    values = system.enter(t, run(t), t)
-    system.leave()
+    system.read_at(t)
+    values = system.restarted(t, run(t))
+    system.read_at(None)
     return system.starting(t, *values)

@@ -4,33 +4,17 @@ What draws is imported by the first picture: a run without one does not pay for 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 from mbdae.results.result import ATTACHED
 
 
-def _plot(*args: Any, **options: Any) -> Any:
-    from mbdae.show.plots import plot_results
-
-    return plot_results(*args, **options)
-
-
-def _phase(*args: Any, **options: Any) -> Any:
-    from mbdae.show.plots import plot_phase
-
-    return plot_phase(*args, **options)
+def _by(module: str, name: str) -> Callable[..., Any]:
+    """A function of a module of this package, which its first call imports."""
+    return lambda *args, **options: getattr(import_module(f"mbdae.show.{module}"), name)(*args, **options)
 
 
-def _orbit(*args: Any, **options: Any) -> Any:
-    from mbdae.show.plots import plot_orbit
-
-    return plot_orbit(*args, **options)
-
-
-def _animate(*args: Any, **options: Any) -> Any:
-    from mbdae.show.animation import animate
-
-    return animate(*args, **options)
-
-
-ATTACHED.update(plot=_plot, phase=_phase, orbit=_orbit, animate=_animate)
+ATTACHED.update(plot=_by("plots", "plot_results"), phase=_by("plots", "plot_phase"), orbit=_by("plots", "plot_orbit"),
+                animate=_by("animation", "animate"))  # fmt: skip

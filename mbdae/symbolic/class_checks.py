@@ -18,6 +18,7 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import LawError, MbdaeError
+from mbdae.symbolic.rebuild import is_condition
 from mbdae.values import SMALLEST, BadValueError, number, shown
 
 Check = Callable[[Any], Any]
@@ -36,18 +37,16 @@ class _WrongError(Exception):
 
 
 def _expression(e: Any) -> Any:
-    if e is None or callable(getattr(e, "cross", None)) or isinstance(e, _NO_EXPRESSIONS) or _is_condition(e):
+    if e is None or callable(getattr(e, "cross", None)) or isinstance(e, _NO_EXPRESSIONS):
         raise _WrongError(f"{shown(e)}, which is no expression (a number)")
     try:
         if isinstance(e, int | float | np.number) or type(e).__module__.partition(".")[0] == "sympy":
             e = se.sympify(number(e) if not getattr(e, "free_symbols", None) else e)
     except Exception as error:  # NaN, infinite, or what symengine does not know
         raise _WrongError(f"{shown(e)}, which is no finite number or expression") from error
+    if is_condition(e):
+        raise _WrongError(f"{shown(e)}, which is no expression (a number)")
     return e
-
-
-def _is_condition(e: Any) -> bool:
-    return type(e).__name__ in ("BooleanTrue", "BooleanFalse") or "Than" in type(e).__name__
 
 
 def _vector(v: Any) -> Any:

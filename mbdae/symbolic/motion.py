@@ -14,13 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import symengine as se
 
 from mbdae.errors import LawError
 from mbdae.symbolic.quaternions import rotation_columns
-from mbdae.symbolic.rebuild import CONDITIONS, nodes
+from mbdae.symbolic.rebuild import is_condition, nodes
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 from mbdae.values import BadValueError, array, shown
 
@@ -197,15 +198,11 @@ def _without_derivatives(amount: Expr) -> Expr | None:
     """A part of an expression whose first two derivatives symengine cannot form or evaluate; None where there is none."""
     at = {s: se.RealDouble(0.31 + 0.17 * i) for i, s in enumerate(sorted(amount.free_symbols, key=str))}
     for part in nodes(amount):
-        for symbol in part.free_symbols if not _is_condition(part) else ():
+        for symbol in part.free_symbols if not is_condition(part) else ():
             first = se.diff(part, symbol)
             if not all(_is_known(e, at) for e in (part, first, se.diff(first, symbol))):
                 return part
     return None
-
-
-def _is_condition(e: Expr) -> bool:
-    return isinstance(e, se.Symbol) or type(e).__name__ in CONDITIONS
 
 
 def _is_known(e: Expr, at: dict[Expr, Expr]) -> bool:
@@ -223,6 +220,12 @@ def value_of(e: Expr) -> complex | None:
         except (RuntimeError, TypeError):
             continue
     return None
+
+
+def real_value(e: Expr) -> float:
+    """The same where it is real; NaN elsewhere."""
+    found = value_of(e)
+    return found.real if found is not None and found.imag == 0 else nan
 
 
 def no_rotation() -> Rotation:

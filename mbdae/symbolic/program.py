@@ -79,6 +79,34 @@ class Program:
                 total[seed] = total.get(seed, _ZERO) + slope * value
         return {seed: self.let(value) for seed, value in total.items() if value != 0}
 
+    def at(self, values: dict[Expr, Expr], outputs: Sequence[Expr]) -> tuple[Program, list[Expr]]:
+        """The part of the program that some outputs need, with inputs replaced by values, and these outputs in it."""
+        made, table = Program(), dict(values)
+        for name in self.needed(outputs):
+            table[name] = made.let(substituted(self.steps[name], table))
+        return made, [substituted(e, table) for e in map(se.sympify, outputs)]
+
+    def solved(self, A: dict[tuple[int, int], Expr], b: Sequence[Expr]) -> tuple[list[Expr], list[Expr]]:
+        """x of A x = b and the pivots of A = L D L^T, which are positive where A is positive definite. A: entries (i, j), j <= i,
+        of a symmetric matrix; those that are left out are zero."""
+        n, let = len(b), self.let
+        L: dict[tuple[int, int], Expr] = {}
+        scaled: dict[tuple[int, int], Expr] = {}  # entries of L D
+        pivots, inverse, x = list[Expr](), list[Expr](), list(b)
+        for i in range(n):
+            for j in range(i + 1):
+                value = A.get((i, j), _ZERO) - _sum(L[j, k] * scaled[i, k] for k in range(j) if (j, k) in L and (i, k) in scaled)
+                if i == j:
+                    pivots.append(let(value))
+                    inverse.append(let(1 / pivots[i]))
+                elif value != 0:
+                    scaled[i, j] = let(value)
+                    L[i, j] = let(scaled[i, j] * inverse[j])
+            x[i] = let(x[i] - _sum(L[i, k] * x[k] for k in range(i) if (i, k) in L))
+        for i in reversed(range(n)):
+            x[i] = let(x[i] * inverse[i] - _sum(L[k, i] * x[k] for k in range(i + 1, n) if (k, i) in L))
+        return x, pivots
+
     def closed(self, outputs: Sequence[Expr]) -> list[Expr]:
         """Outputs in terms of inputs alone. Every step stays one shared node (an unevaluated expression): without that
         sums are flattened into their users and compilation explodes."""
@@ -86,3 +114,7 @@ class Program:
         for name in self.needed(outputs):
             table[name] = se.UnevaluatedExpr(substituted(self.steps[name], table))
         return [substituted(e, table) for e in map(se.sympify, outputs)]
+
+
+def _sum(terms: Iterable[Expr]) -> Expr:
+    return sum(terms, _ZERO)

@@ -6,7 +6,7 @@ A System is the implicit equation F(t, y, y') = 0 with its exact Jacobian. A sce
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Self
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdae.errors import OptionError
+from mbdae.inputs.resolution import LongestStep
 from mbdae.values import array, function, sequence, set_option, shown, text, word
 
 Array = NDArray[np.float64]
@@ -50,8 +51,25 @@ class Switches:
                               f"give one of each per argument")  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of equations in an array W that their native evaluation reads: slots (m,) of all, and which of the names asked for
+    stands in each (m,)."""
+
+    W: Array
+    slots: NDArray[np.int64]
+    of: NDArray[np.int64]
+
+
 def _words(value: Any, **bounds: Any) -> tuple[Any, ...]:
     return tuple(sequence(value, **bounds))
+
+
+class Kept(dict[str, Any]):
+    """What solvers keep of equations from run to run, by name; their parts of a run share it, copies of a result begin anew."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kept, ()
 
 
 class System:
@@ -84,6 +102,7 @@ class System:
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
+    kept: Kept | None = None  #: None: solvers keep nothing
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
@@ -99,6 +118,7 @@ class System:
     guard_names: tuple[str, ...] = ()
     #: unit of each gap, m or rad; m where there are fewer
     guard_units: tuple[str, ...] = ()
+    guard_jumps: bool = False  #: whether the force of a contact jumps where it is made: steps across that have order 1
     #: functions in the equations that switch or vary within a narrow range; None: none
     switches: Switches | None = None
     #: name of the elastic beam that vibrates fastest and the angle (rad) of that vibration in the motion's characteristic time
@@ -108,9 +128,9 @@ class System:
     #: None: they are smooth and slow); None: inputs of time are not looked at
     timeline: Callable[[float, float], Any] | None = None
     #: time -> longest step (s) that may be taken from there; None: no bound
-    longest_step: Callable[[float], float] | None = None
+    longest_step: LongestStep | None = None
 
-    def starting(self, t: float, y: Array, yp: Array, longest_step: Callable[[float], float] | None = None) -> Self:
+    def starting(self, t: float, y: Array, yp: Array, longest_step: LongestStep | None = None) -> Self:
         """These equations with another start, for a part of a run: a new System that shares all else with this one.
 
         Nothing assigns the attributes of a System after it is made; a solver reads the start of its part from the System it is
@@ -127,16 +147,15 @@ class System:
     @property
     def looks_at_steps(self) -> bool:
         """Whether `accept` or `renewed` is more than here: steps that are made many at a time are then made one by one."""
-        found = (getattr(getattr(self, name), "__func__", None) is not getattr(System, name) for name in ("accept", "renewed"))
-        return any(found)
+        return type(self).accept is not System.accept or type(self).renewed is not System.renewed
 
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        """Consistent y and y' to go on from y (n,) at a break t; conditions of inputs (t < 1 and the like) are evaluated
-        at the time `side`, inside the next part of the run, from now on."""
+    def read_at(self, time: float | None) -> None:
+        """Evaluate conditions of inputs (t < 1 and the like) at a time inside a part of a run from now on; None: at the time of
+        every evaluation again."""
+
+    def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Consistent y and y' (n,) to go on with from y (n,) at a break t."""
         raise NotImplementedError
-
-    def leave(self) -> None:
-        """Conditions of inputs are evaluated at the time of every evaluation again."""
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp), all arrays (n,)."""
@@ -162,6 +181,11 @@ class System:
     def jacobian_values(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' apart as (nnz,) data of `pattern`, of systems that have one."""
         raise NotImplementedError
+
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        """Where numbers of laws ("elbow.mass") stand that a batch of runs varies; OptionError where one cannot be varied."""
+        raise OptionError(f"numbers = {shown(list(names))}: the equations of this system are functions, whose numbers are not "
+                          f"known; give starts alone, or solve the systems one by one")  # fmt: skip
 
     def accept(self, t: float, y: Array) -> None:
         """Called by the step loop after every accepted step: the only place where a System may remember something of a run."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
@@ -12,9 +12,10 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.numbers import numbers_of
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array, Kept, Numbers, System
 from mbdae.system.model.inputs import timeline
 from mbdae.system.motion.displacements import Displacements
 from mbdae.system.motion.mechanics import Mechanics
@@ -38,6 +39,7 @@ class SceneSystem(System):
     @single_threaded
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
+        self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
         made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
@@ -57,7 +59,7 @@ class SceneSystem(System):
             self.rhs = rhs_of(made)
         if prepared.contacts:
             self.guards = guards = ContactGuards(made, prepared.contacts, mechanics, prepared.states)
-            self.guard_names, self.guard_units = guards.names, guards.units
+            self.guard_names, self.guard_units, self.guard_jumps = guards.names, guards.units, guards.jumps
         if WATCH_INPUTS_AND_SWITCHES:
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
@@ -83,23 +85,22 @@ class SceneSystem(System):
         """These equations as native methods call them."""
         return self.assembly.evaluation.equations
 
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        return numbers_of(self.assembly.evaluation, self.assembly, names)
+
     # -- breaks of inputs of time
 
-    def enter(self, t: float, y: Array, side: float) -> tuple[Array, Array]:
-        self.model.conditions.time = side
-        return self.restarted(t, y)
-
-    def leave(self) -> None:
-        self.model.conditions.time = None
+    def read_at(self, time: float | None) -> None:
+        self.model.conditions.time = time
 
     @contextmanager
     def within(self, time: float) -> Iterator[None]:
         """Conditions of inputs are read at a time (s) inside a step, also where the equations are evaluated at its end."""
-        self.model.conditions.time = time
+        self.read_at(time)
         try:
             yield
         finally:
-            self.leave()
+            self.read_at(None)
 
     def restarted(self, t: float, y: Array) -> tuple[Array, Array]:
         """y and y' (n,) to go on with from y: accelerations, rates and multipliers anew; multipliers read from y' stay."""

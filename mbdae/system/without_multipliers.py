@@ -9,6 +9,7 @@ step where they are linear (`assembled/right_hand_side.py`).
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -22,8 +23,9 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
+from mbdae.system.assembled.numbers import numbers_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
-from mbdae.system.base import Array, System
+from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import Rows
 from mbdae.system.scene_system import SceneSystem
@@ -85,6 +87,10 @@ class WithoutMultipliers(SceneSystem):
         kernel = self._rates.kernel
         return None if kernel is None else kernel.equations
 
+    def numbers(self, names: Sequence[str]) -> Numbers:
+        kernel = self._rates.kernel
+        return super(SceneSystem, self).numbers(names) if kernel is None else numbers_of(kernel, self.full, names)
+
     @property
     def multipliers(self) -> Array:
         """lambda (m,) of the last evaluation."""
@@ -108,7 +114,7 @@ class WithoutMultipliers(SceneSystem):
 
     def accept(self, t: float, y: Array) -> None:
         """Warn once where constraints depend on each other, nearly or on the way from one step to the next."""
-        shares = (self._rates.kernel or self._rates).shares()
+        shares = (self._rates.kernel or self._rates).shares(t, y)
         here = float(np.sqrt(np.min(shares)))  # falls to 0 and rises again in straight lines where a singular position is passed
         (t0, before), (t1, last) = self._seen
         if t <= t1:  # another run
@@ -117,9 +123,9 @@ class WithoutMultipliers(SceneSystem):
         self._seen = self._seen[1], (t, here)
         if self._warned or (here**2 > NEAR and abs(here + expected) > PASSED * abs(expected)):
             return
-        self._rates.matrices(t, y, self._rate)
-        weakest = int(np.argmin(self._rates.shares()))  # geometry alone: the masses do not count
-        if (expected < 0 or self._rates.shares()[weakest] < NEAR) and not self._determined(t, y):
+        shares = self._rates.shares(t, y)  # geometry alone: the masses do not count
+        weakest = int(np.argmin(shares))
+        if (expected < 0 or shares[weakest] < NEAR) and not self._determined(t, y):
             if self.strict:
                 raise singular(t, self.full.numbering.rows[weakest].name)
             self._warned = True

@@ -35,7 +35,8 @@ def kernel_values(program, name, vectors):
         W[slots] = vectors[vector][entries]
     for step in f.steps:
         first = step.fields["first"]
-        found = step.tables["weight"] if step.kernel is None else step.kernel.values(W[step.tables["from_"].ravel()][None])[0]
+        kernel = step.fields.get("kernel")
+        found = step.tables["weight"] if kernel is None else kernel.values(W[step.tables["from_"].ravel()][None])[0]
         W[first : first + len(found)] = found
     return W[f.at]
 

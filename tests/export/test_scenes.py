@@ -320,9 +320,10 @@ def test_a_planted_error_is_seen():
     for n, step in enumerate(f.steps):
         if "weight" in step.tables and np.any(step.tables["weight"]) and "to" in step.tables:
             wrong = step._replace(tables=step.tables | {"weight": -step.tables["weight"]})
-        elif step.kernel is not None:
-            expressions = [-e for e in step.kernel.expressions]
-            wrong = step._replace(kernel=type(step.kernel)(step.kernel.symbols, expressions))
+        elif "kernel" in step.fields:
+            kernel = step.fields["kernel"]
+            kernel = type(kernel)(kernel.symbols, [-e for e in kernel.expressions])
+            wrong = step._replace(fields=step.fields | {"kernel": kernel})
         else:
             continue
         changed = replace(f, steps=(*f.steps[:n], wrong, *f.steps[n + 1 :]))

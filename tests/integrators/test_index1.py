@@ -40,6 +40,18 @@ SCENES = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("name", ["andrews", "massless hub", "friction by reaction"])  # by Cholesky, by LU, in full
+def test_a_singular_position_is_looked_for_at_the_accepted_state(name):
+    """Not where the right-hand side was evaluated last, which is another place for some methods."""
+    system = system_for(prepare(SCENES[name][0]()), mb.Index1(), 0)
+    shares, rng = (system._rates.kernel or system._rates).shares, np.random.default_rng(2)
+    y, other = system.y0, system.y0 + 0.1 * rng.normal(size=system.n)
+    expected = shares(0.0, y)
+    system.rhs(0.0, other, np.empty(system.n))
+    assert np.array_equal(shares(0.0, y), expected)
+    assert name == "friction by reaction" or not np.array_equal(shares(0.0, other), expected)
+
+
 @pytest.fixture(params=SCENES)
 def eliminated(request):
     make, way = SCENES[request.param]

@@ -74,20 +74,6 @@ def test_no_outputs_and_no_inputs() -> None:
     assert constant.oracle(np.zeros((3, 0))).tolist() == [[2.0, 0.25]] * 3
 
 
-def test_bound_calls_keep_their_arrays() -> None:
-    """The call reads and writes the arrays it was bound to; arrays it could only copy are refused."""
-    x, y = map(se.Symbol, "xy")
-    kernel, a, out = Kernel([x, y], [x * y, x + y]), np.zeros((3, 2)), np.zeros((3, 2))
-    call = kernel.bound(a, out)
-    a[:] = [[1, 2], [3, 4], [5, 6]]
-    call()
-    assert out.tolist() == [[2, 3], [12, 7], [30, 11]]
-    with pytest.raises(ValueError, match="C-contiguous"):
-        kernel.bound(np.zeros((2, 3)).T, out)
-    with pytest.raises(ValueError, match="C-contiguous"):
-        kernel.bound(a, np.zeros((6, 2))[::2])
-
-
 def test_every_function_a_law_may_use() -> None:
     """Values, and slopes by the complex step, of every function in which laws are stated."""
     x, y = se.symbols("x y")

@@ -38,13 +38,13 @@ def test_elements_of_beams_give_what_their_maps_say(space, points, damping, load
             count = kernel.elements * len(kernel.inputs)
             operations = Operations(count)
             gather = np.arange(count).reshape(kernel.elements, -1)
-            first = kernel.emit(operations, gather) if name == "values" else kernel.emit_jacobian(operations, gather)
+            at = kernel.emit(operations, gather) if name == "values" else kernel.emit_jacobian(operations, gather)
             x = np.random.default_rng(3).uniform(0.3, 0.9, gather.shape)
             expected = kernel.values(x) if name == "values" else kernel.jacobian(x)
             W = np.full(operations.size, np.nan)
             for _ in range(2):  # nothing is left from the call before
                 W[:count] = x.ravel()
                 assert run(operations, W) == (0, -1)
-            got = W[first : first + expected.size].reshape(expected.shape)
+            got = W[at]
             scale = np.abs(expected).max(axis=0)
             assert np.all(np.abs(got - expected) <= 1e-12 * scale + 1e-14 * scale.max(initial=0)), (name, kernel.targets)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import mbdae as mb
-from mbdae.native.program import Operations
+from mbdae.native.program import Operations, core
+from mbdae.system.assembled.workspace import Workspace
 
 from .running import run
 
@@ -127,15 +128,21 @@ def test_a_singular_matrix_is_told_with_its_row():
     assert run(operations, np.zeros(operations.size)) == (2, 2)
 
 
-def test_a_function_of_python_that_raises_ends_the_run():
-    operations = Operations(4)
-
-    def fails(x, out):
-        raise ArithmeticError("here")
-
-    operations.call_back(fails, np.array([[0, 1]]), 1)
-    assert run(operations, np.zeros(operations.size))[0] == -1
-    assert [str(error) for error in operations.errors] == ["here"]
+def test_a_part_is_compiled_when_it_is_asked_for(monkeypatch):
+    compiled, compile_part = [], Workspace.make
+    monkeypatch.setattr(Workspace, "make", lambda self, *parts: (compiled.extend(parts), compile_part(self, *parts))[1])
+    s = mb.Scene("pendulum", gravity=(0, -9.81, 0))
+    s.revolute("A", s.ground, s.link("rod", (0, 0), (1, 0), mass=1.0), at=(0, 0), model=mb.Recursive())
+    system = s.system(mb.ODE())
+    mb.DOP853(rtol=1e-6).solve(system, 0.1)
+    assert "rates" in compiled
+    assert "jacobian" not in compiled
+    e = s.system(mb.ODE()).assembly.evaluation
+    y, out = np.zeros(e.n), np.zeros(e.n)
+    at = [a.ctypes.data for a in (y, y, out)]
+    assert core().scene_residual(e.address, 0.0, *at) == 1  # a part that was not made says so
+    e.make("residual")
+    assert core().scene_residual(e.address, 0.0, *at) == 0
 
 
 def test_a_copy_of_a_system_has_tables_of_its_own():
@@ -148,3 +155,17 @@ def test_a_copy_of_a_system_has_tables_of_its_own():
     assert np.array_equal(mb.RadauIIA(3, rtol=1e-6).solve(other, 0.5).y, expected)
     r = s.simulate(0.2)
     assert np.array_equal(copy.deepcopy(r).q, r.q)
+
+
+def test_a_velocity_without_inertia_is_named():
+    """In a mass matrix that does not vary, which is factorised once."""
+    s = mb.Scene("falling")
+    s.point_mass("p", 1.0, at=(0, 0, 0))
+    s.rigid_body("b", 1.0, (1.0, 1.0, 1.0), at=(1, 0, 0))
+    system = s.system(mb.ODE())
+    M, out = system.assembly.constant_mass, np.zeros(system.n)
+    M[4] = M[:, 4] = 0.0
+    with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):
+        system.rhs(0.0, system.y0, out)
+    with pytest.raises(mb.SolverError, match=r"the motion of b\.omega has no inertia"):
+        mb.DOP853(rtol=1e-6).solve(system, 0.1)

@@ -139,7 +139,7 @@ def test_what_a_residual_raises_is_raised() -> None:
     with pytest.raises(KeyboardInterrupt, match="stop"):
         stages.solve(0.0, np.ones(3), 0.01, np.ones(3), 1e-3, 5)
     armed.clear()
-    assert stages.equations.error is None
+    assert stages.equations.caught.error is None
     assert stages.solve(0.0, np.ones(3), 0.01, np.ones(3), 1e-3, 5)
 
 

@@ -12,6 +12,7 @@ from overconstrained_scenes import MECHANISMS
 
 import mbdae as mb
 from mbdae.formulations import system_for
+from mbdae.inputs.resolution import LongestStep
 from mbdae.system.base import Array, System
 from mbdae.system.prepare import prepare
 
@@ -97,7 +98,7 @@ def test_another_start_is_a_system_of_its_own() -> None:
     """It shares the equations; the first one keeps its start, whatever parts a run had."""
     system = system_for(prepare(driven(BROKEN)))
     begun = system.t0, system.y0.copy(), system.yp0.copy()
-    other = system.starting(0.5, system.y0 + 0.1, system.yp0, lambda t: 0.01)
+    other = system.starting(0.5, system.y0 + 0.1, system.yp0, LongestStep(np.array([0.0, 0.01])))
     out = np.zeros((2, system.n))
     for one, row in zip((system, other), out, strict=True):
         one.residual(0.3, system.y0, system.yp0, row)

@@ -6,14 +6,18 @@ number grows like h^-4 (index 3) and the Newton iteration stops on round-off.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bmat, csc_matrix
 from scipy.sparse.linalg import splu
 
 from mbdae.integrators.matrices.ordering import searches
-from mbdae.native.sparse import Entries, Matrix, SingularMatrixError
-from mbdae.system.base import Array, System
+from mbdae.native.sparse import Entries, Matrix, Order, SingularMatrixError
+from mbdae.system.base import Array, Kept, System
+
+EARLY = 1e-2  #: of the motion's typical time: the step for which an order is looked for
 
 
 class IterationMatrix(Matrix):
@@ -21,15 +25,40 @@ class IterationMatrix(Matrix):
 
     def __init__(self, system: System, real: Array, pairs: NDArray[np.complex128]) -> None:
         pattern = system.sparsity if system.pattern is None else system.pattern
-        entries = Entries.full(system.n) if pattern is None else Entries(system.n, pattern.indptr, pattern.indices)
+        entries = Entries.full(system.n) if pattern is None else _entries(system, pattern)
         super().__init__(entries, system.scale, np.asarray(system.index) - 1.0, real, pairs,
                          () if pattern is None else searches(system.kinds))  # fmt: skip
         self.system = system
+        if system.kept is not None and self.orders.searches:
+            self.orders.present = self._first_order(system.kept)
+
+    def _first_order(self, kept: Kept) -> Order | None:
+        """An order for the matrix at the start, the same for all runs: a search takes as long as 100 factorisations. Where it
+        does not serve, the factors look for another."""
+        if "order" not in kept:
+            system = self.system
+            self.refresh(system.t0, system.y0, system.yp0)
+            try:
+                self.factor(EARLY * system.time)
+                kept["order"] = self.orders.present
+            except SingularMatrixError:
+                kept["order"] = None
+            self.table.ready = False
+        found: Order | None = kept["order"]
+        return found
 
     def refresh(self, t: float, y: Array, yp: Array) -> None:
         """Evaluate both Jacobian parts."""
         values = self.system.jacobian_parts if self.system.pattern is None else self.system.jacobian_values
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
+
+
+def _entries(system: System, pattern: Any) -> Entries:
+    kept = Kept() if system.kept is None else system.kept
+    if "entries" not in kept:
+        kept["entries"] = Entries(system.n, pattern.indptr, pattern.indices)
+    found: Entries = kept["entries"]
+    return found
 
 
 def inverse_or_one(largest: Array) -> Array:

@@ -17,13 +17,15 @@ from mbdae.native.sparse import Entries, Order, Searches
 FIRST = ("z", "q")
 #: unknowns up to which two orders may be compared, and multiplications of a factorisation for which one is not sought further
 FEW, CHEAP = 600, 15_000
+LARGE = 0.1  #: pivots on the diagonal above this part of the largest fill a third to a half of what the largest ones fill
 THRESHOLD = 1e-8  #: a pivot stays on the diagonal unless it is smaller than this times the largest: others fill the factors of a
 #: stiff beam (0.24 s instead of 0.007 s for 1000 elements), because its compliances are small beside its strains
 
 
 def searches(kinds: Sequence[str]) -> Searches:
     """How orders of elimination are sought for a matrix whose unknowns are of these kinds: the cheaper one of stresses and
-    positions first and of the largest pivots; the latter alone where that has lost its digits."""
+    positions first and of the largest pivots; where that has lost its digits, one with pivots within LARGE of the largest, then
+    that of the largest."""
 
     def cheaper(entries: Entries, values: NDArray[Any]) -> Order | None:
         by_pivots = _largest_pivots(entries, values) if entries.n <= FEW else None
@@ -33,7 +35,7 @@ def searches(kinds: Sequence[str]) -> Searches:
         both = [order for order in (by_kinds, by_pivots) if order is not None]
         return min(both, key=lambda order: order.work, default=None)
 
-    return cheaper, _largest_pivots
+    return cheaper, _large_pivots, _largest_pivots
 
 
 def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]) -> Order | None:
@@ -47,6 +49,10 @@ def _stresses_first(kinds: Sequence[str], entries: Entries, values: NDArray[Any]
 
 def _largest_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
     return _pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="COLAMD")
+
+
+def _large_pivots(entries: Entries, values: NDArray[Any]) -> Order | None:
+    return _pivoted(entries, entries.matrix(values), np.arange(entries.n), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=LARGE)
 
 
 def _pivoted(entries: Entries, ordered: csc_matrix, order: NDArray[Any], **options: Any) -> Order | None:

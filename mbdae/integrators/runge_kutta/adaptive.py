@@ -6,28 +6,26 @@ Hairer, Wanner, Solving Ordinary Differential Equations II, 2nd ed., IV.8 and VI
 from __future__ import annotations
 
 import warnings
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
 import numpy as np
 
-from mbdae.errors import AccuracyWarning
+from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.integrators.base import Solver, absolute_tolerance
 from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import CollocationTable
+from mbdae.integrators.watched.arguments import Inside
 from mbdae.integrators.watched.watch import StepWatch
-from mbdae.system.base import System
+from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
+from mbdae.system.base import Array, System
 
-#: a change of the step inside this band does not pay for a new factorisation
-KEEP = (0.9, 1.2)
-SHRINK, GROW = 0.2, 8.0
-#: factors of a step this much shorter than what a contact allows are used again
-KEEP_FACTORS = 0.6
-#: an error estimate above SUSPECT is compared with round-off; if it is round-off, the step grows as after an
-#: estimate of ESCAPE, because shorter steps only make it worse (eps |q| / h in velocities)
-SUSPECT, ESCAPE = 0.8, 0.05
+#: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage.
+#: With more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
+RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
+ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
 
 
 class Adaptive:
@@ -37,49 +35,102 @@ class Adaptive:
         rtol, stages = solver.tolerance, len(table.c)
         atol = absolute_tolerance(system, rtol, atol)
         target = max(10 * np.finfo(float).eps / rtol, min(1e-3, 0.3 * rtol**0.5))
-        self.limit = 7 + 2 * (stages - 2)
-        demand = Demand(rtol, atol, target, self.limit)
+        demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
         self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
-        self.system, self.loop, self.rtol = system, loop, rtol
-        self.exponent = 1 / (stages + 1)
-        self.accepted_h, self.accepted_error = 0.0, 1.0
-        self.smallest = 0.0
-        self.diverged = self.warned = False
+        self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
+        self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
-        self.landing = inf
+        if system.longest_step is not None:
+            self.step.run.bound(*system.longest_step)
+        one_by_one = system.looks_at_steps
+        if self.watch is not None:
+            one_by_one |= self.watch.one_by_one or not table.stiffly_accurate
+        self.most = 1 if one_by_one else ROWS
+        self.rows = min(self.most, ROWS if self.watch is None else FEW)
 
     def run(self, h0: float | None) -> None:
         """Step until the end, or until the loop stops the run."""
-        h = self.first_step() if h0 is None else h0
-        self.smallest = 1e-12 * h
-        rejected = True  # the first step is treated with the care of one after a rejection
-        while True:
-            bounded = h if self.system.longest_step is None else min(h, self.system.longest_step(self.step.t))
-            width = self._fit(bounded if self.watch is None else self._watched(bounded))
-            if not self.step.t + width > self.step.t:
-                raise self.loop.failure(
-                    f"the step fell below the round-off of the time (h = {width:.2e} s){self._where()}", self.step.fastest()
-                )
-            try:
-                self.step.solve(width, full=self.diverged)
-                error = self.step.error(width, rejected)
-            except StepFailedError as failure:
-                h, rejected, self.diverged = self._after_failure(width, failure), True, True
-                continue
-            if error > SUSPECT and self._is_round_off(width, error):
-                error = ESCAPE
-            if not error < 1.0:  # not a number counts as failed too
-                h, rejected = self._after_rejection(width, error), True
-                continue
-            t1 = self.loop.t_end if self.step.t + width * (1 + 1e-9) >= self.loop.t_end else self.step.t + width
-            if self.watch is not None and self._ends_wrong(width, t1):
-                continue
-            proposed = self._next(width, error, rejected)
-            if self.landing < inf:  # that step was shortened to end at a contact or kink, not for its error
-                proposed, self.landing = max(proposed, h), inf
-            if not self.loop.accept(*self.step.advance(width, t1)):
-                return
-            h, rejected, self.diverged = proposed, False, False
+        self.control.h = self.first_step() if h0 is None else h0
+        self.control.smallest = 1e-12 * self.control.h
+        with self.step.run:
+            solved = False
+            while (ended := self._advance(solved)) is not None:
+                solved = self._solved(ended)
+
+    def _advance(self, solved: bool) -> int | None:
+        """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""
+        step, loop, watch, control, closely = self.step, self.loop, self.watch, self.control, self.rows == 1
+        if watch is not None:
+            control.bound = watch.bound() if closely else watch.bound_of_switches()
+            step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
+        before = None if watch is None else step.run.control()
+        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
+        step.count()
+        self._warn()
+        count = len(made.t)
+        kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
+        if kept:
+            step.t, self.failures = float(made.t[kept - 1]), 0
+        going = True
+        if kept == 1:
+            piece = made.inner[0] if step.table.stiffly_accurate else None
+            going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], piece)
+        elif kept:
+            going = loop.accept_many(made.t[:kept], made.y[:kept], made.yp[:kept], list(made.inner[:kept]))
+        else:
+            loop.guard()
+        step.run.raise_error()
+        if not going:
+            return None
+        return made.code if kept == count else DONE
+
+    def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
+        """How many steps may be kept; before the others the run is where it was."""
+        loop, closely = self.loop, self.rows == 1
+        count, calm = len(made.t), len(made.t) - (made.code == LOOK)
+        times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
+        increments = self._increments(made, states)
+        kept, landing = 0, inf
+        if calm:
+            kept, landing = watch.kept(times[: calm + 1], made.y[:calm], self._inside(states[:calm], increments), closely)
+            if not closely and kept and watch.contacts is not None:
+                watch.contacts.take(times[kept - 1 : kept + 1], states[kept - 1 : kept + 1], calm - kept)
+        if kept == calm < count:
+            closely, last = True, slice(calm, count)
+            one, landing = watch.kept(times[calm:], made.y[last], self._inside(states[last], increments[last]), closely)
+            kept += one
+        self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
+        if kept < count:
+            self._go_back(made, times, increments, kept, closely, before)
+            self.control.landing = landing
+        elif closely and watch.stiffness_changed():
+            self.step.renew()
+            watch.jacobian_at(float(times[-1]), states[-1])
+        return kept
+
+    def _increments(self, made: Made, states: Array) -> Array:
+        """Increments (m, s, n) at the nodes of all steps between states (m+1, n)."""
+        if not self.step.table.stiffly_accurate:
+            return self.step.run.last[None]
+        return np.concatenate([made.inner, np.diff(states, axis=0)[:, None]], axis=1)
+
+    def _inside(self, starts: Array, increments: Array) -> Inside:
+        """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
+        return lambda parts: np.asarray(starts[:, None] + self.step.table.values(parts) @ increments[: len(starts)])
+
+    def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
+        """To the last of the steps that are kept, before which the control of steps was as in `before` where there is none."""
+        control, loop = self.control, self.loop
+        if closely:
+            control.h, control.rejected = control.tried, control.careful
+        else:
+            control.h, control.rejected = float(times[kept + 1] - times[kept]), False
+        if kept:
+            width = times[kept] - times[kept - 1]
+            before = increments[kept - 1], width, width, made.errors[kept - 1]
+        y, yp = (made.y[kept - 1], made.yp[kept - 1]) if kept else loop.state
+        self.step.run.back(y, yp, before)
+        loop.stats.rejected += closely
 
     def first_step(self) -> float:
         """A small first step from the rates at the start; the controller then grows it by up to GROW per step."""
@@ -87,87 +138,50 @@ class Adaptive:
         slow = np.asarray(system.index) < 3
         size = np.asarray(system.scale, dtype=float) + np.abs(system.y0)
         rate = float(np.max(np.abs(system.yp0)[slow] / size[slow], initial=0.0))
-        share = 0.1 * float(self.rtol**self.exponent)
+        share = 0.1 * float(self.rtol**self.control.exponent)
         return min(share / rate if rate > 0 else inf, 0.01 * span, share * span)
 
-    def _watched(self, h: float) -> float:
-        """h, no longer than contacts and laws allow; the present factors are used again where that shortens it little."""
-        assert self.watch is not None
-        bound = self.watch.bound()
-        if bound < h:
-            factored = self.step.factored_h
-            h = factored if KEEP_FACTORS * bound <= factored <= bound else bound
-        return min(h, self.landing)
+    def _solved(self, ended: int) -> bool:
+        """Go on after what ended a call: whether the stages of the next step are solved."""
+        step, h = self.step, self.control.width
+        if ended in (ORDER, DIVERGED):
+            try:
+                step.find_order() if ended == ORDER else step.resist(full=self.failures + 1 >= self.resist)
+            except StepFailedError as failure:
+                self._shorten(h, failure)
+                return False
+            return ended == DIVERGED
+        if ended == NO_WIDTH:
+            text = f"the step fell below the round-off of the time (h = {h:.2e} s){self._where()}"
+            raise self.loop.failure(text, step.fastest())
+        if ended == VANISHED:
+            text = f"the error test fails ({self.control.error:.1e} times the tolerance)"
+            raise self._too_small(h, text, step.largest_error())
+        if ended == NO_RATES:
+            step.no_rates(step.t + h)
+        return False
 
-    def _ends_wrong(self, h: float, t1: float) -> bool:
-        """Whether the step hides a contact or a peak, or has a kink inside: the next attempt then ends there."""
-        assert self.watch is not None
-        self.watch.look(t1, self.step.reached(), self.step.inside)
-        shorter = self.watch.shorter(h, self.step.inside)
-        if shorter is None:
-            self.watch.keep()
-            if self.watch.stiffness_changed():
-                self.step.renew()
-                self.watch.jacobian_at(t1, self.step.reached())
-            return False
-        self.landing = shorter
+    def _shorten(self, h: float, failure: StepFailedError) -> None:
+        """Half the step, after one that could not be solved."""
         self.loop.stats.rejected += 1
-        self.loop.guard()
-        return True
+        if h < max(self.control.smallest, 10 * np.finfo(float).eps * abs(self.step.t)):
+            raise self._too_small(h, str(failure), failure.culprit)
+        self.control.h, self.control.rejected, self.failures = 0.5 * h, AGAIN, self.failures + 1
 
-    def _fit(self, h: float) -> float:
-        """h, cut or slightly stretched to end at t_end; two equal steps rather than a long and a tiny one."""
-        rest = self.loop.t_end - self.step.t
-        if h * 1.01 >= rest:
-            return rest
-        return rest / 2 if 2 * h > rest and h > 0.6 * rest else h
+    def _too_small(self, h: float, why: str, culprit: str) -> SolverError:
+        return self.loop.failure(f"the step became too small (h = {h:.2e} s): {why}{self._where()}", culprit)
 
-    def _after_failure(self, h: float, failure: StepFailedError) -> float:
-        self.loop.stats.rejected += 1
-        self._watch(h, f"the step became too small (h = {h:.2e} s): {failure}", failure.culprit)
-        return 0.5 * h
-
-    def _after_rejection(self, h: float, error: float) -> float:
-        self.loop.stats.rejected += 1
-        text = f"the step became too small (h = {h:.2e} s): the error test fails ({error:.1e} times the tolerance)"
-        self._watch(h, text, self.step.largest_error())
-        factor = 0.9 * float(error**-self.exponent) if isfinite(error) else 0.0
-        return h * max(SHRINK, factor)
-
-    def _is_round_off(self, h: float, error: float) -> bool:
-        """Whether the estimate can be round-off alone; warned of once, because the tolerance is then not met."""
-        noise = self.step.noise(h)
-        if not error <= noise:
-            return False
-        if not self.warned:
+    def _warn(self) -> None:
+        """Say once that an estimate was round-off, because the tolerance is then not met."""
+        noise, h = self.control.noise, self.control.noise_h
+        if noise and not self.warned:
+            self.warned = True
             warnings.warn(
-                f"round-off exceeds the tolerance at t = {self.step.t:.6g} (h = {h:.1e} s, rtol = {self.rtol:g}): "
+                f"round-off exceeds the tolerance at t = {self.control.noise_t:.6g} (h = {h:.1e} s, rtol = {self.rtol:g}): "
                 f"loosen rtol to {10 * noise * self.rtol:.0e}, or move the origin nearer to the bodies",
                 AccuracyWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
-        self.warned = True
-        return True
-
-    def _watch(self, h: float, message: str, culprit: str) -> None:
-        """Stop on a vanishing step, or where the wall time is used up."""
-        t = self.step.t
-        if h < max(self.smallest, 10 * np.finfo(float).eps * abs(t)):
-            raise self.loop.failure(message + self._where(), culprit)
-        self.loop.guard()
 
     def _where(self) -> str:
         return "" if self.watch is None else self.watch.nearest()
-
-    def _next(self, h: float, error: float, rejected: bool) -> float:
-        """Step proposed after an accepted one, kept where the change would not pay."""
-        newton = self.step.iterations
-        safety = 0.9 * (2 * self.limit + 1) / (2 * self.limit + newton)
-        error = max(error, 1e-10)
-        factor = safety * error**-self.exponent
-        if self.accepted_h:
-            predictive = safety * (h / self.accepted_h) * (self.accepted_error / error**2) ** self.exponent
-            factor = min(factor, predictive)
-        self.accepted_h, self.accepted_error = h, max(error, 1e-2)
-        factor = min(max(factor, SHRINK), 1.0 if rejected and self.loop.stats.rejected else GROW)
-        return h if KEEP[0] <= factor <= KEEP[1] else h * factor

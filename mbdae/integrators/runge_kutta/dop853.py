@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -53,7 +53,8 @@ class DOP853(Solver):
 
     def integrate(self, system: System, loop: StepLoop, h0: float | None) -> None:
         """Step from system.t0 to loop.t_end."""
-        with _Run(self, loop, h0) as run:
+        run = _Run(self, loop, h0)
+        with run.method:
             run.steps()
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
@@ -67,50 +68,45 @@ class _Run:
     def __init__(self, solver: DOP853, loop: StepLoop, h0: float | None) -> None:
         self.loop, self.system, rtol = loop, loop.system, solver.tolerance
         self.atol = absolute_tolerance(self.system, rtol, solver.atol)
-        self.rtol, self.watch = rtol, StepWatch.of(loop, self._tolerance)
+        atol = self.atol
+        self.rtol, self.watch = rtol, StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
-        t, y = loop.t, loop.state[0]
-        rate = np.empty(self.system.n)
-        self.system.rhs(t, y, rate)
-        h = h0 if h0 is not None else _first_step(self.system, t, y, rate, self._tolerance(y), loop.t_end - t)
+        self.h0 = h0
+
+    def _start(self) -> None:
+        loop = self.loop
+        code = self.method.start(loop.t, loop.state[0], loop.t_end - loop.t, self.h0)
         loop.stats.residuals += 2
-        self.method.begin(y, rate, h)
-
-    def __enter__(self) -> Self:
-        self.method.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.method.__exit__(*error)
-        del self.watch  # it refers to this object: it is freed at once, with all it refers to
-
-    def _tolerance(self, y: Array) -> Array:
-        return np.asarray(self.rtol * np.abs(y) + self.atol)
+        self.equations.raise_error()
+        if code:  # the system itself says why
+            self.system.rhs(loop.t, loop.state[0], np.empty(self.system.n))
 
     def steps(self) -> None:
         """Step to the end. Of a block that is not quiet the quiet steps are kept; the next ones are made one at a time."""
-        loop, watch, bound = self.loop, self.watch, self.system.longest_step
-        blocks = bound is None and not self.system.looks_at_steps and (watch is None or watch.contacts is None)
-        rows, landing, going = FEW if watch is not None else ROWS, inf, True
+        self._start()
+        loop, watch = self.loop, self.watch
+        if self.system.longest_step is not None:
+            self.method.bound(*self.system.longest_step)
+        most = 1 if self.system.looks_at_steps or (watch is not None and watch.contacts is not None) else ROWS
+        rows, landing, going = most if watch is None else min(most, FEW), inf, True
         while going:
-            longest = min(inf if bound is None else bound(loop.t), inf if watch is None else watch.bound(), landing)
-            made = self._made(rows if blocks else 1, longest)
-            kept = len(made.t)
-            if watch is not None and kept:
-                kept, landing = self._looked_at(watch, made, rows if blocks else 1)
-                rows = min(2 * rows, ROWS) if kept == len(made.t) else 1
-            if kept and not blocks:
+            made = self._made(rows, landing if watch is None else min(watch.bound(), landing))
+            kept = count = len(made.t)
+            if watch is not None and count:
+                kept, landing = self._looked_at(watch, made, closely=rows == 1)
+                rows = min(max(2 * rows, FEW), most) if kept == count else 1
+            if kept == 1:
                 going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], made.inner[0])
             elif kept:
                 going = loop.accept_many(made.t[:kept], made.y[:kept], made.yp[:kept], list(made.inner[:kept]))
+            else:
+                loop.guard()
             self.equations.raise_error()
             if made.code and going:
                 raise self._failed()
-            if kept < len(made.t):
-                width = float(made.t[kept] - loop.t)
-                self.method.begin(*loop.state, width)
-            loop.guard()
+            if kept < count:
+                self.method.begin(*loop.state, float(made.t[kept] - loop.t))
 
     def _made(self, rows: int, longest: float) -> Steps:
         """Steps of the method; what they cost is counted."""
@@ -121,29 +117,19 @@ class _Run:
         stats.rejected += table.rejected - before[1]
         return made
 
-    def _looked_at(self, watch: StepWatch, made: Steps, rows: int) -> tuple[int, float]:
+    def _looked_at(self, watch: StepWatch, made: Steps, closely: bool) -> tuple[int, float]:
         """How many of the steps may be kept, and the longest the next one may be because of what one hides, s."""
         times = np.concatenate([[self.loop.t], made.t])
-        starts = np.concatenate([self.loop.state[0][None], made.y[:-1]])
-        ends = made.y - starts
-        table = radau_table(NODES)
+        states = np.concatenate([self.loop.state[0][None], made.y])
+        increments = np.concatenate([made.inner, np.diff(states, axis=0)[:, None]], axis=1)
 
         def inside(parts: Array) -> Array:
             """y (m, k, n) after parts (k,) of every step."""
-            weights = table.values(parts)
-            return np.asarray(starts[:, None] + weights[:, :-1] @ made.inner + weights[:, -1:] * ends[:, None])
+            return np.asarray(states[:-1, None] + radau_table(NODES).values(parts) @ increments)
 
-        if rows > 1:
-            assert watch.switching is not None
-            return watch.switching.quiet(times, inside), inf
-        h = float(made.t[0] - self.loop.t)
-        watch.look(float(made.t[0]), made.y[0], lambda parts: inside(np.atleast_1d(parts))[0])
-        shorter = watch.shorter(h, lambda parts: inside(np.atleast_1d(parts))[0] if np.ndim(parts) else inside(parts[None])[0, 0])
-        if shorter is None:
-            watch.keep()
-            return 1, inf
-        self.loop.stats.rejected += 1
-        return 0, shorter
+        kept, landing = watch.kept(times, made.y, inside, closely)
+        self.loop.stats.rejected += closely and not kept
+        return kept, landing
 
     def _failed(self) -> Exception:
         """The failure of a step that fell below the round-off of the time."""
@@ -155,15 +141,5 @@ class _Run:
             if not np.isfinite(F).all():
                 culprit = self.system.equations[int(np.argmax(~np.isfinite(F)))]
                 return loop.failure(f"{text}; equation {culprit} is not finite near t = {loop.t + h:.9g}", culprit)
-        return loop.failure(text, self.system.names[largest(np.abs(yp) / self._tolerance(y))])
+        return loop.failure(text, self.system.names[largest(np.abs(yp) / (self.rtol * np.abs(y) + self.atol))])
 
-
-def _first_step(system: System, t: float, y: Array, rate: Array, tolerance: Array, span: float) -> float:
-    """A first step (s) by the sizes of y, y' and a difference quotient of y' (Hairer, Norsett, Wanner, II.4)."""
-    sizes = [float(np.sqrt(np.mean((x / tolerance) ** 2))) for x in (y, rate)]
-    h = min(span, 0.01 * sizes[0] / sizes[1] if min(sizes) > 1e-5 else 1e-6 * span)
-    later = np.empty(system.n)
-    system.rhs(t + h, y + h * rate, later)
-    curved = float(np.sqrt(np.mean(((later - rate) / tolerance) ** 2))) / h
-    steepest = max(sizes[1], curved)
-    return float(min(100 * h, span, (0.01 / steepest) ** (1 / 8) if steepest > 1e-15 else max(1e-6 * span, 1e-3 * h)))

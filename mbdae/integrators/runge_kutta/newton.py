@@ -33,18 +33,6 @@ class StageNewton(Stages):
         super().__init__(equations_of(system), table, matrix)
         self.system, self.coefficients, self.stats = system, table, stats
 
-    def simplified(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> Outcome:
-        """Iterate with the present factors; arguments as of `solve`."""
-        converged, found = self.solve(t0, y0, h, weights, target, limit), self.table
-        self.stats.residuals += self.s * found.iterations
-        self.stats.newton_iterations += found.iterations
-        return Outcome(converged, found.iterations, found.theta, found.norm)
-
-    def predicted(self, i: int, y0: Array, h: float) -> tuple[Array, Array]:
-        """y and y' (n,) of stage i at the starting values."""
-        self.slopes(h)
-        return y0 + self.Z[i], self.Yp[i]
-
     def solve_full(self, t0: float, y0: Array, h: float, weights: Array, target: float, limit: int) -> Outcome:
         """Newton's method on all stages together: a Jacobian per stage and correction, for hard starts."""
         times = t0 + self.coefficients.c * h

@@ -6,7 +6,7 @@ Their methods are those of `native.sundials`; where its libraries cannot be used
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -14,34 +14,14 @@ from mbdae.errors import SolverError
 from mbdae.integrators.base import absolute_tolerance
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.watched.watch import SundialsWatch, stop_time
+from mbdae.native import sundials as native
 from mbdae.native.sundials_steps import MOST_ROWS, Settings, Steps
 from mbdae.system.base import Array
 
-Point = tuple[float, Array, Array]  #: t, y and y'
+if TYPE_CHECKING:
+    from mbdae.integrators.sundials.python import PythonMethod
 
-
-class Method(Protocol):
-    """IDA or CVODE with its memory; a context. Where it is not told here: see `native.sundials.Method`."""
-
-    @property
-    def t(self) -> float: ...
-    @property
-    def cj(self) -> float: ...
-    @property
-    def counts(self) -> tuple[int, int, int]: ...
-
-    y: Array
-    yp: Array
-    values: Array
-
-    def __enter__(self) -> Self: ...
-    def __exit__(self, *error: object) -> None: ...
-    def begin(self, t: float, y: Array, yp: Array) -> None: ...
-    def advance(self, start: Point, last_step: float, stop: float, toward: float, rows: int, left: float) -> Steps: ...
-    def newest(self) -> tuple[float, Array] | None: ...
-    def renew(self) -> None: ...
-    def raise_error(self) -> None: ...
-    def reason(self, code: int) -> str: ...
+Method: TypeAlias = "native.Method | PythonMethod"  #: IDA or CVODE with its memory; a context
 
 
 class SundialsRun(ABC):

@@ -7,12 +7,14 @@ four times faster here than arrays, because contacts are few.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdae.integrators.solution import Stats
+from mbdae.native.contacts import Contacts
 from mbdae.system.base import Array, System
 
 #: part of the way to the surface one step may go
@@ -124,6 +126,37 @@ class ContactSteps:
             elif here.rate < 0:
                 bound = min(bound, max(short, APPROACH * here.calm))
         return max(bound, ROUND * abs(self._t))
+
+    # -- many steps at a time
+
+    @cached_property
+    def native(self) -> Contacts | None:
+        """The contacts as native methods look at them between closer looks; None where the system has only a function."""
+        made = getattr(self.system.guards, "native", None)
+        return None if made is None else made({"impact": self.impact, "approach": APPROACH, "rest": REST, "margin": MARGIN,
+                                               "slope": SLOPE, "change": CHANGE, "round": ROUND})  # fmt: skip
+
+    def given(self) -> Contacts | None:
+        """`native` with what is known of the last accepted step."""
+        native = self.native
+        if native is not None:
+            native.here[:], native.before[:] = self._here, self._before
+            native.lasting[:], native.stiff[:], native.inside[:] = self._lasting, self._stiff, self._inside
+            self.system.guards.hold(native)  # type: ignore[union-attr]
+        return native
+
+    def take(self, t: Array, y: Array, dropped: int) -> None:
+        """Learn from `native`, which kept steps; the last two states (2, n) are those at t (2,); some later ones were dropped."""
+        native = self.native
+        assert native is not None
+        self._t, self._retries = float(t[1]), 0
+        self._lasting, self._stiff, self._inside = native.lasting.tolist(), native.stiff.tolist(), native.inside.tolist()
+        self._here, self._before = ([Contact(*row) for row in rows.tolist()] for rows in (native.here, native.before))
+        if dropped:
+            self._before, self._here = (self._contacts(float(at), state) for at, state in zip(t, y, strict=True))
+            self._inside = [max(n - dropped, 1) if n and c.gap < 0 else n for n, c in zip(self._inside, self._here, strict=True)]
+
+    # -- one step at a time
 
     def look(self, t: float, y: Array) -> None:
         """Evaluate the contacts at the end (t, y) of the last step."""

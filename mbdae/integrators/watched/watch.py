@@ -43,6 +43,10 @@ class StepWatch:
         bounds = [part.bound() for part in (self.contacts, self.switching) if part is not None]
         return max(min(bounds), ROUND * abs(self.loop.t))
 
+    def bound_of_switches(self) -> float:
+        """The same where contacts are watched natively."""
+        return inf if self.switching is None else max(self.switching.bound(), ROUND * abs(self.loop.t))
+
     def look(self, t: float, y: Array, inside: Inside) -> None:
         """Evaluate the last step: its end (t, y) and its polynomial, y (k, n) after parts (k,) of the step."""
         if self.contacts is not None:
@@ -55,6 +59,30 @@ class StepWatch:
         widths = [None if self.contacts is None else self.contacts.shorter(h, lambda part: inside(np.array(part))),
                   None if self.switching is None else self.switching.shorter()]  # fmt: skip
         return min((width for width in widths if width is not None), default=None)
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether steps that are made already cannot be looked at many at a time."""
+        return self.contacts is not None and self.contacts.native is None
+
+    def kept(self, t: Array, y: Array, inside: Inside, closely: bool) -> tuple[int, float]:
+        """Of steps between times t (m+1,) to states y (m, n), made already, how many may be kept, and the longest (s) the next
+        one may be because of what one hides; inside: y (m, k, n) after parts (k,) of each.
+
+        closely: it is one, looked at for all it may hide; else the contacts of all of them have been looked at."""
+        if not closely:
+            return (len(y) if self.switching is None else self.switching.quiet(t, inside)), inf
+
+        def single(parts: Array) -> Array:
+            found: Array = inside(np.atleast_1d(parts))[0]
+            return found if np.ndim(parts) else found[0]
+
+        self.look(float(t[1]), y[0], single)
+        shorter = self.shorter(float(t[1] - t[0]), single)
+        if shorter is not None:
+            return 0, shorter
+        self.keep()
+        return 1, inf
 
     def keep(self) -> None:
         """The step is accepted."""

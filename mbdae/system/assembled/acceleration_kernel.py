@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from mbdae.kernels import plan
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import Operations, address_of, core
+from mbdae.native.program import Operations, address_of
 from mbdae.symbolic import outputs
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -70,21 +70,18 @@ class AccelerationKernel(Workspace):
         self.m, self.nu, self.nq, self.whole = nb.m, nb.nu, nb.nq, whole
         self.differential = nb.start["lambda"]
         self._part = part = operations.part()
-        self._F = operations.slots(full.n + 1)
-        part.load(self._F, np.zeros(full.n + 1))
+        self._F = part.zeros(full.n + 1)
         entries = self._laws(part, full, row_of)
         cells = np.array(list(entries), dtype=np.intp).reshape(-1, 2)
         self._rows, self._columns = cells[:, 0], cells[:, 1]
-        self.rates, self._multipliers = operations.slots(self.differential), operations.slots(self.m)
-        part.load(self.rates, np.zeros(self.differential))
+        self.rates, self._multipliers = part.zeros(self.differential), operations.slots(self.m)
         kept = np.r_[np.arange(self.nq), np.arange(self.nq + self.nu, self.differential)]
-        part.add(self.rates + kept, self._F + kept, -np.ones(len(kept)))
+        part.add(self.rates + kept, self._F + kept, -1.0)
         (self._by_lu if whole else self._by_cholesky)(part, mass)
         self.finish(rates=part, unknowns=self.differential, rates_at=self.rates)
-        self.multipliers = self.W[self._multipliers : self._multipliers + self.m]
-        self._call = core().scene_rates
+        self.multipliers, _ = self.view(self._multipliers, self.m)
         table = Table(self.address, self.differential, 0, None, None, address_of("scene_rates"), None)
-        self.equations = Equations(table, self)
+        self.equations = Equations(table, self, make=self.make)
 
     def _laws(self, part: Operations, full: Any, row_of: RowOf) -> dict[tuple[int, int], int]:
         """Evaluate the laws into the rows of F and the entries (row, column) of G, which are returned with their numbers."""
@@ -94,31 +91,27 @@ class AccelerationKernel(Workspace):
             p = plan(group.derived, equations_of_motion)
             active = [i for i in range(len(group.instances)) if (g, i) not in full.moved.replaced]
             if p.targets and active:
-                first = p.kernel.emit(part, nb.gather(g, p.all_inputs, active))
-                found.append(first + np.arange(len(active) * len(p.targets)))
+                found.append(p.kernel.emit(part, nb.gather(g, p.all_inputs, active)).ravel())
                 to += [(0, row_of(t, g, i)) if t[0] != "G" else (1, _entry(full, t, g, i, entries))
                        for i in active for t in p.targets]  # fmt: skip
-        self._G = self.operations.slots(len(entries))
-        part.load(self._G, np.zeros(len(entries)))
+        self._G = part.zeros(len(entries))
         kind, number = np.array(to, dtype=np.intp).reshape(-1, 2).T
         values, kept = np.concatenate([np.zeros(0, np.intp), *found]), number >= 0
         at = np.where(kind == 0, self._F, self._G) + number
-        part.add(at[kept], values[kept], np.ones(int(kept.sum())))
+        part.add(at[kept], values[kept])
         return entries
 
     def _by_cholesky(self, part: Operations, mass: Array) -> None:
         """S lambda = G M^-1 f + c, then u' = M^-1 (f - G^T lambda)."""
         m, nu, rows, columns = self.m, self.nu, self._rows, self._columns
         inverse = sp.csr_matrix(_inverse(mass))
-        slots = self.operations.slots
-        h = slots(nu)  # M^-1 f
-        part.load(h, np.zeros(nu))
+        h = part.zeros(nu)  # M^-1 f
         i, j = inverse.nonzero()
         part.add(h + i, self._F + self.nq + j, -np.asarray(inverse[i, j]).ravel())
         number = sp.csr_matrix((np.arange(1.0, len(rows) + 1), (rows, columns)), shape=(m, nu))
         pattern = (abs(number) @ abs(inverse)).tocoo()  # of G M^-1
-        weighted, place_of = slots(pattern.nnz), {cell: k for k, cell in enumerate(zip(pattern.row, pattern.col, strict=True))}
-        part.load(weighted, np.zeros(pattern.nnz))
+        weighted = part.zeros(pattern.nnz)
+        place_of = {cell: k for k, cell in enumerate(zip(pattern.row, pattern.col, strict=True))}
         terms = [(place_of[r, c], e, v) for e, (r, k) in enumerate(zip(rows, columns, strict=True))
                  for c, v in zip(inverse[k].indices, inverse[k].data, strict=True)]  # fmt: skip
         to, entry, value = (np.array(x) for x in zip(*terms, strict=True))
@@ -132,56 +125,54 @@ class AccelerationKernel(Workspace):
         left, right = np.array(pairs, dtype=np.intp).T
         a, b = place[pattern.row[left]], place[rows[right]]
         width = int((a - b).max(initial=0)) + 1
-        S, x, self._diagonal = slots(m * width), slots(m), slots(m)
+        S, x, self._diagonal = part.zeros(m * width), part.slots(m), part.slots(m)
         self._factor = S + np.arange(m) * width + width - 1
-        part.load(S, np.zeros(m * width))
-        part.multiply(S + a * width + b - a + width - 1, weighted + left, self._G + right, np.ones(len(left)))
+        part.multiply(S + a * width + b - a + width - 1, weighted + left, self._G + right)
         part.set(x + place, self._F + self.differential + np.arange(m))
-        part.multiply(x + place[rows], self._G + np.arange(len(rows)), h + columns, np.ones(len(rows)))
+        part.multiply(x + place[rows], self._G + np.arange(len(rows)), h + columns)
         part.set(self._diagonal + np.arange(m), self._factor)
         part.cholesky(m, width, S, x)
         part.set(self._multipliers + np.arange(m), x + place)
         u = self.rates + self.nq
         part.set(u + np.arange(nu), h + np.arange(nu))
-        part.multiply(u + pattern.col, weighted + np.arange(pattern.nnz), x + place[pattern.row], -np.ones(pattern.nnz))
+        part.multiply(u + pattern.col, weighted + np.arange(pattern.nnz), x + place[pattern.row], -1.0)
 
     def _by_lu(self, part: Operations, mass: Array) -> None:
         """The equations of u' and lambda by LU: for masses that are zero, or differ too much."""
         m, nu = self.m, self.nu
-        n, slots = nu + m, self.operations.slots
-        K, x = slots(n * n), slots(n)
+        n = nu + m
+        K = part.slots(n * n)
         constant = np.zeros((n, n))
         constant[:nu, :nu] = mass
         part.load(K, constant)
         entries = self._G + np.arange(len(self._rows))
         part.set(K + (nu + self._rows) * n + self._columns, entries)
         part.set(K + self._columns * n + nu + self._rows, entries)
-        part.load(x, np.zeros(n))
-        part.add(x + np.arange(nu), self._F + self.nq + np.arange(nu), -np.ones(nu))
-        part.add(x + nu + np.arange(m), self._F + self.differential + np.arange(m), -np.ones(m))
+        x = part.zeros(n)
+        part.add(x + np.arange(nu), self._F + self.nq + np.arange(nu), -1.0)
+        part.add(x + nu + np.arange(m), self._F + self.differential + np.arange(m), -1.0)
         part.lu(n, K, x)
         part.set(self.rates + self.nq + np.arange(nu), x + np.arange(nu))
         part.set(self._multipliers + np.arange(m), x + nu + np.arange(m))
 
     def y_rates(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y', (n,). Returns the number of a row that depends on the others, or -1."""
-        y, found = np.ascontiguousarray(y, dtype=float), np.empty(self.differential)
-        code = self._call(self.address, t, y.ctypes.data, found.ctypes.data)
-        self.check(code)
-        out[:] = found
-        if code <= 0:
+        bad = self.solved(t, y, out)
+        if bad < 0:
             return -1
-        bad = int(self.scene.bad)
         return max(bad - self.nu, 0) if self.whole else int(self._order[bad])
 
-    def shares(self) -> Array:
-        """(m,) squared independent part of every constraint row, over its length, at the last call."""
+    def shares(self, t: float, y: Array) -> Array:
+        """(m,) squared independent part of every constraint row, over its length."""
+        dependent = self.y_rates(t, y, np.empty(self.differential))
         if self.whole:
             G = np.zeros((self.m, self.nu))
             G[self._rows, self._columns] = self.W[self._G : self._G + len(self._rows)]
             return row_shares(G)
         share = np.empty(self.m)
         share[self._order] = self.W[self._factor] ** 2 / self.W[self._diagonal : self._diagonal + self.m]
+        if dependent >= 0:  # there are no factors from this row on
+            share[dependent] = 0.0
         return share
 
 
@@ -213,7 +204,7 @@ def acceleration_kernel(full: Any, M: Array, row_of: RowOf, start: tuple[float, 
         return None
     if np.all(M.diagonal() > 0) and np.all(np.linalg.eigvalsh(M) > 0):
         found = AccelerationKernel(full, M, row_of, False)
-        if found.y_rates(*start, np.empty(nb.start["lambda"])) < 0 and np.min(found.shares()) > SPREAD:
+        if np.min(found.shares(*start)) > SPREAD:
             return found
     return AccelerationKernel(full, M, row_of, True) if nb.nu + nb.m < WHOLE_BELOW else None
 

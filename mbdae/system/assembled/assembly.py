@@ -59,7 +59,7 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
-        self._loaded: tuple[list[Any], list[Any], list[Any]] = ([], [], [])  #: kernels forward, of rows, of derivatives
+        self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
@@ -195,13 +195,15 @@ class Assembly:
         pieces = [plan.forward, plan.residual, *plan.jacobian]
         gathers = [moved.gather(nb, piece, trees) for piece in pieces]
         if plan.structure.loaded:
-            for store, piece, gather in zip(self._loaded, pieces[:2], gathers[:2], strict=False):
-                store.append((piece, gather, slots(piece.targets)))
+            self._loaded[0].append((plan.forward, gathers[0], slots(plan.forward.targets)))
+            self._loaded[1].kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
             self._loaded[2].extend((piece, gather) for piece, gather in zip(pieces[2:], gathers[2:], strict=True))
             for piece in plan.jacobian:
                 entries.chain(piece, len(trees), lambda i, place: slot_of(nb, trees[i], place))
             return
-        self._residual.kernel(gathers[1], slots(plan.residual.targets), plan.residual.kernel)
+        places, solved = slots(plan.residual.targets), plan.rates if not nb.m else None
+        solving = None if solved is None else (moved.gather(nb, solved, trees), solved.kernel)
+        self._residual.kernel(gathers[1], places, plan.residual.kernel, solving)
         for piece, gather in zip(pieces[2:], gathers[2:], strict=True):
             rows, columns = slots([t for t, _ in piece.targets]), slots([p for _, p in piece.targets])
             self._jacobian.kernel(gather, rows, piece.kernel)
@@ -228,7 +230,7 @@ class Assembly:
 
     @cached_property
     def evaluation(self) -> EquationsOfScene:
-        """The native evaluation, compiled when it is first asked for."""
+        """The native evaluation, whose parts are compiled when they are first asked for."""
         made = self.operations()
         made.compile()
         return made

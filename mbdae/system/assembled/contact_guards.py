@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from mbdae.kernels import plan
+from mbdae.native.contacts import SPEEDS, Contacts
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.workspace import Values
 from mbdae.system.base import Array
@@ -55,10 +57,31 @@ class ContactGuards:
             for i, instance in enumerate(group.instances):
                 named = [f"{instance.item}, {name}" for name in instance.law.gap_names()] or [instance.item] * len(p.targets[::2])
                 self.places += [ContactPlace((g, i), name, instance.law, masses[g, i]) for name in named]
-        self._gaps = Values(system.numbering, system.motion(), gathers, kernels)
+        self._made_of = system.numbering, system.motion(), gathers, kernels
         self._positions = system.numbering.nq
         self._at, self._masses = np.zeros(0), dict[int, float]()  # positions for which masses of places are known
+        self._durations: dict[tuple[int, float], Array] = {}
         self._last: tuple[float, Array, tuple[Array, Array, Array]] | None = None  # solvers ask twice for the same state
+
+    @cached_property
+    def _gaps(self) -> Values:
+        """Gaps and their rates, compiled when they are first asked for."""
+        return Values(*self._made_of)
+
+    def native(self, numbers: Mapping[str, float]) -> Contacts:
+        """The contacts as native methods look at them."""
+        return Contacts(self._gaps, [p.law.with_joints for p in self.places], {**numbers, "near": NEAR})
+
+    def hold(self, contacts: Contacts) -> None:
+        """Give them the durations of impacts as they are known now."""
+        known = np.array([n in self._masses for n in range(len(self.places))])
+        found = []
+        for n, place in enumerate(self.places):
+            mass = self._masses.get(n, place.mass)
+            if (n, mass) not in self._durations:
+                self._durations[n, mass] = np.broadcast_to(place.law.contact_duration(mass, SPEEDS), SPEEDS.shape)
+            found.append(self._durations[n, mass])
+        contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
 
     @property
     def names(self) -> tuple[str, ...]:

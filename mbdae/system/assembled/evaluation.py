@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
-from mbdae.system.assembled.workspace import Index, Loaded, Workspace, band_factors, narrow_order
+from mbdae.system.assembled.workspace import Index, Loaded, Workspace, narrow_order
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
@@ -23,10 +24,14 @@ class Scatter:
         self.gathers: list[Index] = []
         self.places: list[Index] = []
         self.kernels: list[Any] = []
+        self.solved: dict[int, tuple[Index, Any]] = {}
         self._linear: list[tuple[Index, Index, Array]] = [(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0))]
 
-    def kernel(self, gather: Index, places: Index, kernel: Any) -> None:
-        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...)."""
+    def kernel(self, gather: Index, places: Index, kernel: Any, solved: tuple[Index, Any] | None = None) -> None:
+        """A kernel for all instances of a law: slots it reads, rows it adds to (instances, ...). solved: of trees, the slots that
+        `TreePlan.rates` of the same rows reads, and its kernel."""
+        if solved is not None:
+            self.solved[len(self.kernels)] = solved
         self.gathers.append(gather)
         self.places.append(places)
         self.kernels.append(kernel)
@@ -41,11 +46,23 @@ class Scatter:
         rows, columns, weights = (np.concatenate(parts) for parts in zip(*self._linear, strict=True))
         return rows, columns, weights
 
+    def emit_right(self, part: Operations, first: int, n: int) -> list[tuple[Index, Index, Any]]:
+        """Set n slots from `first` on to minus the terms without y' of all but the trees that have kernels for u'; their rows,
+        the slots these kernels read, and the kernels."""
+        for k, (gather, places, kernel) in enumerate(zip(self.gathers, self.places, self.kernels, strict=True)):
+            if k not in self.solved:
+                values, own = kernel.emit(part, gather), places < n
+                part.add(first + places[own], values[own], -1.0)
+        rows, columns, weights = self.linear_terms
+        own = (rows < n) & (columns < n)
+        part.add(first + rows[own], columns[own], -weights[own])
+        return [(self.places[k], np.hstack([gather, first + self.places[k]]), kernel)
+                for k, (gather, kernel) in self.solved.items()]  # fmt: skip
+
     def emit(self, part: Operations, first: int) -> None:
         """Add the values of the kernels to their places behind slot `first`."""
         for gather, places, kernel in zip(self.gathers, self.places, self.kernels, strict=True):
-            values = kernel.emit(part, gather)
-            part.add(first + places, values + np.arange(places.size), np.ones(places.size))
+            part.add(first + places, kernel.emit(part, gather))
 
 
 class EquationsOfScene(Workspace):
@@ -55,7 +72,7 @@ class EquationsOfScene(Workspace):
     motion of loaded nodes, for the rows of the trees and for their derivatives; pattern: what the derivatives `terms_of_jacobian`
     give; place: where each belongs among the entries, whose constant parts are c (2, entries + 1)."""
 
-    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Loaded, Any],
+    def __init__(self, numbering: Numbering, terms: Scatter, offset: Array, stages: tuple[Loaded, Scatter, Any],
                  terms_of_jacobian: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> None:  # fmt: skip
         super().__init__(numbering, stages[0])
         self._terms, self._offset, self._stages = terms, offset, stages
@@ -66,7 +83,7 @@ class EquationsOfScene(Workspace):
         self.jacobian_part = self._jacobian(terms_of_jacobian, pattern, place, c)
         self.rates = operations.slots(self.n)
         self.rates_part: Operations | None = None
-        self._steady: tuple[int, Array] | None = None  # slot and factors of a mass matrix that does not vary
+        self._steady: tuple[Operations, slice] | None = None  # how a mass matrix that does not vary is factorised, and where
         self._massless = -1  # a velocity for which this matrix has no factors
 
     def _residual(self) -> Operations:
@@ -77,42 +94,35 @@ class EquationsOfScene(Workspace):
         part.add(first + rows, columns, weights)
         if self._stages[0]:  # project the forces on loaded nodes on the coordinates that move them
             part.set(nb.loaded_rows, first + nb.loaded_rows - self.n + 1)
-            for piece, gather, places in self._stages[1]:
-                values = piece.kernel.emit(part, gather)
-                part.add(first + places, values + np.arange(places.size), np.ones(places.size))
+            self._stages[1].emit(part, first)
         return part
 
     def _jacobian(self, terms: Scatter, pattern: Pattern, place: Index, c: Sequence[Array]) -> Operations:
         operations, nnz = self.operations, self.nnz
         staged = bool(self._stages[0])  # the derivatives of trees need the forces on their bodies
         part = operations.part(self.residual_part) if staged else operations.part()
-        emitted = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
-                   for gather, kernel in zip(terms.gathers, terms.kernels, strict=True)]  # fmt: skip
-        kernels = np.concatenate([np.zeros(0, dtype=np.intp), *emitted])
-        trees = [piece.kernel.emit(part, gather) + np.arange(gather.shape[0] * piece.kernel.width)
-                 for piece, gather in self._stages[2]]  # fmt: skip
+        none = np.zeros(0, dtype=np.intp)
+        emitted = [kernel.emit(part, gather).ravel() for gather, kernel in zip(terms.gathers, terms.kernels, strict=True)]
+        kernels = np.concatenate([none, *emitted])
+        trees = np.concatenate([none, *(piece.kernel.emit(part, gather).ravel() for piece, gather in self._stages[2])])
         part.load(self.fy, np.concatenate([c[0][:-1], c[1][:-1]]))
         to = np.where(place < nnz, self.fy + place + np.where(pattern.dotted, nnz, 0), -1)
-        single = np.concatenate([kernels, *trees])
+        single = np.concatenate([kernels, trees])
         kept = np.flatnonzero(to[: len(single)] >= 0)
-        part.add(to[kept], single[kept], np.ones(len(kept)))
+        part.add(to[kept], single[kept])
         if staged:
-            self._chain(part, to[len(single) :], kernels, np.concatenate([np.zeros(0, dtype=np.intp), *trees]), pattern)
+            self._chain(part, to[len(single) :], kernels, trees, pattern)
         return part
 
     def _chain(self, part: Operations, to: Index, kernels: Index, trees: Index, pattern: Pattern) -> None:
         """Products of derivatives of the trees with those of laws that act on their bodies."""
-        operations, count = self.operations, len(pattern.chained)
-        one = operations.slots(1 + count)
-        part.load(one, np.concatenate([[1.0], pattern.chained]))
+        one = part.constant(np.concatenate([[1.0], pattern.chained]))
         factors = np.concatenate([[one], trees]).astype(np.intp)
-        middle = np.concatenate([kernels, one + 1 + np.arange(count)]).astype(np.intp)
+        middle = np.concatenate([kernels, one + 1 + np.arange(len(pattern.chained))]).astype(np.intp)
         kept = np.flatnonzero(to >= 0)
-        product, ones = operations.slots(len(kept)), np.ones(len(kept))
-        at = product + np.arange(len(kept))
-        part.load(product, np.zeros(len(kept)))
-        part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]], ones)
-        part.multiply(to[kept], at, factors[pattern.right[kept]], ones)
+        at = part.zeros(len(kept)) + np.arange(len(kept))
+        part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]])
+        part.multiply(to[kept], at, factors[pattern.right[kept]])
 
     def with_rates(self, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix) -> None:
         """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
@@ -121,13 +131,30 @@ class EquationsOfScene(Workspace):
         to y', whose entries are those of pattern."""
         nb, operations = self.numbering, self.operations
         nu, nq, first = nb.nu, nb.nq, self.rates
+        solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
+        if nu and constant is not None and not constant.any() and np.array_equal(solved, np.arange(nq, nq + nu)):
+            self._rates_of_trees()
+            return
         part = operations.part(self.residual_part if constant is not None else self.jacobian_part)
         if constant is None and not self._stages[0]:
             part = operations.part(self.residual_part, self.jacobian_part)
         part.load(first, np.zeros(self.n))
-        part.add(first + np.arange(self.n), self.rows + np.arange(self.n), -np.ones(self.n))
+        part.add(first + np.arange(self.n), self.rows + np.arange(self.n), -1.0)
         self._solve_mass(part, mass, constant, pattern, nu, nq)
         self.rates_part = part
+
+    def _rates_of_trees(self) -> None:
+        """y' where every velocity belongs to a tree that has one kernel for its accelerations."""
+        part, first, n = self.operations.part(self.motion), self.rates, self.n
+        part.load(first, -self._offset[:n])
+        pivots, rows = list[Index](), list[Index]()
+        for own, gather, kernel in self._terms.emit_right(part, first, n):
+            found = kernel.emit(part, gather).reshape(len(own), 2, own.shape[1])
+            part.set(first + own, found[:, 0])
+            pivots.append(found[:, 1].ravel())
+            rows.append(own.ravel())
+        part.positive(np.concatenate(pivots))
+        self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
 
     def _solve_mass(self, part: Operations, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, nu: int,
                     nq: int) -> None:  # fmt: skip
@@ -138,81 +165,74 @@ class EquationsOfScene(Workspace):
         graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(nu, nu))
         self.order, place = narrow_order(graph + graph.T)
         width = int(np.abs(place[i] - place[j]).max(initial=0)) + 1
-        matrix, right = operations.slots(nu * width), operations.slots(nu)
-        self.band = matrix, right, width
 
         def cell(a: Index, b: Index) -> Index:
-            return np.asarray(matrix + place[a] * width + place[b] - place[a] + width - 1)
+            return np.asarray(place[a] * width + place[b] - place[a] + width - 1)
 
         values = np.zeros(nu * width)
         lower = place[i] >= place[j]
         if constant is not None:
-            np.add.at(values, cell(i, j)[lower] - matrix, constant[i[lower], j[lower]])
+            np.add.at(values, cell(i, j)[lower], constant[i[lower], j[lower]])
         steady = constant is not None and not mass.kernels
+        matrix, right = operations.constant(values) if steady else operations.slots(nu * width), operations.slots(nu)
         if not steady:
             part.load(matrix, values)
         if constant is None:
             entries = self.fy + self.nnz + np.flatnonzero(inside)
-            part.add(cell(i, j)[lower], entries[lower], np.ones(int(lower.sum())))
+            part.add(matrix + cell(i, j)[lower], entries[lower])
         else:
             for gather, cells, kernel in zip(mass.gathers, mass.places, mass.kernels, strict=True):
-                found = kernel.emit(part, gather) + np.arange(cells.size)
-                a, b = cells.ravel() // nu, cells.ravel() % nu
+                found, (a, b) = kernel.emit(part, gather), np.divmod(cells, nu)
                 kept = place[a] >= place[b]
-                part.add(cell(a[kept], b[kept]), found[kept], np.ones(int(kept.sum())))
+                part.add(matrix + cell(a[kept], b[kept]), found[kept])
         part.set(right + place, first + nq + np.arange(nu))
         if steady:
-            band = values.reshape(nu, width)
-            factors = band_factors(band)
-            self._steady = matrix, factors
-            if np.isnan(factors).any():
-                self._massless = int(self.order[np.argmin(np.abs(band[:, -1]))])
+            self._steady = operations.part(), slice(matrix, matrix + nu * width)
+            self._steady[0].cholesky(nu, width, matrix, right)
             part.solve(nu, width, matrix, right, 1)
         else:
             part.cholesky(nu, width, matrix, right)
         part.set(first + nq + np.arange(nu), right + place)
 
     def compile(self) -> None:
-        """Make the tables; nothing is added afterwards."""
+        """Make the workspace; nothing is added afterwards. Parts are compiled when they are first asked for."""
         self.finish(self.residual_part, self.jacobian_part, self.rates_part, nnz=self.nnz, rows=self.rows, fy=self.fy,
                     fyp=self.fy + self.nnz, rates_at=self.rates)  # fmt: skip
+        self._rows, self._at_rows = self.view(self.rows, self.n)
+        (self._fy, self._at_fy), (self._fyp, self._at_fyp) = (self.view(self.fy + k * self.nnz, self.nnz) for k in (0, 1))
+        self._c = core()
         if self._steady is not None:
-            first, factors = self._steady
-            self.W[first : first + factors.size] = factors.ravel()
-        found = core()
-        self._call = found.scene_residual, found.scene_residuals, found.scene_jacobian, found.scene_rates
+            once, _kept = self._steady[0].table(len(self.W))
+            if self._c.scene_part(self.address, ctypes.byref(once), np.nan, self._at_y, None):
+                self._massless, self.W[self._steady[1]] = int(self.order[self.scene.bad]), np.nan
         addresses = [address_of(name) for name in ("scene_residual", "scene_jacobian", "scene_rates")]
         table = Table(self.address, self.n, self.nnz, *addresses[:2], addresses[2] if self.rates_part is not None else None, None)
-        self.equations = Equations(table, self)
+        self.equations = Equations(table, self, make=self.make)
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         """out[:] = F(t, y, yp)."""
-        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
-        found = out if out.flags.c_contiguous else np.empty(self.n)
-        self.check(self._call[0](self.address, t, y.ctypes.data, yp.ctypes.data, found.ctypes.data))
-        if found is not out:
-            out[:] = found
+        self.make("residual")
+        self._y[:], self._yp[:] = y, yp
+        self._c.scene_residual(self.address, t, self._at_y, self._at_yp, self._at_rows)
+        out[:] = self._rows
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         """The same at points (k,), (k, n)."""
+        self.make("residual")
         t, y, yp = (np.ascontiguousarray(x, dtype=float) for x in (t, y, yp))
         found = out if out.flags.c_contiguous else np.empty((len(t), self.n))
-        self.check(self._call[1](self.address, len(t), t.ctypes.data, y.ctypes.data, yp.ctypes.data, found.ctypes.data))
+        self._c.scene_residuals(self.address, len(t), *(x.ctypes.data for x in (t, y, yp, found)))
         if found is not out:
             out[:] = found
 
     def jacobian(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         """dF/dy and dF/dy' as entries (nnz,)."""
-        y, yp = (np.ascontiguousarray(x, dtype=float) for x in (y, yp))
-        found = np.empty((2, self.nnz))
-        self.check(self._call[2](self.address, t, y.ctypes.data, yp.ctypes.data, found[0].ctypes.data, found[1].ctypes.data))
-        return found[0], found[1]
+        self.make("jacobian")
+        self._y[:], self._yp[:] = y, yp
+        self._c.scene_jacobian(self.address, t, self._at_y, self._at_yp, self._at_fy, self._at_fyp)
+        return self._fy.copy(), self._fyp.copy()
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'; the number of a velocity without inertia, or -1."""
-        y = np.ascontiguousarray(y, dtype=float)
-        found = np.empty(self.n)
-        code = self._call[3](self.address, t, y.ctypes.data, found.ctypes.data)
-        self.check(code)
-        out[:] = found
-        return int(self.order[self.scene.bad]) if code > 0 else self._massless
+        bad = self.solved(t, y, out)
+        return int(self.order[bad]) if bad >= 0 else self._massless

@@ -113,13 +113,12 @@ class Rates:
         """Derivatives of F by (y', lambda) and by y, at the present multipliers."""
         self.point(y, yp)
         fy, fyp = self.full.jacobian_values(t, self._Y, self._Yp)
-        self._last = by_rates = self._matrix(np.where(self._rate, fyp, fy))
-        return by_rates, self._matrix(fy)[:, : self.n]
+        return self._matrix(np.where(self._rate, fyp, fy)), self._matrix(fy)[:, : self.n]
 
-    def shares(self) -> Array:
-        """(m,) squared independent part of every constraint row, at the last matrices."""
-        nb = self.full.numbering
-        return row_shares(self._last[self.n :, nb.nq : nb.nq + nb.nu].toarray())
+    def shares(self, t: float, y: Array) -> Array:
+        """(m,) squared independent part of every constraint row, over its length."""
+        nb, (by_rates, _) = self.full.numbering, self.matrices(t, y, np.zeros(self.n))
+        return row_shares(by_rates[self.n :, nb.nq : nb.nq + nb.nu].toarray())
 
     def _matrix(self, data: Array) -> sp.csc_matrix:
         pattern = self.full.pattern

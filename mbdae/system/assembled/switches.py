@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from mbdae.kernels import plan
@@ -38,21 +40,25 @@ class _Arguments:
     """(t (k,), y (k, n)) -> arguments (k, na): the kernels of all watched laws, after the motion of bodies moved by joints."""
 
     def __init__(self, model: Model, moved: MovedBodies, watched: list[tuple[int, list[int]]]) -> None:
-        self.moved = moved
+        self.model, self.moved, self.watched = model, moved, watched
+
+    @cached_property
+    def _values(self) -> Values:
+        """Compiled when they are first asked for."""
+        model, moved, watched = self.model, self.moved, self.watched
         needed = {node for g, active in watched for i in active for node in model.groups[g].instances[i].nodes if node}
         loaded = moved.nodes if needed & set(moved.nodes) else ()
-        self.numbering = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants,
-                                   moved.sharing)  # fmt: skip
+        nb = Numbering(model, [], (), False, moved.nodes, loaded, moved.replaced, moved.constants, moved.sharing)
         plans = [plan(model.groups[g].derived, switch_outputs) for g, _ in watched]
-        gathers = [self.numbering.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
-        self._values = Values(self.numbering, self._motion() if loaded else (), gathers, [p.kernel for p in plans])
+        gathers = [nb.gather(g, p.all_inputs, active) for p, (g, active) in zip(plans, watched, strict=True)]
+        return Values(nb, self._motion(nb) if loaded else (), gathers, [p.kernel for p in plans])
 
     def __call__(self, t: Array, y: Array) -> Array:
         return self._values.at_states(t, y)
 
-    def _motion(self) -> Loaded:
+    def _motion(self, nb: Numbering) -> Loaded:
         """The motion of every node moved by joint coordinates, written where the laws read it."""
-        nb, pieces = self.numbering, []
+        pieces = []
         for p, trees in self.moved.plans():
             piece = p.motion_of_all
             places = [[nb.node_place(head, tree.node(j), i) for head, j, i in piece.targets] for tree in trees]

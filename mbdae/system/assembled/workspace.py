@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded
 
 from mbdae.kernels.tree_plan import Piece
-from mbdae.native.program import Operations, Part, Scene, core
+from mbdae.native.program import Operations, Scene, core
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
 
@@ -34,39 +33,51 @@ class Workspace:
             numbering.clock.emit(self.clock, np.array([[self.at, self.at + 1]]), numbering.first_input)
         self.motion = self.operations.part()
         for piece, gather, places in motion:
-            values = piece.kernel.emit(self.motion, gather)
-            self.motion.set(places, values + np.arange(places.size))
+            self.motion.set(places, piece.kernel.emit(self.motion, gather))
 
     def finish(self, residual: Operations | None = None, jacobian: Operations | None = None, rates: Operations | None = None,
                unknowns: int | None = None, rates_at: int = 0, **slots: int) -> None:
-        """Make the tables of C and the workspace. unknowns: how many of them are given, by default all; rates_at: slot of y';
+        """Make the workspace and the table of C. unknowns: how many of them are given, by default all; rates_at: slot of y';
         slots: `rows`, `fy` and `fyp`, as in `Scene`."""
-        size, nb = self.operations.size, self.numbering
-        self.W = np.zeros(size)
+        nb = self.numbering
+        self.W = np.zeros(self.operations.size)
         self.W[: nb.width] = nb.workspace(1)[0]
-        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "of_rates": rates}
-        self._x = np.zeros(max((p.widest for p in parts.values() if p is not None), default=0) + 1)
+        self.operations.fill(self.W)
+        self.of_rates = rates
+        parts = {"clock": self.clock, "residual": residual, "jacobian": jacobian, "rates": rates}
+        self._parts = {name: part for name, part in parts.items() if part is not None}
+        self._x = np.zeros(max(part.widest for part in self._parts.values()) + 1)
         self._kept: list[Any] = [nb]
-        tables = {name: self.table(part) for name, part in parts.items() if part is not None}
         self.scene = Scene(W=self.W.ctypes.data, x=self._x.ctypes.data, n=self.n if unknowns is None else unknowns,
                            dotted=self.n, at=self.at, rates=rates_at, bad=-1, read=nb.model.conditions.read.ctypes.data,
-                           t=np.nan, side=np.nan, **tables, **slots)  # fmt: skip
+                           t=np.nan, side=np.nan, **slots)  # fmt: skip
+        self.make("clock")
         self.address = ctypes.addressof(self.scene)
+        (self._y, self._at_y), (self._yp, self._at_yp) = self.view(0, self.scene.n), self.view(self.n, self.scene.n)
+        self._rates, self._at_rates = self.view(rates_at, self.scene.n)
+        self._call_rates = core().scene_rates
 
-    def table(self, part: Operations) -> Part:
-        """The operations of a part as C reads them."""
-        if part.widest >= len(self._x):
-            raise ValueError(f"a kernel reads {part.widest} numbers, room is for {len(self._x)}")
-        made, kept = part.table(len(self.W))
-        self._kept.append(kept)
-        return made
+    def make(self, *parts: str) -> None:
+        """Compile parts that are about to run, once: "residual", "jacobian" or "rates"."""
+        for name in parts:
+            if name in self._parts:
+                table, kept = self._parts[name].table(len(self.W))
+                setattr(self.scene, "of_rates" if name == "rates" else name, table)
+                self._kept.append(kept)
+                del self._parts[name]
 
-    def check(self, code: int) -> None:
-        """Raise what a function of Python raised in a native call."""
-        if code < 0 and self.operations.errors:
-            error = self.operations.errors[0]
-            self.operations.errors.clear()
-            raise error
+    def view(self, first: int, count: int) -> tuple[Array, int]:
+        """Numbers from a slot on, in place, and their address: asked for once, it takes longer than many an evaluation."""
+        found = self.W[first : first + count]
+        return found, found.ctypes.data
+
+    def solved(self, t: float, y: Array, out: Array) -> int:
+        """out[:] = y'; the row of a matrix that depends on those before, or -1."""
+        self.make("rates")
+        self._y[:] = y
+        code = self._call_rates(self.address, t, self._at_y, self._at_rates)
+        out[:] = self._rates
+        return int(self.scene.bad) if code > 0 else -1
 
 
 class Values(Workspace):
@@ -76,14 +87,13 @@ class Values(Workspace):
         super().__init__(numbering, motion)
         self._made_of = numbering, motion, gathers, kernels
         part = self.operations.part(self.motion)
-        pieces = [kernel.emit(part, gather) + np.arange(gather.shape[0] * kernel.width)
-                  for gather, kernel in zip(gathers, kernels, strict=True)]  # fmt: skip
+        pieces = [kernel.emit(part, gather).ravel() for gather, kernel in zip(gathers, kernels, strict=True)]
         at = np.concatenate([np.zeros(0, dtype=np.intp), *pieces])
         self.width, first = len(at), self.operations.slots(len(at))
         part.set(first + np.arange(len(at)), at)
-        self.finish(part)
-        self._first, self._call = first, core().scene_values
-        self._part = ctypes.addressof(self.scene) + Scene.residual.offset
+        self.finish(part, rows=first)
+        self.make("residual")
+        self._call = core().scene_values
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy makes its own tables: addresses are those of this object's arrays."""
@@ -95,8 +105,7 @@ class Values(Workspace):
         if y.shape != (len(t), max(self.n, y.shape[1])):
             raise ValueError(f"states {y.shape} at {len(t)} times, of {self.n} unknowns or more")
         out = np.empty((len(t), self.width))
-        self.check(self._call(self.address, self._part, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self._first, self.width,
-                              out.ctypes.data))  # fmt: skip
+        self._call(self.address, len(t), t.ctypes.data, y.ctypes.data, y.shape[1], self.width, out.ctypes.data)
         return out
 
 
@@ -111,20 +120,3 @@ def narrow_order(graph: sp.csr_matrix) -> tuple[Index, Index]:
     place = np.empty(n, dtype=np.intp)
     place[order] = np.arange(n)
     return order, place
-
-
-def band_factors(band: Array) -> Array:
-    """Cholesky factor of a symmetric matrix whose row i holds the entries (i, i - width + 1) to (i, i) of its band; NaN where it
-    is not positive definite."""
-    n, width = band.shape
-    lower = np.zeros((width, n))
-    for k in range(width):  # entries (i + k, i), as LAPACK has them
-        lower[k, : n - k] = band[k:, width - 1 - k]
-    try:
-        factors = cholesky_banded(lower, lower=True)
-    except np.linalg.LinAlgError:
-        return np.full_like(band, np.nan)
-    found = np.zeros_like(band)
-    for k in range(width):
-        found[k:, width - 1 - k] = factors[k, : n - k]
-    return found

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import symengine as se
 
 from mbdae.inputs.breaks import switches
-from mbdae.inputs.resolution import Stretches, resolved
+from mbdae.inputs.resolution import LongestStep, Stretches, resolved
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
@@ -29,12 +27,12 @@ class Timeline:
         """Instants (k,) inside the run at which an input or one of its derivatives may jump."""
         return self.edges[1:-1]
 
-    def longest_step(self, share: float = 1.0) -> Callable[[float], float] | None:
+    def longest_step(self, share: float = 1.0) -> LongestStep | None:
         """Time -> longest step (s) from there, `share` times the stretch; None where share is 1 and inputs vary from break to
         break alone. With a smaller share every interval between two breaks bounds the step too."""
         if share == 1 and not self.varies:
             return None
-        return partial(self.stretches.longest_step, share=share)
+        return LongestStep(self.stretches.edges, share)
 
     @property
     def varies(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import symengine as se
 from mbdae.inputs import timed
 from mbdae.scene.components import Connection
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.motion import Step, symbolic_motion, value_of
+from mbdae.symbolic.motion import Step, real_value, symbolic_motion
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import quaternion_product, rotation_matrices, turned
 from mbdae.system.model.sides import joint_axes
@@ -36,10 +35,7 @@ class JointMotion:
     def _amount(self, e: Any, values: dict[str, float]) -> float:
         numbers = {s: values.get(str(s), 0.0) for s in e.free_symbols if str(s) != "t"}
         found = e.subs(numbers)
-        if found.free_symbols:
-            return timed.value_at(found, self._t)
-        value = value_of(found)  # not real outside the domain of the motion
-        return value.real if value is not None and value.imag == 0 else math.nan
+        return timed.value_at(found, self._t) if found.free_symbols else real_value(found)
 
     def drawn(self, values: dict[str, float], outwards: bool) -> tuple[Array, Array]:
         """Rigid motion (quaternion, displacement) of l's drawn place by values of the coordinates, 0 where none is given; of k's
@@ -59,8 +55,6 @@ class JointMotion:
 
     def leaves_plane(self, values: dict[str, float], rates: dict[str, float]) -> bool:
         """Whether a start with these values or rates lies or moves out of the plane z = 0."""
-        if not (values or rates):
-            return False
         (_, *p), r = self.drawn(values, True)
         _, v, w = self.rates(values, rates)
         return bool(np.any(np.abs([p[0], p[1], r[2], v[2], w[0], w[1]]) > 1e-12))

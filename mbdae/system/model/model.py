@@ -225,7 +225,7 @@ def out_of_plane(scene: SceneData) -> str | None:
             for point in (law.at, law.point_on("l")):
                 if abs(point[2]) > tolerance:
                     return f"{c.kind} '{c.name}' has a point at z = {point[2]:g} m"
-        if JointMotion(c).leaves_plane(c.hold, c.hold_rate):
+        if (c.hold or c.hold_rate) and JointMotion(c).leaves_plane(c.hold, c.hold_rate):
             return f"{c.kind} '{c.name}' starts out of the plane"
     return None
 
@@ -283,15 +283,15 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
                 raise LawError(f"{item}: {error}") from error
             refused.append(f"'{item}': {error}")
         groups.setdefault(key, Group(key)).instances.append(Instance(law, ends, numbers, timed, item))
-    refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(scene_length(scene)))]
+    length = scene_length(scene)
+    refused += [f"{c.kind} '{c.name}': {off}" for c in scene.joints if (off := JointMotion(c).not_as_drawn(length))]
     if refused:
         raise SceneError(refused)
     if by_coordinate:
         for n in by_coordinate.values():
             key = (JointCoordinate, Structure(), ((n.kind, Axes.GENERAL),))
             groups.setdefault(key, Group(key)).instances.append(Instance(JointCoordinate(n.name), (n,), {}, {}, n.name))
-    return Model(scene, planar, why, nodes, list(groups.values()), scene_length(scene), vanished, kept, lines, attached,
-                 undefined)  # fmt: skip
+    return Model(scene, planar, why, nodes, list(groups.values()), length, vanished, kept, lines, attached, undefined)
 
 
 def without_rows(item: str, d: Derived) -> list[str]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any
 
@@ -17,6 +17,7 @@ from mbdae.kernels import Kernel
 from mbdae.kernels.plan import Inputs
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
+from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
@@ -65,6 +66,12 @@ def constraint_rows(model: Model) -> list[Row]:
     return sorted(rows, key=lambda row: order[model.groups[row.group].instances[row.instance].item])
 
 
+@lru_cache(maxsize=64)
+def _clock(values: tuple[Expr, ...]) -> Kernel:
+    """The kernel of prescribed values: one for all numberings of a scene, which are several in a run."""
+    return Kernel([timed.TIME, timed.SIDE], values)
+
+
 class Numbering:
     """Where every number stands: y = (q, u, s, z, lambda, mu), without the blocks that a form does not have, and the workspace.
 
@@ -104,7 +111,6 @@ class Numbering:
             self._loaded[node.name] = self.first_input
             self.first_input += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
         self._gathers: dict[Any, NDArray[np.intp]] = {}
-        self._clock_calls: dict[int, tuple[Array, Array, Callable[[], Any]]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
         self.form_numbers = dict(numbers or {})
         self._clock_values = self._collect_prescribed()
@@ -114,7 +120,7 @@ class Numbering:
         self.further = self._add(constants)
         self._at = {name: self._add(position) for name, position in self._sharing.fixed_position.items()}
         self._turned = {name: self._add(rotation) for name, rotation in self._sharing.fixed_rotation.items()}
-        self.clock = Kernel([timed.TIME, timed.SIDE], self._clock_values)
+        self.clock = _clock(tuple(self._clock_values))
         self.width = self._first_constant + len(self._constants) + 1
 
     def _collect_prescribed(self) -> list[Any]:
@@ -165,15 +171,9 @@ class Numbering:
 
     def fill_clock(self, W: Array, t: Array) -> None:
         """Prescribed values at times t (count,)."""
-        if not self._clock_values:
-            return
-        if len(t) not in self._clock_calls:  # kept: a residual is asked for at the same few numbers of points
-            x, out = np.empty((len(t), 2)), np.empty((len(t), len(self._clock_values)))
-            self._clock_calls[len(t)] = x, out, self.clock.bound(x, out)
-        x, out, call = self._clock_calls[len(t)]
-        x[:, 0], x[:, 1] = t, self._sides(t) if self.side is None else self.side
-        call()
-        W[:, self.first_input : self._first_constant] = out
+        if self._clock_values:
+            side = self._sides(t) if self.side is None else np.full(len(t), self.side)
+            W[:, self.first_input : self._first_constant] = self.clock.values(np.column_stack([t, side]))
 
     def node_place(self, head: str, node: Node, component: int) -> int:
         """Slot of an entry of a node: "q", "u", their rates "qp", "up"; for loaded nodes also their rows "wq", "wu"."""

@@ -178,23 +178,6 @@ def test_planar_mass():
     assert not M[:, :, 0, :, 2].any()
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.1])
-def test_called_as_a_kernel_a_planar_beam_gives_its_values(damping: float) -> None:
-    """With a corner, for several states at once: one product before the law and one behind it."""
-    from mbdae.kernels.beam import strain_kernel
-    from mbdae.scene.section import Section
-
-    mesh = polyline([(0, 0, 0), (1, 0, 0), (1, 0.5, 0)], (2, 1), order=2)
-    numbers = Section(3.0, 2.0, 2.0, 1.0, 1.0, 5.0, 0.2, 0.1, damping=damping).numbers
-    for mixed in (True, False):
-        kernel = strain_kernel(mesh, numbers, NodeKind.PLANAR, mixed)
-        x = np.random.default_rng(3).normal(size=(3 * kernel.elements, len(kernel.inputs)))
-        out = np.empty((len(x), kernel.width))
-        for _ in range(2):  # the second call uses what the first one kept
-            kernel(x, out)
-            np.testing.assert_allclose(out, kernel.values(x), rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0)])
 def test_default_axis_3_points_up_whichever_way_the_line_bends(up):
     """Normal to the plane of the line, with its z (else y, else x) positive."""

@@ -1,0 +1,232 @@
+"""Many runs of the same equations in one native call: from many starts, or with many values of their numbers.
+
+A point makes the steps of a single run of DOP853; the stages of its interpolant are evaluated only in steps with an output.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import ListsAttributes, MbdaeError, OptionError, WallClockError, interrupted
+from mbdae.integrators.base import DEFAULT_ACCURACY, Asked, absolute_tolerance
+from mbdae.integrators.runge_kutta.dop853 import DOP853, METHOD
+from mbdae.native.equations import Equations, rates_of
+from mbdae.native.explicit import Batch as Kept
+from mbdae.native.explicit import Explicit
+from mbdae.system.base import Array, Numbers, System
+from mbdae.threads import one_thread
+from mbdae.values import array, function, of_class, option, optional, shown
+
+Progress = Callable[[int, int], None]  #: points done, points in all
+PERIOD = 0.1  #: s between two calls of a progress function
+NOT_RUN = "not run"
+
+
+@dataclass(frozen=True, eq=False)
+class Batch(ListsAttributes):
+    """Runs of k points: t (m,) s, y (k, m, n) the unknowns there, last (k, n) those at the end of each run; nan after a failure.
+
+    errors: text of every point, None where it came to its end; steps, rejected, evaluations (k,); cpu_s, wall_s of all."""
+
+    t: Array
+    y: Array
+    last: Array
+    errors: tuple[str | None, ...]
+    steps: NDArray[np.int64]
+    rejected: NDArray[np.int64]
+    evaluations: NDArray[np.int64]
+    cpu_s: float
+    wall_s: float
+
+    @property
+    def failures(self) -> list[int]:
+        """Numbers of the points that did not come to their end."""
+        return [i for i, error in enumerate(self.errors) if error is not None]
+
+    def __repr__(self) -> str:
+        return f"<Batch: {len(self.errors)} points, {len(self.failures)} failed, {self.cpu_s:.3g} s CPU>"
+
+
+def solve_batch(system: System, t_end: float, solver: Any = None, *, starts: Any = None,
+                numbers: Mapping[str, Any] | None = None, outputs: Any = None, max_wall: float | None = None,
+                progress: Progress | None = None) -> Batch:  # fmt: skip
+    """Integrate the same equations at k points, one after the other, from system.t0 to t_end (s).
+
+    solver: mb.DOP853 with its tolerances, which hold at all points; starts: y (k, n) or (n,) at t0, by default that of the
+    system; numbers: values (k,) or one of numbers of laws by name ("elbow.mass", those of all laws of the item); outputs: number
+    of equally spaced times, or the times, by default the end; max_wall: s of wall time of all points before a WallClockError;
+    progress(done, all): called at most 10 times per second.
+    A point that fails keeps its message in `errors` and costs only itself. Ctrl-C, and the end of max_wall, come out as
+    exceptions whose attribute `solution` is the Batch so far. OptionError where the system has no right-hand side, or a number
+    cannot be varied. Starts have to satisfy the constraints of the system, if it has some.
+    Systems with contacts, switching laws or breaks of inputs run point by point, as by `solver.solve`.
+    """
+    method = option("solver", DOP853() if solver is None else solver, of_class, "give mb.DOP853(...)", base=DOP853)
+    tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
+    asked = Asked.of(system, t_end, outputs, max_wall=max_wall)
+    method = method if method.rtol is not None else method.at_accuracy(DEFAULT_ACCURACY, system.label)
+    method.check(system)
+    points = _Points.of(system, starts, {} if numbers is None else numbers)
+    run = _Run(system, method, asked, points, tell)
+    with one_thread(), points.restored():
+        return run.result()
+
+
+@dataclass(frozen=True)
+class _Points:
+    """starts (k, n), and values (k, m) of numbers in places of an array that the equations read."""
+
+    starts: Array
+    values: Array
+    at: Numbers | None
+
+    @classmethod
+    def of(cls, system: System, starts: Any, numbers: Any) -> _Points:
+        """Read and check what a user gave."""
+        if not isinstance(numbers, Mapping):
+            raise OptionError(f"numbers = {shown(numbers)}: give a mapping of names such as 'elbow.mass' to their values")
+        remedy = f"give an array (points, {system.n}) or ({system.n},)"
+        y = np.atleast_2d(option("starts", system.y0 if starts is None else starts, array, remedy))
+        if y.ndim != 2 or y.shape[1] != system.n:
+            raise OptionError(f"starts has shape {y.shape}: {remedy}")
+        rows = [np.atleast_1d(option(f"numbers: {name}", values, array, "give its values, one per point"))
+                for name, values in numbers.items()]  # fmt: skip
+        counts = {len(part) for part in (y, *rows)} - {1} or {1}
+        if len(counts) > 1 or 0 in counts or any(row.ndim != 1 for row in rows):
+            shapes = ", ".join([f"starts {y.shape}", *(f"{name} {row.shape}" for name, row in zip(numbers, rows, strict=True))])
+            raise OptionError(f"a batch takes as many starts as values of every number, or one: {shapes}")
+        k = counts.pop()
+        at = system.numbers(list(numbers)) if rows else None
+        values = np.array([np.broadcast_to(row, k) for row in rows]).reshape(len(rows), k)
+        values = values[at.of] if at is not None else values
+        return cls(np.array(np.broadcast_to(y, (k, system.n))), np.ascontiguousarray(values.T), at)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @contextmanager
+    def restored(self) -> Iterator[None]:
+        """The system has its own numbers again afterwards."""
+        before = None if self.at is None else self.at.W[self.at.slots]
+        try:
+            yield
+        finally:
+            if self.at is not None:
+                self.at.W[self.at.slots] = before
+
+    def take(self, i: int) -> None:
+        """Set the numbers of point i."""
+        if self.at is not None and i < len(self):
+            self.at.W[self.at.slots] = self.values[i]
+
+    def system(self, system: System, i: int) -> System:
+        """The system of point i; its numbers are set."""
+        self.take(i)
+        rate = np.empty(system.n)
+        system.rhs(system.t0, self.starts[i], rate)
+        return system.starting(system.t0, self.starts[i], rate)
+
+
+class _Run:
+    """A batch while it runs; arrays of its result, of which C fills a row per point."""
+
+    def __init__(self, system: System, solver: DOP853, asked: Asked, points: _Points, tell: Progress | None) -> None:
+        self.system, self.solver, self.asked, self.points, self.tell = system, solver, asked, points, tell
+        self.times = np.array([asked.t_end]) if asked.times is None else asked.times
+        at = points.at or Numbers(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+        self.kept = kept = Kept(system.t0, asked.t_end, points.starts, self.times, at.W, at.slots, points.values)
+        self.y, self.last, self.counts = kept.y, kept.last, kept.counts
+        self.errors: list[str | None] = [NOT_RUN] * len(points)
+        self.done, self.told = 0, 0.0
+
+    def result(self) -> Batch:
+        """Run all points."""
+        self.wall, self.cpu = time.perf_counter(), time.process_time()
+        try:
+            if self._plain():
+                self._native()
+            else:
+                for i in range(len(self.points)):
+                    self._alone(i)
+                    self._look(i + 1)
+        except (KeyboardInterrupt, SystemExit) as error:
+            how_far = f"interrupted: {self.done} of {len(self.points)} points are done"
+            interrupted(error, f"{how_far}; the attribute `solution` of this exception has them", self._made())
+            raise
+        return self._made()
+
+    def _made(self) -> Batch:
+        wall, cpu = time.perf_counter() - self.wall, time.process_time() - self.cpu
+        steps, rejected, evaluations = self.counts
+        return Batch(self.times, self.y, self.last, tuple(self.errors), steps, rejected, evaluations, cpu, wall)
+
+    def _plain(self) -> bool:
+        """Whether nothing is watched between the steps of a run."""
+        s = self.system
+        line = s.timeline(s.t0, self.asked.t_end) if s.timeline is not None else None
+        watched = line is not None or s.guards is not None or s.switches is not None or s.longest_step is not None
+        if watched and self.points.at is not None:
+            raise OptionError("numbers: contacts, switching laws and breaks of inputs are watched with numbers of their own; "
+                              "build a scene for every value, and solve them one by one")  # fmt: skip
+        return not (watched or s.looks_at_steps)
+
+    def _native(self) -> None:
+        equations, p, rtol = rates_of(self.system), self.points, self.solver.tolerance
+        atol = absolute_tolerance(self.system, rtol, self.solver.atol)
+        with Explicit(equations, METHOD, np.zeros(0), rtol, atol) as method:
+            while self.done < len(p):
+                method.go_on(self.kept)
+                self._ended(equations)
+                self._look(self.done)
+
+    def _ended(self, equations: Equations) -> None:
+        """Read what the points that ended have come to; those that failed are run again alone, for their message."""
+        done = self.kept.done
+        raised, equations.caught.error = equations.caught.error, None
+        stops = raised is not None and not isinstance(raised, Exception)
+        if stops:  # the last of them was stopped
+            done -= 1
+            self.y[done] = self.last[done] = np.nan
+        for i in range(self.done, done):
+            self.errors[i] = None
+            if self.kept.code[i]:
+                self._alone(i)
+        self.points.take(done)  # the point that is under way
+        self.done = done
+        if raised is not None and stops:
+            raise raised
+
+    def _alone(self, i: int) -> None:
+        """A point as a run of its own."""
+        self.y[i], self.last[i] = np.nan, np.nan
+        left = None if self.asked.max_wall is None else self.asked.max_wall - (time.perf_counter() - self.wall)
+        try:
+            found = self.solver.run(self.points.system(self.system, i), replace(self.asked, times=self.times, max_wall=left))
+        except WallClockError:
+            self._look(i, ended=True)
+        except Exception as error:
+            self.errors[i] = str(error) if isinstance(error, MbdaeError) else f"{type(error).__name__}: {error}"
+            return
+        assert found.outputs is not None
+        self.errors[i], self.y[i], self.last[i] = None, found.outputs.y, found.y[-1]
+        self.counts[:, i] = found.stats.steps, found.stats.rejected, found.stats.residuals
+
+    def _look(self, done: int, ended: bool = False) -> None:
+        """Watch the wall clock, report progress."""
+        self.done, spent = done, time.perf_counter() - self.wall
+        if ended or (self.asked.max_wall is not None and spent > self.asked.max_wall and done < len(self.points)):
+            how_far = f"{done} of {len(self.points)} points are done"
+            raise WallClockError(f"max_wall = {self.asked.max_wall:g} s of wall time is used up: {how_far}; raise max_wall or "
+                                 f"loosen the tolerance", self.system.t0, "", self._made())  # fmt: skip
+        if self.tell is not None and (spent - self.told > PERIOD or done == len(self.points)):
+            self.told = spent
+            self.tell(done, len(self.points))
+
+

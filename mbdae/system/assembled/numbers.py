@@ -1,0 +1,54 @@
+"""Numbers of laws that runs of the same compiled equations may vary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mbdae.errors import OptionError
+from mbdae.kernels import linearised_plan
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.assembled.workspace import Workspace
+from mbdae.system.base import Numbers
+
+REMEDY = "build a scene for every value, and solve them one by one"
+
+
+def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) -> Numbers:
+    """Where the numbers of laws by these names stand, "elbow.mass" those of all laws of the item elbow.
+
+    equations: those of the right-hand side that the workspace evaluates. Raises OptionError where one is not an input of every
+    kernel that depends on it: a number that is 0, 1 or -1 is part of a tree's kernels, others become constants."""
+    reads = frozenset[int]() if workspace.of_rates is None else workspace.of_rates.reads
+    slots, of = list[int](), list[int]()
+    for k, name in enumerate(names):
+        found = _slots(equations, name)
+        fixed = [slot for slot in found if slot not in reads]
+        if fixed:
+            raise OptionError(f"numbers: {name} is not read where y' is evaluated (a number that is 0, 1 or -1, or part of a "
+                              f"constant, is compiled in): {REMEDY}")  # fmt: skip
+        slots += found
+        of += [k] * len(found)
+    return Numbers(workspace.W, np.array(slots, dtype=np.int64), np.array(of, dtype=np.int64))
+
+
+def _slots(equations: Assembly, name: str) -> list[int]:
+    """Slots of a number of the laws of an item."""
+    model, found = equations.model, list[int]()
+    item, _, number = name.rpartition(".")
+    for g, i, instance in model.instances():
+        law, derived = instance.law, model.groups[g].derived
+        if instance.item != item or number not in law.params or number not in instance.numbers:
+            continue
+        in_tree = any((g, i) in (*tree.members, *tree.joints) for tree in equations.moved.trees)
+        constants = () if in_tree else linearised_plan(derived, equations.spec.outputs).constant_inputs.parameters
+        if law.derived() or number in constants or (derived.rows and not in_tree):
+            why = "others follow from the numbers of its law" if law.derived() else "it is part of a constant of the equations"
+            raise OptionError(f"numbers: {name} cannot be varied alone ({why}): {REMEDY}")
+        found.append(equations.numbering.slot(g, i, number))
+    if not found:
+        known = sorted({f"{instance.item}.{n}" for _, _, instance in model.instances() for n in instance.numbers
+                        if n in instance.law.params and n not in instance.law.derived()})  # fmt: skip
+        raise OptionError(f"numbers: {name} is no number of a law; there are {', '.join(known)}")
+    return found

@@ -1,0 +1,76 @@
+"""y' of trees by one kernel: it solves the residual, in every kind of tree that has such a kernel and in those that have not."""
+
+import numpy as np
+import pytest
+
+import mbdae as mb
+from mbdae.kernels.tree_plan import MOST_SOLVED
+from mbdae.native.program import CHOLESKY, POSITIVE
+
+
+def tree(s: mb.Scene, count: int = 3) -> mb.Scene:
+    """Hinges, a spherical joint, a slider and a branch, with springs, dampers and a torque in time."""
+    rng = np.random.default_rng(7)
+    bodies = [s.ground]
+    for i in range(count):
+        body = s.rigid_body(f"{s.name}{i}", 1.1 + 0.3 * i, rng.uniform(0.2, 0.3, 3), at=rng.normal(size=3))
+        parent, at, axis = bodies[i - i % 2], rng.normal(size=3), rng.normal(size=3)
+        if i % 3 == 1:
+            s.spherical(f"J{s.name}{i}", parent, body, at=at)
+        elif i % 3 == 2:
+            s.prismatic(f"J{s.name}{i}", parent, body, at=at, axis=axis, spring=30.0, damper=1.3)
+        else:
+            s.revolute(f"J{s.name}{i}", parent, body, at=at, axis=axis, damper=0.3, torque=0.7 * mb.t)
+        bodies.append(body)
+    return s
+
+
+def prescribed() -> mb.Scene:
+    s = tree(mb.Scene("a", gravity=(0, 0, -9.81)))
+    driven = s.rigid_body("driven", 0.7, (0.1, 0.2, 0.3), at=(1, 0, 0))
+    last = s.rigid_body("last", 0.6, (0.1, 0.2, 0.3), at=(2, 0, 0))
+    s.revolute("D", s.ground, driven, at=(0, 0, 0), axis=(0, 1, 0), angle=mb.t**2)
+    s.revolute("E", driven, last, at=(1.5, 0, 0), axis=(1, 1, 0))
+    return s
+
+
+def loose() -> mb.Scene:
+    s = tree(mb.Scene("a", gravity=(0, 0, -9.81)))
+    s.rigid_body("free", 0.7, (0.1, 0.2, 0.3), at=(1, 0, 0))
+    return s
+
+
+def long() -> mb.Scene:
+    s = mb.Scene("a", gravity=(0, -9.81))
+    last = s.ground
+    for i in range(MOST_SOLVED + 1):
+        rod = s.link(f"r{i}", (i, 0), (i + 1, 0), mass=1.1)
+        s.revolute(f"J{i}", last, rod, at=(i, 0))
+        last = rod
+    return s
+
+
+@pytest.mark.parametrize(("scene", "whole"), [
+    (lambda: tree(mb.Scene("a", gravity=(0, 0, -9.81))), True), (lambda: tree(mb.Scene("a"), 6), True), (prescribed, True),
+    (loose, False), (long, False),
+])  # fmt: skip
+def test_accelerations_solve_the_residual(scene, whole):
+    system = scene().recursive().system(mb.ODE())
+    kinds = [fields["kind"] for fields, *_ in system.assembly.evaluation.rates_part._list]
+    assert (POSITIVE in kinds, CHOLESKY in kinds) == (whole, not whole)
+    rng, yp, F = np.random.default_rng(1), np.empty(system.n), np.empty(system.n)
+    for _ in range(5):
+        y = system.y0 + rng.normal(size=system.n) * 0.3
+        system.rhs(0.3, y, yp)
+        system.residual(0.3, y, yp, F)
+        terms = np.empty(system.n)
+        system.residual(0.3, y, np.zeros(system.n), terms)
+        assert np.max(np.abs(F)) < 1e-12 * np.max(np.abs(terms))
+
+
+def test_a_mass_matrix_that_is_not_positive_definite_is_refused():
+    system = tree(mb.Scene("a", gravity=(0, 0, -9.81))).recursive().system(mb.ODE())
+    place = system.numbers(["a2.mass"])
+    place.W[place.slots] = -100.0
+    with pytest.raises(mb.SolverError, match=r"the motion of J\w+\.\w+ has no inertia"):
+        system.rhs(0.0, system.y0, np.empty(system.n))
