@@ -45,31 +45,11 @@ class Export:
 
     format: str
     program: Program
-
-    @property
-    def inputs(self) -> Mapping[str, tuple[Entry, ...]]:
-        """Entries of the input vectors."""
-        return self.program.inputs
-
-    @property
-    def outputs(self) -> Mapping[str, tuple[Entry, ...]]:
-        """Entries of the outputs of every function."""
-        return {name: f.outputs for name, f in self.program.functions.items()}
-
-    @property
-    def arguments(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the input vectors that each function takes."""
-        return {name: f.arguments for name, f in self.program.functions.items()}
-
-    @property
-    def pattern(self) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-        """Rows and columns (nnz,) of the Jacobian."""
-        return self.program.pattern
-
-    @property
-    def missing(self) -> Mapping[str, str]:
-        """Functions that there are not, with the reason."""
-        return self.program.missing
+    inputs: Mapping[str, tuple[Entry, ...]]
+    outputs: Mapping[str, tuple[Entry, ...]]
+    arguments: Mapping[str, tuple[str, ...]]
+    pattern: tuple[NDArray[np.int64], NDArray[np.int64]] | None
+    missing: Mapping[str, str]
 
     @cached_property
     def text(self) -> str:
@@ -133,7 +113,11 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
         if frames is not None or options:
             name = "frames" if frames is not None else next(iter(options))
             raise OptionError(f"{name} is an option of laws; a scene takes form=")
-        return Export(format, scene_program(what, form_of(form) if form is not None else None))
-    if form is not None:
+        program = scene_program(what, form_of(form) if form is not None else None)
+    elif form is not None:
         raise OptionError(f"form = {form!r}: a law has no form; scenes do")
-    return Export(format, law_program(what.joint if isinstance(what, Connection) else what, frames, options))
+    else:
+        program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
+    functions = program.functions.items()
+    return Export(format, program, program.inputs, {name: f.outputs for name, f in functions},
+                  {name: f.arguments for name, f in functions}, program.pattern, program.missing)  # fmt: skip

@@ -12,8 +12,8 @@ import symengine as se
 
 import mbdae.native
 from mbdae.export.languages import C, c_number, described
-from mbdae.export.program import Entry, Function, Program, reach, weights
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, SET, Step
+from mbdae.export.program import Entry, Function, Program, weights
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Step
 from mbdae.symbolic.source import steps
 
 AT_ONCE = 6  #: entries of an operation up to which it is written line by line
@@ -84,8 +84,9 @@ class _File:
         bodies = [self._function(f) for f in self.program.functions.values()]
         body = "\n".join([*self.parts, *bodies])
         known = Path(mbdae.native.__file__).with_name("factors.inc").read_text(encoding="utf-8")
-        factors = [re.sub(r"\bI\b", "int", part) for name, part in _functions(known) if f"{name}(" in body]
-        helpers = [SIGN] * bool(re.search(r"\bsign\(", body)) + factors
+        helpers = [SIGN] * bool(re.search(r"\bsign\(", body))
+        helpers += [re.sub(r"\bI\b", "int", found[0]) for found in re.finditer(r"^static I (\w+)\(.*?^}\n", known, re.M | re.S)
+                    if f"{found[1]}(" in body]  # fmt: skip
         return "\n".join([f"/* {_comment(self.program.title)}: see the header for the vectors. Written by mbdae. */",
                           "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])  # fmt: skip
 
@@ -108,10 +109,10 @@ class _File:
             elif vector == "t":
                 lines += [f"W[{slot}] = t;" for _, slot in pairs]
             else:
-                lines += self._each(len(pairs), [pairs[:, 1], pairs[:, 0]], f"W[{{0}}] = {vector}[{{1}}];")
+                lines += self._each(f"W[{{}}] = {vector}[{{}}];", (pairs[:, 1], 0), (pairs[:, 0], 0))
         for step in f.steps:
             lines += self._step(step)
-        lines += self._each(len(f.at), [np.arange(len(f.at)), f.at], "out[{0}] = W[{1}];")
+        lines += self._each("out[{}] = W[{}];", (np.arange(len(f.at)), 0), (f.at, 0))
         size = 1 + max([int(f.at.max(initial=0)), *(step.slots[1] for step in f.steps), *(max(f.reads, default=0),)])
         static = "static " if size > ON_STACK else ""
         widest = max((s.fields["inputs"] for s in f.steps if s.fields["kind"] == CALL), default=0)
@@ -125,61 +126,51 @@ class _File:
             return self._call(step)
         if kind == LOAD:
             return self._load(f["first"], step.tables["weight"])
+        count = f["count"]
         if kind == CHOLESKY:
-            return [f"if (band_factors({f['count']}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
-                    f"band_solve({f['count']}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip
+            return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
+                    f"band_solve({count}, {f['inputs']}, W + {f['first']}, W + {f['outputs']});"]  # fmt: skip
         if kind == LU:
-            return [f"if (full_solve({f['count']}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
-        return self._map(step)
+            return [f"if (full_solve({count}, {f['times']}, W + {f['first']}, W + {f['outputs']}) >= 0) return 1;"]
+        if kind == POSITIVE:
+            return self._each("if (!(W[{}] > 0)) return 1;", (step.tables["from_"], 0))
+        names, factors = [name for name in ("to", "from_", "by") if name in step.tables], weights(step)
+        columns = [(step.tables[name], f.get(f"{name.rstrip('_')}_step", 0)) for name in names]
+        terms = ["W[{}]"] * (len(names) - 1)
+        if np.any(factors != 1):
+            columns.append((factors.ravel(), count if len(factors) > 1 else 0))
+            terms.append("{}")
+        return self._each(f"W[{{}}] {'=' if kind == SET else '+='} {' * '.join(terms)};", *columns, times=f["times"])
 
-    def _map(self, step: Step) -> list[str]:
-        """Copies, sums and products."""
-        f = step.fields
-        names = [name for name in ("to", "from_", "by") if name in step.tables]
-        factors = weights(step)
-        plain = bool(np.all(factors == 1))
-        texts = [f"W[{{{i}}}]" for i in range(len(names))]
-        right = " * ".join([*([] if plain else [f"{{{len(names)}}}"]), *texts[1:]])
-        line = f"{texts[0]} {'=' if f['kind'] == SET else '+='} {right};"
-        if f["times"] == 1:
-            columns: list[Any] = [reach(step, name)[0] for name in names]
-            return self._each(f["count"], [*columns, *([] if plain else [factors[0]])], line)
-        steps_ = [f.get(f"{name.rstrip('_')}_step", 0) for name in names]
-        columns = [_Strided(step.tables[name], by) for name, by in zip(names, steps_, strict=True)]
-        weight = [] if plain else [_Strided(factors.ravel(), f["count"] if len(factors) > 1 else 0)]
-        inner = self._each(f["count"], [*columns, *weight], line, loop=True)
-        return [f"for (int r = 0; r < {f['times']}; r++)", *(f"  {one}" for one in inner)]
+    def _each(self, line: str, *columns: tuple[Any, int], times: int = 1) -> list[str]:
+        """A line for each entry, or loops. columns: slots or numbers of the first instance, and how much further those of the
+        next one are."""
+        count = len(columns[0][0])
+        if count <= AT_ONCE and times == 1:
+            return [line.format(*(_entry(table[k]) for table, _ in columns)) for k in range(count)]
+        loop = f"for (int k = 0; k < {count}; k++) {line.format(*(self._place(table, by) for table, by in columns))}"
+        return [f"for (int r = 0; r < {times}; r++) {loop}" if times > 1 else loop]
 
-    def _each(self, count: int, columns: Sequence[Any], line: str, loop: bool = False) -> list[str]:
-        """A line for each entry, or a loop over tables; columns: arrays of slots or numbers."""
-        if count <= AT_ONCE and not loop:
-            return [line.format(*(_entry(c[k]) for c in columns)) for k in range(count)]
-        places = [self._place(c) for c in columns]
-        return [f"for (int k = 0; k < {count}; k++) {line.format(*places)}"]
-
-    def _place(self, column: Any) -> str:
-        """A column as an expression of k, and of r where it is that of an instance."""
-        table, by = (column.table, column.step) if isinstance(column, _Strided) else (np.asarray(column), 0)
+    def _place(self, table: Any, by: int) -> str:
+        """Entry k of a column, of instance r."""
         shift = f" + r * {by}" if by else ""
         if table.dtype.kind == "f":
             return c_number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
-        if np.all(np.diff(table) == 1):
-            return f"{table[0]} + k{shift}"
-        return f"{self._table(table)}[k]{shift}"
+        return f"{table[0]} + k{shift}" if np.all(np.diff(table) == 1) else f"{self._table(table)}[k]{shift}"
 
     def _load(self, first: int, values: Any) -> list[str]:
         if np.all(values == 0):
             return [f"memset(W + {first}, 0, {len(values)} * sizeof *W);"]
-        return self._each(len(values), [first + np.arange(len(values)), np.asarray(values, dtype=float)], "W[{0}] = {1};")
+        return self._each("W[{}] = {};", (first + np.arange(len(values)), 0), (np.asarray(values, dtype=float), 0))
 
     def _call(self, step: Step) -> list[str]:
         """The call of a kernel at its points."""
-        f, gather = step.fields, step.tables["from_"].ravel()
-        name = self._kernel(f["kernel"], f["used"])
-        if f["times"] == 1:
-            return [f"for (int k = 0; k < {f['inputs']}; k++) X[k] = W[{self._place(gather)}];", f"{name}(X, W + {f['first']});"]
-        return [f"for (int r = 0; r < {f['times']}; r++) {{",
-                f"  for (int k = 0; k < {f['inputs']}; k++) X[k] = W[{self._table(gather)}[r * {f['inputs']} + k]];",
+        f, gather, times = step.fields, step.tables["from_"].ravel(), step.fields["times"]
+        name, inputs = self._kernel(f["kernel"], f["used"]), f["inputs"]
+        if times == 1:
+            return [f"for (int k = 0; k < {inputs}; k++) X[k] = W[{self._place(gather, 0)}];", f"{name}(X, W + {f['first']});"]
+        return [f"for (int r = 0; r < {times}; r++) {{",
+                f"  for (int k = 0; k < {inputs}; k++) X[k] = W[{self._table(gather)}[r * {inputs} + k]];",
                 f"  {name}(X, W + {f['first']} + r * {f['outputs']});", "}"]  # fmt: skip
 
     def _kernel(self, kernel: Any, used: tuple[int, ...]) -> str:
@@ -205,13 +196,6 @@ class _File:
         return self.tables[key]
 
 
-class _Strided:
-    """A table of the first instance, and how much further the entries of the next one are."""
-
-    def __init__(self, table: Any, step: int) -> None:
-        self.table, self.step = np.asarray(table), step
-
-
 def _entry(value: Any) -> str:
     return c_number(value) if isinstance(value, float) else str(int(value))
 
@@ -220,11 +204,3 @@ def _listing(values: Any) -> str:
     """An initialiser, in lines of at most 20 numbers."""
     texts = [_entry(v) for v in np.asarray(values).tolist()]
     return "{" + ",\n  ".join(", ".join(texts[i : i + 20]) for i in range(0, len(texts), 20)) + "}"
-
-
-def _functions(text: str) -> Iterator[tuple[str, str]]:
-    """Name and text of every function of a file."""
-    for part in re.split(r"\n(?=static )", text.partition("*/")[2]):
-        found = re.match(r"static \w+ (\w+)\(", part)
-        if found:
-            yield found[1], re.sub(r"/\*.*?\*/\s*$", "", part, flags=re.DOTALL)

@@ -12,13 +12,22 @@ from mbdae.export.program import Entry
 from mbdae.symbolic.source import Language, called
 from mbdae.symbolic.vectors import Expr
 
-#: functions of the same name in all three
-_EQUAL = {name: called(name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "asinh", "acosh",
-                                          "atanh", "atan2", "log", "floor", "sign", "erf")}  # fmt: skip
-
 
 def _infix(operator: str) -> Callable[..., str]:
     return lambda *args: f"({f' {operator} '.join(args)})"
+
+
+def _calls(names: str) -> dict[str, Callable[..., str]]:
+    """Functions by names, "own=theirs" where a language has another one."""
+    pairs = (name.partition("=") for name in names.split())
+    return {own: called(theirs or own) for own, _, theirs in pairs}
+
+
+#: what is written alike in all three, and in C and for CasADi
+_EQUAL = _calls("sin cos tan sinh cosh tanh asin acos atan asinh acosh atanh atan2 log floor sign erf") | {
+    "StrictLessThan": _infix("<"), "LessThan": _infix("<=")}  # fmt: skip
+_NUMERIC = _EQUAL | {"Equality": _infix("=="), "Unequality": _infix("!="), "BooleanTrue": lambda: "1",
+                     "BooleanFalse": lambda: "0"}  # fmt: skip
 
 
 def _folded(name: str) -> Callable[..., str]:
@@ -70,25 +79,17 @@ def _sympy_number(e: Expr) -> str:
     return named or whole or repr(float(e))
 
 
-C = Language(c_number, _power("1.0", "pow({0}, {1})", True), _EQUAL | {
-    **{name: called(of) for name, of in (("Abs", "fabs"), ("ceiling", "ceil"), ("erfc", "erfc"), ("gamma", "tgamma"),
-                                         ("loggamma", "lgamma"))},
-    "Max": _folded("fmax"), "Min": _folded("fmin"), "UnevaluatedExpr": lambda a: a,
-    "Piecewise": _chosen("({1} ? {0} : {2})", "NAN"),
-    "StrictLessThan": _infix("<"), "LessThan": _infix("<="), "Equality": _infix("=="), "Unequality": _infix("!="),
-    "And": _infix("&&"), "Or": _infix("||"), "Not": called("!"), "BooleanTrue": lambda: "1", "BooleanFalse": lambda: "0",
-})  # fmt: skip
-CASADI = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _EQUAL | {
-    "Abs": called("fabs"), "ceiling": called("ceil"), "erfc": lambda a: f"(1 - erf({a}))", "Max": _folded("fmax"),
-    "Min": _folded("fmin"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")'), "StrictLessThan": _infix("<"),
-    "LessThan": _infix("<="), "Equality": _infix("=="), "Unequality": _infix("!="), "And": _folded("logic_and"),
-    "Or": _folded("logic_or"), "Not": called("logic_not"), "BooleanTrue": lambda: "1", "BooleanFalse": lambda: "0",
-})  # fmt: skip
-SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | {
-    **{name: called(name) for name in ("Abs", "ceiling", "erfc", "gamma", "loggamma", "Max", "Min", "And", "Or", "Not")},
-    "Piecewise": _pairs, "StrictLessThan": _infix("<"), "LessThan": _infix("<="), "Equality": called("Eq"),
-    "Unequality": called("Ne"), "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False",
-})  # fmt: skip
+C = Language(c_number, _power("1.0", "pow({0}, {1})", True), _NUMERIC | _calls(
+    "Abs=fabs ceiling=ceil erfc gamma=tgamma loggamma=lgamma Not=!") | {
+    "Max": _folded("fmax"), "Min": _folded("fmin"), "UnevaluatedExpr": lambda a: a, "And": _infix("&&"), "Or": _infix("||"),
+    "Piecewise": _chosen("({1} ? {0} : {2})", "NAN")})  # fmt: skip
+CASADI = Language(lambda e: repr(float(e)), _power("1", "({0} ** {1})", False), _NUMERIC | _calls(
+    "Abs=fabs ceiling=ceil Not=logic_not") | {
+    "Max": _folded("fmax"), "Min": _folded("fmin"), "erfc": lambda a: f"(1 - erf({a}))", "And": _folded("logic_and"),
+    "Or": _folded("logic_or"), "Piecewise": _chosen("if_else({1}, {0}, {2})", 'float("nan")')})  # fmt: skip
+SYMPY = Language(_sympy_number, _power("1", "({0} ** {1})", False), _EQUAL | _calls(
+    "Abs ceiling erfc gamma loggamma Max Min And Or Not Equality=Eq Unequality=Ne") | {
+    "Piecewise": _pairs, "BooleanTrue": lambda: "True", "BooleanFalse": lambda: "False"})  # fmt: skip
 
 
 def described(entries: Sequence[Entry]) -> list[str]:

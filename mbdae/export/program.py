@@ -14,7 +14,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, SET, Operations, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Operations, Step
 
 Index = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -66,7 +66,8 @@ class Program:
             W[self.slots[vector][:, 1]] = 0.0  # is given
         fixed, begin = np.flatnonzero(live & (W != 0)), self.operations.part()
         for run in np.split(fixed, np.flatnonzero(np.diff(fixed) > 1) + 1):
-            begin.load(int(run[0]) if len(run) else 0, W[run])
+            if len(run):
+                begin.load(int(run[0]), W[run])
         self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
                                         frozenset(np.flatnonzero(live).tolist()))  # fmt: skip
 
@@ -163,4 +164,9 @@ def _of_solve(step: Step, live: NDArray[np.bool_]) -> Step | None:
     return step
 
 
-_USED = {CALL: _of_call, LOAD: _of_load, CHOLESKY: _of_solve, LU: _of_solve}
+def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
+    live[reach(step, "from_")] = True
+    return step
+
+
+_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve}

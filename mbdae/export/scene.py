@@ -87,7 +87,8 @@ class _Made:
         self.operations = self.e.operations
         self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' apart where it is solved for
         self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
-        self.numbers = self.numbering.workspace(1)[0]
+        self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
+        self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
 
     def part(self, *others: Operations) -> Operations:
         """A list that begins with prescribed values."""
@@ -106,23 +107,20 @@ class _Made:
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
         """F, its Jacobian, and where there is one the right-hand side."""
-        e, pattern = self.e, self.assembly.pattern
-        units = row_units(self.assembly)
-        rows, columns = pattern.indices, np.repeat(np.arange(self.n), np.diff(pattern.indptr))
-        program.add("residual", "F(t, y, y') = 0", ALL, list(map(Entry, names, units)), e.rows + np.arange(self.n),
-                    self.part(e.residual_part))  # fmt: skip
-        self._jacobian(program, rows, columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
+        e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
+        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
+        self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
         if e.rates_part is not None:
-            program.add("rates", "y' of y' = f(t, y)", STATE, self._rates(program), e.rates + np.arange(self.n),
-                        self.part(e.rates_part))  # fmt: skip
+            self._rates(program, e.rates, self.part(e.rates_part))
 
     def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
         entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]
         program.pattern = np.asarray(rows, dtype=np.int64), np.asarray(columns, dtype=np.int64)
         program.add("jacobian", "entries of dF/dy, then of dF/dy'", ALL, entries, at, part)
 
-    def _rates(self, program: Program) -> list[Entry]:
-        return [Entry(e.name, e.unit) for e in program.inputs["yp"]]
+    def _rates(self, program: Program, first: int, part: Operations) -> None:
+        entries = [Entry(e.name, e.unit) for e in program.inputs["yp"]]
+        program.add("rates", "y' of y' = f(t, y)", STATE, entries, first + np.arange(self.n), part)
 
     # -- multipliers eliminated
 
@@ -136,54 +134,47 @@ class _Made:
         first = nb.start["lambda"]
         loaded = bool(self.assembly.motion())  # then the derivatives begin with the residual
         part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
-        unknown, x = self._matrix(part, 1)
-        part.add(x + np.arange(len(unknown)), e.rows + unknown, -1.0)
+        unknown, place, x = self._matrix(part, 1)
+        part.add(x + place[unknown], e.rows + unknown, -1.0)
         part.lu(len(unknown), x - len(unknown) ** 2, x)
         plain = np.r_[np.arange(nb.nq), np.arange(nb.nq + nb.nu, first)]
         part.add(n + plain, e.rows + plain, -1.0)
-        part.set(np.r_[n + nb.nq + np.arange(nb.nu), first + np.arange(nb.m)], x + np.arange(len(unknown)))
+        part.set(np.where(unknown < first, n, 0) + unknown, x + place[unknown])
         return part
 
-    def _matrix(self, part: Operations, times: int) -> tuple[Index, int]:
-        """Numbers of the unknowns u' and lambda; the slot behind the matrix of their equations, with room for right sides."""
-        nb, pattern, e = self.numbering, self.assembly.pattern, self.e
+    def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
+        """Numbers of the unknowns u' and lambda among y, and the reverse (-1 for others); the slot behind the matrix of their
+        equations, with room for right sides."""
+        nb, rows, columns = self.numbering, self.rows, self.columns
         unknown = np.r_[nb.nq + np.arange(nb.nu), nb.start["lambda"] + np.arange(nb.m)]
-        place = np.full(self.assembly.n, -1)
-        place[unknown] = np.arange(len(unknown))
-        rows, columns = pattern.indices, np.repeat(np.arange(self.assembly.n), np.diff(pattern.indptr))
-        chosen = np.flatnonzero((place[rows] >= 0) & (place[columns] >= 0))
-        size = len(unknown)
-        K = part.zeros(size * (size + times))
-        entry = e.fy + chosen + np.where(columns[chosen] < nb.start["lambda"], e.nnz, 0)
+        size, place = len(unknown), np.full(self.assembly.n, -1)
+        place[unknown] = np.arange(size)
+        K, chosen = part.zeros(size * (size + times)), np.flatnonzero((place[rows] >= 0) & (place[columns] >= 0))
+        entry = self.e.fy + chosen + np.where(columns[chosen] < nb.start["lambda"], self.e.nnz, 0)
         part.set(K + place[rows[chosen]] * size + place[columns[chosen]], entry)
-        return unknown, K + size * size
+        return unknown, place, K + size * size
 
     def eliminated(self, program: Program) -> None:
         """y' = f(t, y), y' - f(t, y), and its Jacobian by the theorem on implicit functions."""
-        n, full, e = self.n, self.assembly.n, self.e
-        states = np.arange(n)
-        rates = self.solved()
-        program.add("rates", "y' of y' = f(t, y)", STATE, self._rates(program), full + states, rates)
+        n, full, e, i, j = self.n, self.assembly.n, self.e, self.rows, self.columns
+        states, rates = np.arange(n), self.solved()
+        self._rates(program, full, rates)
         part, out = self.operations.part(rates), self.operations.slots(n)
         part.set(out + states, self.dotted + states)
         part.add(out + states, full + states, -1.0)
         rows = [Entry(f"rate of {of.name}", e.unit) for of, e in zip(program.inputs["y"], program.inputs["yp"], strict=True)]
         program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
         part = self.operations.part(rates, e.jacobian_part)
-        unknown, x = self._matrix(part, n)
-        pattern, size = self.assembly.pattern, len(unknown)
-        i, j = pattern.indices, np.repeat(np.arange(full), np.diff(pattern.indptr))
-        J = self.operations.slots(2 * n * n)  # of y' - f(t, y), column by column
+        unknown, place, x = self._matrix(part, n)
+        size, J = len(unknown), self.operations.slots(2 * n * n)  # of y' - f(t, y), column by column
         part.load(J, np.r_[np.zeros(n * n), np.eye(n).ravel()])
-        place = np.full(full, -1)
-        place[unknown] = np.arange(size)
         inside, plain = (np.flatnonzero(found & (j < n)) for found in (place[i] >= 0, (place[i] < 0) & (i < n)))
         part.set(x + j[inside] * size + place[i[inside]], e.fy + inside)
         part.lu(size, x - size * size, x, n)
         part.set(J + j[plain] * n + i[plain], e.fy + plain)
-        velocities = np.flatnonzero(unknown < n)
+        velocities = unknown[unknown < n]
         column, row = np.repeat(states, len(velocities)), np.tile(velocities, n)
-        part.set(J + column * n + unknown[row], x + column * size + row)
+        part.set(J + column * n + row, x + column * size + place[row])
         self._jacobian(program, np.tile(states, n), np.repeat(states, n), J + np.arange(2 * n * n), part)
 
 

@@ -9,7 +9,7 @@ import symengine as se
 
 from mbdae.errors import OptionError
 from mbdae.export.program import Function, Program, reach, weights
-from mbdae.native.program import ADD, CALL, LOAD, LU, MULTIPLY, SET, Step
+from mbdae.native.program import ADD, CALL, CHOLESKY, LOAD, LU, MULTIPLY, SET, Step
 from mbdae.symbolic.rebuild import rebuilt
 from mbdae.symbolic.source import reached
 from mbdae.symbolic.vectors import Expr
@@ -32,7 +32,7 @@ def derivation(program: Program, function: Function) -> Derivation:
     vectors = {name: [se.Symbol("t" if name == "t" else f"{name}{i}") for i in range(len(program.inputs[name]))]
                for name in function.arguments}  # fmt: skip
     pivots: list[list[int]] = []
-    if any(step.fields["kind"] not in (CALL, LOAD, SET, ADD, MULTIPLY) for step in function.steps):
+    if any(step.fields["kind"] in (CHOLESKY, LU) for step in function.steps):
         start = {name: [0.0 if np.isnan(e.value) else e.value for e in program.inputs[name]] for name in function.arguments}
         numbers = _Numbers()
         numbers.run(program, function, start)
@@ -88,7 +88,7 @@ class _Numbers:
             self.W |= {f["first"] + i: self.number(value) for i, value in enumerate(step.tables["weight"])}
         elif kind in (SET, ADD, MULTIPLY):
             self._map(step, kind)
-        else:
+        elif kind in (CHOLESKY, LU):
             self._solve(f, self._matrix(f))
 
     def _map(self, step: Step, kind: int) -> None:

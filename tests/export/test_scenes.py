@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 import mbdae as mb
 from mbdae.formulations import default_form, system_for
+from mbdae.native.program import CHOLESKY, POSITIVE
 from mbdae.results.sensors import reaction_outputs
 from mbdae.system.prepare import prepare
 
@@ -205,6 +206,19 @@ def test_parameters_are_inputs(name, compiled):
     assert values(export.inputs["p"]) != values(other.inputs["p"])
     worst = differences(export, compiled(export), Kernels(make(1.7, 5.3), form), values(other.inputs["p"]))
     assert all(error < EXACT for error in worst.values()), worst
+
+
+def test_a_tree_has_one_kernel_for_its_accelerations(compiled):
+    """As where it is integrated; without inertia the function says so."""
+    export = mb.export(pendulum(), "c")
+    kinds = {step.fields["kind"] for step in export.program.functions["rates"].steps}
+    assert POSITIVE in kinds
+    assert CHOLESKY not in kinds
+    call, y = compiled(export), values(export.inputs["y"])
+    given = [0.0 if e.name.endswith(("mass", "Jzz")) else e.value for e in export.inputs["p"]]
+    call("rates", t=0.0, y=y, p=values(export.inputs["p"]))
+    with pytest.raises(AssertionError, match="1 == 0"):
+        call("rates", t=0.0, y=y, p=given)
 
 
 @pytest.mark.parametrize("name", SYMBOLS)

@@ -59,6 +59,7 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
         self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -137,6 +138,7 @@ class Assembly:
             rows = rows[:, [o for o, _ in plan.jacobian_places]]
             self._jacobian.kernel(nb.gather(g, plan.jacobian_inputs, active), rows, plan.jacobian)
             entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
+            self._inert |= any(t[0] == "up" for _, t in plan.jacobian_places)
 
     def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
         """(elements,) slot of an entry (head, node of the element, i) of every element's nodes."""
@@ -241,7 +243,8 @@ class Assembly:
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
             varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
-            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern)
+            light = not self._inert and not self.constant_mass.any()
+            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern, light)
         return made
 
     def __getstate__(self) -> dict[str, Any]:
