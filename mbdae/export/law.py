@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from mbdae.errors import OptionError
 from mbdae.export.program import Entry, Program
-from mbdae.export.units import multiplier_unit, node_units, rate_of, row_unit
+from mbdae.export.units import RATES, force_of, node_units, rate_of, row_unit
 from mbdae.kernels import Kernel, linearised_plan, plan
 from mbdae.laws.contact import JournalContact
 from mbdae.laws.friction import Friction
@@ -28,6 +28,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.values import option, sequence, shown, word
 
 Table = list[tuple[Target, Expr]]
+Made = dict[str, tuple[Any, Sequence[Entry], str]]  #: name of a function -> kernel, outputs, meaning
 
 
 def _equations(d: Derived) -> Table:
@@ -102,21 +103,17 @@ def _sides(law: type[Law], structure: Structure, frames: Any) -> tuple[Side, ...
 
 
 def _of_frames(title: str, d: Derived, values: Mapping[str, Any]) -> Program:
-    tables = {name: plan(d, table) for name, (table, _) in FUNCTIONS.items()}
-    kernels = {name: (p.kernel, p.all_inputs.symbols, _named(d, p.targets)) for name, p in tables.items()
-               if any(e != 0 for e in p.expressions)}  # fmt: skip
-    derived = linearised_plan(d, _equations, False)
+    found = {name: (plan(d, table), meaning) for name, (table, meaning) in FUNCTIONS.items()}
+    made: Made = {name: (p.kernel, _named(d, p.targets), meaning) for name, (p, meaning) in found.items()
+                  if any(e != 0 for e in p.expressions)}  # fmt: skip
+    derived, symbols = linearised_plan(d, _equations, False), of.input_symbols(d)
     if derived.jacobian_places:
-        rows, by = zip(*derived.jacobian_places, strict=True)
-        symbols = dict(of.input_symbols(d))
-        stated = _named(d, [derived.targets[r] for r in rows])
-        entries = [Entry(f"d {row.name} / d {symbols[t]}", "") for row, t in zip(stated, by, strict=True)]
-        kernels["jacobian"] = derived.jacobian, derived.jacobian_inputs.symbols, entries
+        stated, by = _named(d, derived.targets), dict(symbols)
+        entries = [Entry(f"d {stated[row].name} / d {by[t]}", "") for row, t in derived.jacobian_places]
+        meaning = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
+        made["jacobian"] = derived.jacobian, entries, meaning
     units = _units(d)
-    x = {str(s): units.get(t, "") for t, s in of.input_symbols(d)}
-    meanings = {name: meaning for name, (_, meaning) in FUNCTIONS.items()}
-    meanings["jacobian"] = "derivatives of forces, kinematics, rows and states by x, where they do not vanish"
-    return _program(title, kernels, x, {n: p.unit for n, p in d.law.params.items()}, values, meanings)
+    return _program(title, made, {str(s): units.get(t, "") for t, s in symbols}, d.law, values)
 
 
 def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
@@ -127,12 +124,11 @@ def _named(d: Derived, targets: Sequence[Target]) -> list[Entry]:
         if head in ("u", "q"):
             node = next(f.kind for f in d.frames if f.side == place[0])
             unit = node_units(node, "m")[head == "u"][place[1]]
-            unit = {"m/s": "N", "rad/s": "N m"}[unit] if head == "u" else rate_of(unit)
-            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]", unit))
-        elif head in ("g", "gd", "gdd"):
-            unit = rows[place[0]]
-            found.append(Entry(d.rows[place[0]] + {"g": "", "gd": " rate", "gdd": " acceleration"}[head],
-                               f"{unit}{ {'g': '', 'gd': '/s', 'gdd': '/s^2'}[head]}" if unit else ""))  # fmt: skip
+            found.append(Entry(f"{place[0]}.{'force' if head == 'u' else 'kinematics'}[{place[1]}]",
+                               force_of(unit) if head == "u" else rate_of(unit)))  # fmt: skip
+        elif head in RATES:
+            unit, word_ = rows[place[0]], {"g": "", "gd": " rate", "gdd": " acceleration"}[head]
+            found.append(Entry(d.rows[place[0]] + word_, unit and unit + RATES[head]))
         elif head == "G":
             found.append(Entry(f"{d.rows[place[0]]} by {place[1]}[{place[2]}]", ""))
         elif head == "s":
@@ -152,7 +148,7 @@ def _units(d: Derived) -> dict[Target, str]:
         for head, units in zip("qu", node_units(f.kind, "m"), strict=True):
             found |= {(head, f.side, i): unit for i, unit in enumerate(units)}
             found |= {(f"{head}p", f.side, i): rate_of(unit) for i, unit in enumerate(units)}
-    found |= {("lambda", r): multiplier_unit(row_unit(d, r)) for r in range(len(d.rows))}
+    found |= {("lambda", r): force_of(row_unit(d, r)) for r in range(len(d.rows))}
     for j, name in enumerate(d.states):
         unit = d.law.states[name].unit
         found |= {("s", j): unit, ("sp", j): rate_of(unit)}
@@ -161,44 +157,42 @@ def _units(d: Derived) -> dict[Target, str]:
 
 def _of_line(title: str, d: Any, values: Mapping[str, Any], law: type[Law]) -> Program:
     """A law at a point of a line: forces dual to the interpolated fields, rows of the stresses, energy."""
-    kernels: dict[str, Any] = {}
-    outputs: dict[str, list[Any]] = {
-               "forces": [(f"dual of {f.symbol}", e) for f, e in d.duals],
-               "rows": [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)],
-               "resultants": list(d.resultants), "energy": [("energy", d.energy)], "dissipated": [("dissipated", d.dissipated)],
-               "mass": [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]}  # fmt: skip
-    outputs["jacobian"] = [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives().items()]
-    for name, table in outputs.items():
+    tables: dict[str, tuple[str, list[Any]]] = {
+        "forces": ("forces dual to the fields, times the weight of the point", [(f"dual of {f.symbol}", e) for f, e in d.duals]),
+        "rows": ("rows of the stresses", [(f"row of {name}", e) for name, e in zip(d.stresses, d.rows, strict=True)]),
+        "resultants": ("stress resultants", list(d.resultants)),
+        "energy": ("elastic energy of the point", [("energy", d.energy)]),
+        "dissipated": ("dissipated power", [("dissipated", d.dissipated)]),
+        "mass": ("inertia per length between velocities", [(f"[{i}, {j}]", e) for (i, j), e in d.mass.items()]),
+        "jacobian": ("derivatives of forces, then rows",
+                     [(f"output {o} by {d.variables[i]}", e) for (o, i), e in d.derivatives().items()]),
+    }  # fmt: skip
+    made: Made = {}
+    for name, (meaning, table) in tables.items():
         if any(e != 0 for _, e in table):
             symbols = sorted(set().union(*(e.free_symbols for _, e in table)), key=str)
-            kernels[name] = Kernel(symbols, [e for _, e in table]), symbols, [Entry(n, "") for n, _ in table]
-    units = {n: p.unit for n, p in law.params.items()} | {"ds": "m", "weight": "m"}
-    meanings = {"forces": "forces dual to the fields, times the weight of the point", "rows": "rows of the stresses",
-                "resultants": "stress resultants", "energy": "elastic energy of the point", "dissipated": "dissipated power",
-                "mass": "inertia per length between velocities", "jacobian": "derivatives of forces, then rows"}  # fmt: skip
-    return _program(title, kernels, {str(s): "" for s in d.variables}, units, values, meanings)
+            made[name] = Kernel(symbols, [e for _, e in table]), [Entry(n, "") for n, _ in table], meaning
+    return _program(title, made, {str(s): "" for s in d.variables}, law, values)
 
 
-def _program(title: str, kernels: Mapping[str, tuple[Any, Iterable[Expr], Sequence[Entry]]], x: Mapping[str, str],
-             units: Mapping[str, str], values: Mapping[str, Any], meanings: Mapping[str, str]) -> Program:  # fmt: skip
-    """One call of a kernel for each function."""
-    used = {str(s) for _, symbols, _ in kernels.values() for s in symbols}
+def _program(title: str, made: Made, x: Mapping[str, str], law: Any, values: Mapping[str, Any]) -> Program:
+    """One call of a kernel for each function. x: units of the unknowns by their names."""
+    used = {str(s) for kernel, _, _ in made.values() for s in kernel.symbols}
     unknown = [name for name in x if name in used]
     parameters = sorted(used - set(unknown))
     slot = {name: i for i, name in enumerate((*unknown, *parameters))}
-    entries = []
+    units, entries = {"ds": "m", "weight": "m"} | {n: p.unit for n, p in law.params.items()}, []
     for name in parameters:
         stated, _, dots = re.sub(r"_(d?dot)$", r"|\1", name).partition("|")
         unit = units.get(stated, "m" if re.search(r"_p\d$", name) else "rad" if name.endswith("theta0") else "1")
         value = values.get(name)
         entries.append(Entry(name, unit + {"": "", "dot": "/s", "ddot": "/s^2"}[dots],
                              float(value) if isinstance(value, int | float) else float("nan")))  # fmt: skip
-    operations = Operations(len(slot))
     slots = {"x": [(i, i) for i in range(len(unknown))], "p": [(i, len(unknown) + i) for i in range(len(parameters))]}
-    program = Program(title, operations, {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
-                      {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()}, np.zeros(0))  # fmt: skip
-    for name, (kernel, symbols, outputs) in kernels.items():
-        part = operations.part()
-        at = kernel.emit(part, np.array([[slot[str(s)] for s in symbols]], dtype=np.intp).reshape(1, -1))
-        program.add(name, meanings[name], ("x", "p"), outputs, at.ravel(), part)
+    program = Program(title, Operations(len(slot)), {"x": tuple(Entry(name, x[name]) for name in unknown), "p": tuple(entries)},
+                      slots)  # fmt: skip
+    for name, (kernel, outputs, meaning) in made.items():
+        part = program.operations.part()
+        at = kernel.emit(part, np.array([[slot[str(s)] for s in kernel.symbols]], dtype=np.intp).reshape(1, -1))
+        program.add(name, meaning, ("x", "p"), outputs, at.ravel(), part)
     return program

@@ -6,7 +6,8 @@ its outputs depend.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ctypes
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Operations, Step
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Operations, Scene, Step, core
 
 Index = NDArray[np.int64]
 Array = NDArray[np.float64]
@@ -51,11 +52,14 @@ class Program:
     title: str
     operations: Operations
     inputs: dict[str, tuple[Entry, ...]]
-    slots: dict[str, Index]
-    numbers: Array
+    slots: dict[str, Any]
+    numbers: Array = field(default_factory=lambda: np.zeros(0))
     pattern: tuple[Index, Index] | None = None
     functions: dict[str, Function] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
 
     def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
             part: Operations) -> None:  # fmt: skip
@@ -70,6 +74,14 @@ class Program:
                 begin.load(int(run[0]), W[run])
         self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
                                         frozenset(np.flatnonzero(live).tolist()))  # fmt: skip
+
+    def given(self, vectors: Mapping[str, Any]) -> Array:
+        """The array with values of the inputs in their slots."""
+        W = np.zeros(self.operations.size)
+        for name, values in vectors.items():
+            entries, slots = self.slots[name].T
+            W[slots] = np.asarray(values, dtype=float)[entries]
+        return W
 
     def drop_parameters(self) -> None:
         """Leave out the parameters that no function reads."""
@@ -106,6 +118,14 @@ def shifted(step: Step, by: int) -> Step:
 def weights(step: Step) -> Array:
     """(times or 1, count) factors of an operation, 1 where it has none."""
     return np.asarray(step.tables.get("weight", np.ones(step.fields["count"])), dtype=float).reshape(-1, step.fields["count"])
+
+
+def run(steps: Sequence[Step], W: Array) -> None:
+    """Carry operations out natively, in place."""
+    part = Operations(len(W))
+    part.steps += steps
+    (table, _kept), x = part.table(len(W)), np.zeros(part.widest + 1)
+    core().scene_part(ctypes.byref(Scene(W=W.ctypes.data, x=x.ctypes.data)), ctypes.byref(table), 0.0, None, None)
 
 
 def _needed(steps: Sequence[Step], outputs: Index, size: int) -> tuple[list[Step], NDArray[np.bool_]]:

@@ -102,8 +102,7 @@ class _Made:
         slots = {"t": [(0, self.e.at), (0, self.e.at + 1)], "y": [(i, i) for i in range(n)],
                  "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs}  # fmt: skip
         vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
-        pairs = {name: np.array(at, dtype=np.int64).reshape(-1, 2) for name, at in slots.items()}
-        return Program(title, self.operations, vectors, pairs, self.numbers)
+        return Program(title, self.operations, vectors, slots, self.numbers)
 
     def as_integrated(self, program: Program, names: Sequence[str]) -> None:
         """F, its Jacobian, and where there is one the right-hand side."""

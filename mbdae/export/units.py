@@ -12,6 +12,7 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.model.numbering import Numbering
 
 OF_FORMS = {"baumgarte_velocity": "1/s", "baumgarte_position": "1/s^2"}
+RATES = {"g": "", "gd": "/s", "gdd": "/s^2"}  #: what the unit of a row is multiplied by in its rates
 _POWER = re.compile(r"m(?:\^([0-9.]+))?(?:/rad)?")
 
 
@@ -49,9 +50,9 @@ def row_unit(d: Derived, row: int) -> str:
     return "m" if abs(twice - 2 * once) < 1e-9 else "1" if abs(twice - once) < 1e-9 else ""
 
 
-def multiplier_unit(unit_of_row: str) -> str:
-    """Of the force of a row, whose product with the row is an energy."""
-    return {"m": "N", "1": "N m"}.get(unit_of_row, "")
+def force_of(unit: str) -> str:
+    """Of the force whose product with a length, an angle or a cosine (or their rates) is an energy (or a power); "" of others."""
+    return {"m": "N", "1": "N m", "rad": "N m"}.get(unit.partition("/")[0], "")
 
 
 def unknown_units(nb: Numbering) -> list[str]:
@@ -70,7 +71,7 @@ def unknown_units(nb: Numbering) -> list[str]:
     for block in ("lambda", "mu"):
         for n, row in enumerate(nb.rows):
             if nb.start[block] + n < nb.n:
-                unit = multiplier_unit(row_unit(nb.model.groups[row.group].derived, row.row)) if block == "lambda" else ""
+                unit = force_of(row_unit(nb.model.groups[row.group].derived, row.row)) if block == "lambda" else ""
                 units[nb.start[block] + n] = f"{unit} s" if unit and nb.derivatives else unit
     return units
 
@@ -80,12 +81,11 @@ def row_units(assembly: Assembly) -> list[str]:
     nb = assembly.numbering
     units = [rate_of(unit) for unit in unknown_units(nb)]
     for at in range(nb.nq, nb.nq + nb.nu):
-        units[at] = {"m/s^2": "N", "rad/s^2": "N m"}.get(units[at], "")
-    rates = {"g": 0, "gd": 1, "gdd": 2}
+        units[at] = force_of(units[at])
     for head, block in assembly.spec.rows.items():
-        for n, row in enumerate(nb.rows) if head in rates else ():
+        for n, row in enumerate(nb.rows) if head in RATES else ():
             unit = row_unit(nb.model.groups[row.group].derived, row.row)
-            units[nb.start[block] + n] = unit and [unit, f"{unit}/s", f"{unit}/s^2"][rates[head]]
+            units[nb.start[block] + n] = unit and unit + RATES[head]
     for n in range(len(nb.stresses)):
         units[nb.start["z"] + n] = ""
     return units

@@ -7,6 +7,7 @@ import pytest
 import symengine as se
 
 import mbdae as mb
+from mbdae.export.program import run
 from mbdae.reports.report import exported
 
 EXACT = 1e-12
@@ -28,16 +29,8 @@ LAWS = {name: law for name, law in exported().items() if name != "jointcoordinat
 
 def kernel_values(program, name, vectors):
     """A function by the compiled kernel of the law."""
-    f = program.functions[name]
-    W = np.zeros(program.operations.size)
-    for vector in f.arguments:
-        entries, slots = program.slots[vector].T
-        W[slots] = vectors[vector][entries]
-    for step in f.steps:
-        first = step.fields["first"]
-        kernel = step.fields.get("kernel")
-        found = step.tables["weight"] if kernel is None else kernel.values(W[step.tables["from_"].ravel()][None])[0]
-        W[first : first + len(found)] = found
+    f, W = program.functions[name], program.given(vectors)
+    run(f.steps, W)
     return W[f.at]
 
 
