@@ -125,7 +125,7 @@ class _File:
         if kind == CALL:
             return self._call(step)
         if kind == LOAD:
-            return self._load(f["first"], step.tables["weight"])
+            return self._each("W[{}] = {};", (f["first"] + np.arange(f["count"]), 0), (step.tables["weight"], 0))
         count = f["count"]
         if kind == CHOLESKY:
             return [f"if (band_factors({count}, {f['inputs']}, W + {f['first']}) >= 0) return 1;",
@@ -148,7 +148,7 @@ class _File:
         count = len(columns[0][0])
         if count <= AT_ONCE and times == 1:
             return [line.format(*(_entry(table[k]) for table, _ in columns)) for k in range(count)]
-        loop = f"for (int k = 0; k < {count}; k++) {line.format(*(self._place(table, by) for table, by in columns))}"
+        loop = f"for (int k = 0; k < {count}; k++) {line.format(*(self._place(table, by * (times > 1)) for table, by in columns))}"
         return [f"for (int r = 0; r < {times}; r++) {loop}" if times > 1 else loop]
 
     def _place(self, table: Any, by: int) -> str:
@@ -157,11 +157,6 @@ class _File:
         if table.dtype.kind == "f":
             return c_number(table[0]) if not by and np.all(table == table[0]) else f"{self._table(table)}[k{shift}]"
         return f"{table[0]} + k{shift}" if np.all(np.diff(table) == 1) else f"{self._table(table)}[k]{shift}"
-
-    def _load(self, first: int, values: Any) -> list[str]:
-        if np.all(values == 0):
-            return [f"memset(W + {first}, 0, {len(values)} * sizeof *W);"]
-        return self._each("W[{}] = {};", (first + np.arange(len(values)), 0), (np.asarray(values, dtype=float), 0))
 
     def _call(self, step: Step) -> list[str]:
         """The call of a kernel at its points."""
