@@ -148,7 +148,8 @@ class _File:
         count = len(columns[0][0])
         if count <= AT_ONCE and times == 1:
             return [line.format(*(_entry(table[k]) for table, _ in columns)) for k in range(count)]
-        loop = f"for (int k = 0; k < {count}; k++) {line.format(*(self._place(table, by * (times > 1)) for table, by in columns))}"
+        places = [self._place(table, by if times > 1 else 0) for table, by in columns]
+        loop = f"for (int k = 0; k < {count}; k++) {line.format(*places)}"
         return [f"for (int r = 0; r < {times}; r++) {loop}" if times > 1 else loop]
 
     def _place(self, table: Any, by: int) -> str:
