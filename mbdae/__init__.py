@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mbdae.audit import Audit, audit
     from mbdae.compare import Run, compare
     from mbdae.contracts.selftest import selftest
+    from mbdae.export import Export, export
     from mbdae.extremes import extremes
     from mbdae.formulations import GGL, ODE, Index1, Index3
     from mbdae.integrators.alpha.generalized_alpha import HHT, GeneralizedAlpha
@@ -65,10 +66,9 @@ __version__ = "0.1.0"
 _HOME = {
     "Audit": "mbdae.audit", "CVODE": "mbdae.integrators.sundials.cvode", "Classical": "mbdae.scene.components",
     "Clearance": "mbdae.scene.components", "Coulomb": "mbdae.laws.friction", "Coupling": "mbdae.symbolic.coupling",
-    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae",
-    "DOP853": "mbdae.integrators.runge_kutta.dop853", "Distance": "mbdae.laws.joints",
-    "FixedOrientation": "mbdae.laws.joints", "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints",
-    "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
+    "Cylindrical": "mbdae.laws.joints", "DAE": "mbdae.system.dae", "DOP853": "mbdae.integrators.runge_kutta.dop853",
+    "Distance": "mbdae.laws.joints", "Export": "mbdae.export", "FixedOrientation": "mbdae.laws.joints",
+    "Force": "mbdae.symbolic.law", "Free": "mbdae.laws.joints", "Friction": "mbdae.laws.friction", "GGL": "mbdae.formulations",
     "GeneralizedAlpha": "mbdae.integrators.alpha.generalized_alpha", "HHT": "mbdae.integrators.alpha.generalized_alpha",
     "Hertz": "mbdae.laws.contact", "IDA": "mbdae.integrators.sundials.ida", "Index1": "mbdae.formulations",
     "Index3": "mbdae.formulations", "Joint": "mbdae.symbolic.joint", "Kinematic": "mbdae.scene.components",
@@ -78,18 +78,19 @@ _HOME = {
     "Recursive": "mbdae.scene.components", "Revolute": "mbdae.laws.joints", "Run": "mbdae.compare", "Scene": "mbdae.api",
     "Screw": "mbdae.laws.joints", "Section": "mbdae.scene.section", "Spherical": "mbdae.laws.joints",
     "Stop": "mbdae.scene.components", "Switches": "mbdae.system.base", "Universal": "mbdae.laws.joints",
-    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "extremes": "mbdae.extremes",
-    "load": "mbdae.api", "measure_order": "mbdae.integrators.orders", "params": "mbdae.symbolic.law",
-    "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest", "sweep": "mbdae.sweep",
+    "Weld": "mbdae.laws.joints", "audit": "mbdae.audit", "compare": "mbdae.compare", "export": "mbdae.export",
+    "extremes": "mbdae.extremes", "load": "mbdae.api", "measure_order": "mbdae.integrators.orders",
+    "params": "mbdae.symbolic.law", "report": "mbdae.reports.report", "selftest": "mbdae.contracts.selftest",
+    "sweep": "mbdae.sweep",
 }  # fmt: skip
 
 __all__ = [
     "CVODE", "DAE", "DOP853", "GGL", "HHT", "IDA", "ODE", "AccuracyWarning", "Audit", "Classical", "Clearance", "Coulomb",
-    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "FixedOrientation", "Force", "Free", "Friction",
+    "Coupling", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free", "Friction",
     "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal",
-    "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute",
-    "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop",
-    "Switches", "Universal", "Weld", "audit", "compare", "extremes", "load", "measure_order", "params", "report", "selftest",
+    "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
+    "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop", "Switches",
+    "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order", "params", "report", "selftest",
     "sweep", "t",
 ]  # fmt: skip
 

@@ -46,6 +46,14 @@ def test_pendulum_has_the_period_of_the_elliptic_integral():
     assert pendulum.period_exact() == pytest.approx(published[135], rel=1e-12)
 
 
+@pytest.mark.parametrize("mass", [1.0, 0.2])
+def test_exported_equations_give_the_same_motion(mass):
+    import exported_equations as example
+
+    own = example.scene(mass).simulate(example.t_end, accuracy=1e-9)["elbow"].angle[-1]
+    assert example.by_scipy(mass) == pytest.approx(own, abs=1e-7)
+
+
 def test_four_bar_rocker_follows_the_two_circles():
     import four_bar
 

@@ -15,7 +15,7 @@ import mbdae
 ROOT = Path(mbdae.__file__).parent
 #: folders and files of the package from the top down: each imports from its own entry and from those behind it
 LAYERS = [
-    {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit"}, {"reports", "compare"},
+    {"__main__"}, {"cli"}, {"__init__"}, {"api"}, {"contracts", "extremes"}, {"audit", "export"}, {"reports", "compare"},
     {"sweep", "documents"}, {"analysis"}, {"show"}, {"run"}, {"results"}, {"integrators"}, {"formulations"}, {"system"},
     {"kernels"}, {"scene"}, {"laws"}, {"inputs"}, {"symbolic"}, {"values", "files"}, {"native"},
     {"notation", "errors", "threads", "ties"},
@@ -25,7 +25,7 @@ SYSTEM = ["base", "partition", "dae", "model", "motion", "start", "rank", "assem
           "without_multipliers"]  # fmt: skip
 LEVEL = {name: len(LAYERS) - i for i, names in enumerate(LAYERS) for name in names}
 #: the System interface is all an integrator sees; kernels are called by these alone
-KERNELS_CALLED_BY = {"system", "results", "run", "contracts"}
+KERNELS_CALLED_BY = {"system", "results", "run", "contracts", "export"}
 ALONE = {"sksundae": {"integrators/sundials/python.py"},
          "matplotlib": {"show", "compare", "reports"}}  # fmt: skip
 MOST_FILES, MOST_LINES = 25, 350

@@ -44,6 +44,14 @@ def test_the_method_of_ones_own_in_docs_accuracy_runs(tmp_path, monkeypatch):
         exec(compile(text, "accuracy.md", "exec"), {"__name__": "accuracy"})
 
 
+def test_docs_export_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    space = {"__name__": "export"}
+    for language, text, _ in blocks((ROOT / "docs" / "export.md").read_text(encoding="utf-8")):
+        assert language == "python"
+        exec(compile(text, "export.md", "exec"), space)
+
+
 def test_laws_of_the_contributing_guide_work(monkeypatch):
     """Each block is a file; its laws are exported, keep the contract, and the tests among the blocks pass."""
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -11,11 +11,10 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.errors import LawError
 from mbdae.symbolic.functions import complex_atan2
+from mbdae.symbolic.source import python_function
 from mbdae.symbolic.vectors import Expr
 
 
@@ -56,16 +55,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Callable[[NDArray[Any]], NDArray[Any]]:
     """The function x (..., inputs) -> (..., outputs), real or complex; raises LawError for an unknown function."""
-    shared, reduced = se.cse(expressions)
-    names = {symbol: f"x[{i}]" for i, symbol in enumerate(symbols)}
-    lines = ["def function(x):"]
-    for i, (name, value) in enumerate(shared):
-        lines.append(f"    a{i} = {_written(value, names)}")
-        names[name] = f"a{i}"
-    lines.append(f"    return [{', '.join(_written(e, names) for e in reduced)}]")
-    space: dict[str, Any] = dict(_FUNCTIONS)
-    exec("\n".join(lines), space)
-    function = space["function"]
+    function = python_function(symbols, expressions, _FUNCTIONS)
 
     def evaluate(x: NDArray[Any]) -> NDArray[Any]:
         out = np.empty((len(expressions), *x.shape[:-1]), dtype=x.dtype)
@@ -74,24 +64,3 @@ def numpy_function(symbols: Sequence[Expr], expressions: Sequence[Expr]) -> Call
         return np.moveaxis(out, 0, -1)
 
     return evaluate
-
-
-def _written(e: Expr, names: dict[Expr, str]) -> str:
-    """An expression as Python source."""
-    known = names.get(e)
-    if known is not None:
-        return known
-    kind, args = type(e).__name__, e.args
-    if e.is_Number or not (args or kind in _FUNCTIONS):
-        return f"({e})" if isinstance(e, se.Integer) else repr(float(e))
-    if kind == "Pow" and args[0] == se.E:
-        return f"_exp({_written(args[1], names)})"
-    if kind == "Pow" and abs(args[1]) == se.Rational(1, 2):
-        root = f"_sqrt({_written(args[0], names)})"
-        return root if args[1] > 0 else f"(1 / {root})"
-    texts = [_written(a, names) for a in args]
-    if kind in ("Add", "Mul", "Pow"):
-        return f"({({'Add': ' + ', 'Mul': ' * ', 'Pow': ' ** '})[kind].join(texts)})"
-    if kind not in _FUNCTIONS:
-        raise LawError(f"the function {kind} in {e} is not known to the reference kernels; use one of {', '.join(_FUNCTIONS)}")
-    return f"{kind}({', '.join(texts)})"

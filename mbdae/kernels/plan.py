@@ -59,10 +59,11 @@ class LinearisedPlan(Plan):
     """The outputs of a law with their exact derivatives, sorted into constant, linear and nonlinear.
 
     A derivative that depends on parameters only is constant; an output whose derivatives are all constant and that does not
-    depend on time is linear: it needs no kernel.
+    depend on time is linear: it needs no kernel. sort: False leaves all outputs and derivatives in the kernels, whose inputs then
+    are all parameters.
     """
 
-    def __init__(self, d: Derived, outputs: Outputs) -> None:
+    def __init__(self, d: Derived, outputs: Outputs, sort: bool = True) -> None:
         super().__init__(d, outputs)
         partials = [derivatives(d, e) for e in self.expressions]
         places = [(i, target) for i, row in enumerate(partials) for target in row]
@@ -70,9 +71,9 @@ class LinearisedPlan(Plan):
         symbols = [value.free_symbols for value in values]
         clock = {symbol for pair in d.variation.clock.items() for symbol in pair}
         varying = set(self._unknown) | clock
-        constant = [not (found & varying) for found in symbols]
+        constant = [sort and not (found & varying) for found in symbols]
         curved = {i for (i, _), fixed in zip(places, constant, strict=True) if not fixed}
-        curved |= {i for i, e in enumerate(self.inserted) if e.free_symbols & clock}
+        curved |= {i for i, e in enumerate(self.inserted) if not sort or e.free_symbols & clock}
         self.nonlinear = [i for i in range(len(self.inserted)) if i in curved]
         linear = [i for i in range(len(self.inserted)) if i not in curved]
         origin = self._origin(d)
@@ -110,6 +111,6 @@ def plan(d: Derived, outputs: Outputs) -> Plan:
 
 
 @lru_cache(maxsize=512)
-def linearised_plan(d: Derived, outputs: Outputs) -> LinearisedPlan:
+def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
     """The plan with derivatives; made once per process."""
-    return LinearisedPlan(d, outputs)
+    return LinearisedPlan(d, outputs, sort)

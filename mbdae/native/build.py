@@ -55,9 +55,9 @@ def sources() -> list[Path]:
 
 
 def digest() -> str:
-    """What the library depends on, in a word: C files, headers, this file and MBDAE_CFLAGS."""
+    """What the library depends on, in a word: C files, what they include, this file and MBDAE_CFLAGS."""
     read = hashlib.sha256(os.environ.get("MBDAE_CFLAGS", "").encode())
-    for path in [*sources(), *sorted(HERE.glob("*.h")), HERE / "build.py"]:
+    for path in [*sources(), *sorted(HERE.glob("*.h")), *sorted(HERE.glob("*.inc")), HERE / "build.py"]:
         read.update(path.name.encode() + b"\0" + path.read_bytes())
     return f"mbdae-sources:{read.hexdigest()}"
 

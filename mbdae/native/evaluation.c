@@ -15,7 +15,8 @@ typedef void (*Kernel)(double *out, const double *in, void *data);
    MULTIPLY  W[to[k] + r to_step] += weight[k] W[from[k] + r from_step] W[by[k] + r by_step]
    CHOLESKY  factors in place of the symmetric band matrix (count, inputs) at `first`, solves for W[outputs ...) in place
    SOLVE     solves with these factors for `times` further right-hand sides at W[outputs + r * count ...)
-   LU        solves with the full matrix (count, count), row by row, at `first`, for W[outputs ...); the matrix is overwritten
+   LU        solves with the full matrix (count, count), row by row, at `first`, for `times` right-hand sides at
+             W[outputs + r * count ...); the matrix is overwritten
    POSITIVE  ends with SINGULAR unless every W[from[k]] > 0 */
 enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE };
 
@@ -28,61 +29,7 @@ typedef struct {
 
 typedef struct { const Operation *first; I count; } Part;
 
-/* The band of row i: entries (i, i - width + 1) ... (i, i) at a[i * width ...] */
-static I band_factors(I n, I width, double *a) {
-  for (I i = 0; i < n; i++) {
-    I low = i < width ? 0 : i - width + 1;
-    double *row = a + i * width + width - 1 - i; /* row[j] is the entry (i, j) */
-    for (I j = low; j <= i; j++) {
-      const double *other = a + j * width + width - 1 - j;
-      double sum = row[j];
-      I k = j < width ? 0 : j - width + 1;
-      for (k = k < low ? low : k; k < j; k++) sum -= row[k] * other[k];
-      if (j < i) row[j] = sum / other[j];
-      else if (sum > 0) row[i] = sqrt(sum);
-      else return i;
-    }
-  }
-  return -1;
-}
-
-static void band_solve(I n, I width, const double *a, double *x) {
-  for (I i = 0; i < n; i++) {
-    const double *row = a + i * width + width - 1 - i;
-    double sum = x[i];
-    for (I k = i < width ? 0 : i - width + 1; k < i; k++) sum -= row[k] * x[k];
-    x[i] = sum / row[i];
-  }
-  for (I i = n; i-- > 0;) {
-    const double *row = a + i * width + width - 1 - i;
-    double value = x[i] /= row[i];
-    for (I k = i < width ? 0 : i - width + 1; k < i; k++) x[k] -= row[k] * value;
-  }
-}
-
-static I full_solve(I n, double *a, double *x) {
-  for (I k = 0; k < n; k++) {
-    I best = k;
-    for (I i = k + 1; i < n; i++)
-      if (fabs(a[i * n + k]) > fabs(a[best * n + k])) best = i;
-    if (!(fabs(a[best * n + k]) > 0)) return k;
-    if (best != k) {
-      for (I j = k; j < n; j++) { double v = a[k * n + j]; a[k * n + j] = a[best * n + j]; a[best * n + j] = v; }
-      double v = x[k]; x[k] = x[best]; x[best] = v;
-    }
-    for (I i = k + 1; i < n; i++) {
-      double factor = a[i * n + k] / a[k * n + k];
-      if (factor == 0) continue;
-      for (I j = k + 1; j < n; j++) a[i * n + j] -= factor * a[k * n + j];
-      x[i] -= factor * x[k];
-    }
-  }
-  for (I i = n; i-- > 0;) {
-    for (I j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
-    x[i] /= a[i * n + i];
-  }
-  return -1;
-}
+#include "factors.inc"
 
 /* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
 static int run(Part part, double *W, double *x, I *bad) {
@@ -122,7 +69,7 @@ static int run(Part part, double *W, double *x, I *bad) {
       for (I r = 0; r < a->times; r++) band_solve(a->count, a->inputs, W + a->first, W + a->outputs + r * a->count);
       break;
     case LU:
-      *bad = full_solve(a->count, W + a->first, W + a->outputs);
+      *bad = full_solve(a->count, a->times, W + a->first, W + a->outputs);
       if (*bad >= 0) return SINGULAR;
       break;
     case POSITIVE:

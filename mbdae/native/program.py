@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,15 @@ class Part(ctypes.Structure):
     _fields_ = (("first", Pointer), ("count", Whole))
 
 
+class Step(NamedTuple):
+    """One operation as it was stated. fields: those of `Operation`, with the kernel that a CALL evaluates; slots: the lowest it
+    touches, and the one behind the highest."""
+
+    fields: dict[str, Any]
+    tables: dict[str, Array | Index]
+    slots: tuple[int, int]
+
+
 @dataclass
 class _Room:
     """The slots of an array that lists of operations share, and numbers in it that never change."""
@@ -53,7 +62,7 @@ class Operations:
 
     def __init__(self, size: int = 0, base: Operations | None = None) -> None:
         self._room: _Room = _Room(size) if base is None else base._room
-        self._list = list[tuple[dict[str, Any], dict[str, Array | Index], tuple[int, int]]]()
+        self.steps = list[Step]()
 
     @property
     def size(self) -> int:
@@ -87,7 +96,7 @@ class Operations:
         """A further list on the same array, which begins with the operations of others."""
         made = Operations(base=self)
         for other in others:
-            made._list += other._list
+            made.steps += other.steps
         return made
 
     # -- operations
@@ -132,9 +141,10 @@ class Operations:
         self._add(SOLVE, {}, (matrix, n * width), (right, n * times), times=times, count=n, inputs=width, first=matrix,
                   outputs=right)  # fmt: skip
 
-    def lu(self, n: int, matrix: int, right: int) -> None:
-        """Solve with a full matrix, row by row at slot `matrix`, for the right side at slot `right`, in place."""
-        self._add(LU, {}, (matrix, n * n), (right, n), times=1, count=n, first=matrix, outputs=right)
+    def lu(self, n: int, matrix: int, right: int, times: int = 1) -> None:
+        """Solve with a full matrix, row by row at slot `matrix`, for right-hand sides one behind the other at slot `right`, in
+        place."""
+        self._add(LU, {}, (matrix, n * n), (right, n * times), times=times, count=n, first=matrix, outputs=right)
 
     def positive(self, at: ArrayLike) -> None:
         """End with SINGULAR unless all slots hold positive numbers; `bad`: where in `at` the first is that does not."""
@@ -165,26 +175,26 @@ class Operations:
                 ranges = (*ranges, (int(table.min()), int(table.max()) + last - int(table.min()) + 1))
         if fields["times"] < 0 or any(fields.get(name, 0) < 0 for name in ("to_step", "from_step", "by_step", "count", "inputs")):
             raise ValueError(f"negative sizes: {fields}")
-        self._list.append(({"kind": kind} | fields, kept, _whole(ranges)))
+        self.steps.append(Step({"kind": kind} | fields, kept, _whole(ranges)))
 
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] for f, *_ in self._list if f["kind"] == CALL), default=0)
+        return max((f["inputs"] for f, *_ in self.steps if f["kind"] == CALL), default=0)
 
     @property
     def reads(self) -> frozenset[int]:
         """Slots from which kernels and copies take numbers."""
-        tables = [tables[name] for _, tables, _ in self._list for name in ("from_", "by") if name in tables]
+        tables = [tables[name] for _, tables, _ in self.steps for name in ("from_", "by") if name in tables]
         return frozenset(int(i) for table in tables for i in table.flat)
 
     def table(self, size: int) -> tuple[Part, list[Any]]:
         """The operations as C reads them, and what has to be kept alive. Kernels are compiled here.
 
         Raises ValueError where one leaves an array of `size` numbers."""
-        made = (Operation * max(len(self._list), 1))()
+        made = (Operation * max(len(self.steps), 1))()
         kept: list[Any] = [made]
-        for operation, (fields, tables, (low, high)) in zip(made, self._list, strict=False):
+        for operation, (fields, tables, (low, high)) in zip(made, self.steps, strict=False):
             if low < 0 or high > size:
                 raise ValueError(f"an operation on slots {low} to {high - 1} of an array of {size}")
             for name, value in fields.items():
@@ -197,7 +207,7 @@ class Operations:
             for name, table in tables.items():
                 setattr(operation, name, table.ctypes.data)
                 kept.append(table)
-        return Part(ctypes.addressof(made), len(self._list)), kept
+        return Part(ctypes.addressof(made), len(self.steps)), kept
 
 
 def block(first: int, points: int, width: int) -> Index:

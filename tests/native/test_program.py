@@ -62,13 +62,14 @@ def random_map(rng, size):
 
 
 def random_solution(rng, size):
-    """A matrix and its right-hand side somewhere in the array."""
+    """A matrix and its right-hand side, of a full one several, somewhere in the array."""
     n = int(rng.integers(1, 5))
     width = int(rng.integers(1, n + 1))
     lower = np.tril(rng.normal(size=(n, n))) * (np.subtract.outer(np.arange(n), np.arange(n)) < width) + 3 * np.eye(n)
-    A, b = lower @ lower.T, rng.normal(size=n)
-    full = rng.normal(size=(n, n))
     kind = rng.choice(["cholesky", "lu"])
+    times = 1 if kind == "cholesky" else int(rng.integers(1, 4))
+    A, b = lower @ lower.T, rng.normal(size=(times, n))
+    full = rng.normal(size=(n, n))
     matrix = int(slots(rng, size, 1)[0])
     right = matrix + n * (width if kind == "cholesky" else n)
     band = np.array([[A[i, i - width + 1 + j] if i - width + 1 + j >= 0 else 0.0 for j in range(width)] for i in range(n)])
@@ -79,9 +80,9 @@ def random_solution(rng, size):
         if kind == "cholesky":
             ops.cholesky(n, width, matrix, right)
         else:
-            ops.lu(n, matrix, right)
+            ops.lu(n, matrix, right, times)
 
-    return state, matrix, right, n, np.linalg.solve(A if kind == "cholesky" else full, b)
+    return state, matrix, right, n * times, np.linalg.solve(A if kind == "cholesky" else full, b.T).T.ravel()
 
 
 def test_random_tables_are_refused_or_right():

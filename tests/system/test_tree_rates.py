@@ -56,7 +56,7 @@ def long() -> mb.Scene:
 ])  # fmt: skip
 def test_accelerations_solve_the_residual(scene, whole):
     system = scene().recursive().system(mb.ODE())
-    kinds = [fields["kind"] for fields, *_ in system.assembly.evaluation.rates_part._list]
+    kinds = [fields["kind"] for fields, *_ in system.assembly.evaluation.rates_part.steps]
     assert (POSITIVE in kinds, CHOLESKY in kinds) == (whole, not whole)
     rng, yp, F = np.random.default_rng(1), np.empty(system.n), np.empty(system.n)
     for _ in range(5):

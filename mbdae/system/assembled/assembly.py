@@ -39,11 +39,14 @@ SPARSE_FROM = 150  #: unknowns; below, dense linear algebra is faster (measured 
 
 
 class Assembly:
-    """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`."""
+    """The equations of a model in a form, F(t, y, y') = 0 with their exact Jacobian, at any state; members as in `System`.
+
+    open: every parameter of a law stays an input of its kernels (for those who read the operations); else what does not vary in a
+    run is evaluated once."""
 
     def __init__(self, model: Model, rows: list[Row], spec: FormSpec, sparse: bool | None = None,
-                 moved: MovedBodies | None = None) -> None:  # fmt: skip
-        self.model, self.spec, self.label = model, spec, spec.label
+                 moved: MovedBodies | None = None, open: bool = False) -> None:  # fmt: skip
+        self.model, self.spec, self.label, self._open = model, spec, spec.label, open
         self.moved = moved = moved if moved is not None else MovedBodies(model, [])
         rows = [row for row in rows if moved.keeps(row)]
         blocks = (*spec.blocks, "z") if spec.mixed else spec.blocks
@@ -56,6 +59,7 @@ class Assembly:
         self.equations = self._equations()
         self._offset = np.zeros(1 + nb.first_input - self.n)  # rows of F, a spare one, rows of loaded nodes
         self._residual, self._jacobian, self._mass = Scatter(), Scatter(), Scatter()
+        self._inert = False  #: whether kernels of laws outside of trees depend on accelerations
         self._loaded: tuple[list[Any], Scatter, list[Any]] = ([], Scatter(), [])  #: kernels forward, of rows, of derivatives
         entries = Entries(self.n)
         live = {(row.group, row.instance) for row in rows}
@@ -65,7 +69,7 @@ class Assembly:
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
-                self._add(g, active, linearised_plan(d, spec.outputs), entries)
+                self._add(g, active, linearised_plan(d, spec.outputs, not open), entries)
         for batch in batches(model.lines, spec.mixed) if model.lines else ():
             if batch.is_load or not spec.loads_only:
                 self._add_elements(batch, entries)
@@ -134,6 +138,7 @@ class Assembly:
             rows = rows[:, [o for o, _ in plan.jacobian_places]]
             self._jacobian.kernel(nb.gather(g, plan.jacobian_inputs, active), rows, plan.jacobian)
             entries.varying(rows, self._columns(g, active, [t for _, t in plan.jacobian_places]))
+            self._inert |= any(t[0] == "up" for _, t in plan.jacobian_places)
 
     def _nodal(self, nodes: list[list[Node]], target: Target) -> NDArray[np.intp]:
         """(elements,) slot of an entry (head, node of the element, i) of every element's nodes."""
@@ -228,12 +233,18 @@ class Assembly:
     @cached_property
     def evaluation(self) -> EquationsOfScene:
         """The native evaluation, whose parts are compiled when they are first asked for."""
+        made = self.operations()
+        made.compile()
+        return made
+
+    def operations(self) -> EquationsOfScene:
+        """The operations of the native evaluation, to which others may be added before they are compiled."""
         made = EquationsOfScene(self.numbering, self._residual, self._offset, self._loaded, self._jacobian, self._pattern,
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
-            varying = bool(self.moved.trees) and bool(self.model.lines)
-            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern)
-        made.compile()
+            varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
+            light = not self._inert and not self.constant_mass.any()
+            made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern, light)
         return made
 
     def __getstate__(self) -> dict[str, Any]:

@@ -124,15 +124,15 @@ class EquationsOfScene(Workspace):
         part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]])
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
-    def with_rates(self, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix) -> None:
+    def with_rates(self, mass: Scatter, constant: Array | None, pattern: sp.csc_matrix, light: bool) -> None:
         """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
 
         constant (nu, nu): its entries that do not vary, mass: those that do; None: it is read from the Jacobian with respect
-        to y', whose entries are those of pattern."""
+        to y', whose entries are those of pattern; light: nothing outside of trees has inertia."""
         nb, operations = self.numbering, self.operations
         nu, nq, first = nb.nu, nb.nq, self.rates
         solved = np.sort(np.concatenate([np.zeros(0, np.intp), *(self._terms.places[k].ravel() for k in self._terms.solved)]))
-        if nu and constant is not None and not constant.any() and np.array_equal(solved, np.arange(nq, nq + nu)):
+        if nu and light and np.array_equal(solved, np.arange(nq, nq + nu)):
             self._rates_of_trees()
             return
         part = operations.part(self.residual_part if constant is not None else self.jacobian_part)

@@ -112,7 +112,7 @@ class Numbering:
             self.first_input += 2 * node.kind.sizes[0] + 3 * node.kind.sizes[1]
         self._gathers: dict[Any, NDArray[np.intp]] = {}
         self._slots: dict[tuple[int, int, str], int] = {}
-        self._numbers = dict(numbers or {})
+        self.form_numbers = dict(numbers or {})
         self._clock_values = self._collect_prescribed()
         self._first_constant = self.first_input + len(self._clock_values)
         self._constants: list[float] = []
@@ -144,7 +144,7 @@ class Numbering:
         """Give every number of the laws and of the form a slot."""
         for g, i, instance in self.model.instances():
             self._slots |= {(g, i, name): self._add([number]) for name, number in instance.numbers.items()}
-        self._slots |= {(-2, 0, name): self._add([number]) for name, number in self._numbers.items()}
+        self._slots |= {(-2, 0, name): self._add([number]) for name, number in self.form_numbers.items()}
 
     def _add(self, numbers: Iterable[float]) -> int:
         """Append constants; the slot of the first."""
@@ -250,13 +250,13 @@ class Numbering:
             for j, target in enumerate(inputs.unknowns):
                 table[row, j] = self.place(target, g, i) % self.width  # -1: the zero at the end
             for j, name in enumerate(inputs.parameters, start=len(inputs.unknowns)):
-                table[row, j] = self._slots[-2, 0, name] if name in self._numbers else self._slots[g, i, name]
+                table[row, j] = self._slots[-2, 0, name] if name in self.form_numbers else self._slots[g, i, name]
         return table
 
     def numbers(self, g: int, inputs: Inputs) -> Array:
         """(instances, parameters) values of constant parameters."""
-        instances = self.model.groups[g].instances
-        values = np.array([[(self._numbers | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
+        instances, known = self.model.groups[g].instances, self.form_numbers
+        values = np.array([[(known | instance.numbers)[name] for name in inputs.parameters] for instance in instances])
         return values.reshape(len(instances), len(inputs.parameters))
 
     def scaling(self) -> Array:

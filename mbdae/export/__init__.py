@@ -1,0 +1,123 @@
+"""`mbdae.export`: the equations of a scene or of a law as C, CasADi, SymPy or LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError
+from mbdae.export import c, text
+from mbdae.export.law import law_program
+from mbdae.export.program import Entry, Program
+from mbdae.export.scene import scene_program
+from mbdae.files import path_of, write_file
+from mbdae.formulations.named import form_of
+from mbdae.scene.components import Connection
+from mbdae.scene.scene import SceneData
+from mbdae.values import option, word
+
+__all__ = ["Entry", "Export", "export"]
+
+#: format -> how it is written, and the suffix of its files
+FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (c.source, ".c"), "casadi": (text.casadi_text, ".py"),
+           "latex": (text.latex_text, ".tex")}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Export:
+    """Equations that left mbdae.
+
+    inputs      names, units and values of every input vector: of a scene "t" (s), "y", "yp" (the start) and "p" (the parameters,
+                with the values of the scene); of a law "x" (unknowns of its frames, multipliers, states) and "p"
+    outputs     the same of every function, in the order of its outputs; arguments: the inputs that each takes
+    pattern     rows and columns (nnz,) of the entries of the Jacobian, column by column; None of a law
+    missing     functions that the scene has not in this form, and why
+    text        the whole file; header: of C its declarations, with all names and units
+
+    `export["residual"]` is one function: of SymPy (steps, outputs) as `sympy.cse` returns them, a `casadi.Function`, of C the
+    name by which it is called, of LaTeX its equations."""
+
+    format: str
+    program: Program
+    inputs: Mapping[str, tuple[Entry, ...]]
+    outputs: Mapping[str, tuple[Entry, ...]]
+    arguments: Mapping[str, tuple[str, ...]]
+    pattern: tuple[NDArray[np.int64], NDArray[np.int64]] | None
+    missing: Mapping[str, str]
+
+    @cached_property
+    def text(self) -> str:
+        """The whole file."""
+        return FORMATS[self.format][0](self.program)
+
+    @property
+    def header(self) -> str:
+        """Of C the declarations."""
+        return c.header(self.program)
+
+    def save(self, path: Any) -> Path:
+        """Write the file; of C the header beside it, with the suffix .h. Returns the path. OptionError where the suffix is that
+        of another format, or the system refuses."""
+        suffix, named = FORMATS[self.format][1], path_of(path)
+        if named.suffix != suffix:
+            raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}")
+        if self.format == "c":
+            write_file(named.with_suffix(".h"), self.header)
+        return write_file(named, self.text)
+
+    def __getitem__(self, name: str) -> Any:
+        """One function by its name; OptionError where there is none, or where CasADi is not installed."""
+        if name not in self.program.functions:
+            why = self.missing.get(name, f"there are: {', '.join(self.program.functions)}")
+            raise OptionError(f"{self.program.title} has no function '{name}': {why}")
+        if self.format == "c":
+            return f"{c.identifier(self.program.title)}_{name}"
+        if self.format == "latex":
+            return text.latex_equations(self.program, self.program.functions[name])
+        return self._module[name] if self.format == "casadi" else (self._module[f"{name}_steps"], self._module[name])
+
+    @cached_property
+    def _module(self) -> dict[str, Any]:
+        """What the text defines."""
+        space: dict[str, Any] = {}
+        try:
+            exec(compile(self.text, f"<{self.program.title}>", "exec"), space)
+        except ModuleNotFoundError as error:
+            raise OptionError(f"format = 'casadi': {error}; pip install 'mbdae[casadi]'") from None
+        return space
+
+
+def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = None, **options: Any) -> Export:
+    """The equations of a scene, or the terms of a law, as text and functions of another system.
+
+    what: a scene, an item of one (its joint), a class of a law (the user's own too), a law with values, or a friction or normal
+    law (as a part of the contact of a pin in its race).
+    format: "sympy", "c" (C99 and libm), "casadi" (`pip install mbdae[casadi]`) or "latex".
+    form: of a scene, as in `Scene.system`. `mb.Index1(multipliers="eliminated")` gives y' = f(t, y).
+    frames: of a law, the kinds of its nodes: "spatial", "planar", "point", "ground", ...; by default bodies in space.
+    options: of a class of a law, as in `mb.report`.
+
+    Functions of a scene, in SI units and rad: residual F(t, y, y', p), jacobian (entries of dF/dy and dF/dy'), rates
+    y' = f(t, y, p) where the form has it, joint_forces (force on body l, N, and torque about the joint, N m, of every item).
+    p: parameters of the laws by "item.name" and points of joints on their bodies; directions of axes, and all of beams, are
+    numbers in the text. Conditions of inputs of time are read at t.
+    Raises OptionError for what cannot be exported, SceneError for a scene with problems."""
+    option("format", format, word, "give one of them", words=FORMATS)
+    if isinstance(what, SceneData):
+        if frames is not None or options:
+            name = "frames" if frames is not None else next(iter(options))
+            raise OptionError(f"{name} is an option of laws; a scene takes form=")
+        program = scene_program(what, form_of(form) if form is not None else None)
+    elif form is not None:
+        raise OptionError(f"form = {form!r}: a law has no form; scenes do")
+    else:
+        program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
+    functions = program.functions.items()
+    return Export(format, program, program.inputs, {name: f.outputs for name, f in functions},
+                  {name: f.arguments for name, f in functions}, program.pattern, program.missing)  # fmt: skip

@@ -1,0 +1,192 @@
+"""What is exported: named functions of named vectors, each a list of operations on one array of numbers.
+
+The operations are those that run natively (`mbdae.native.program`), read as tables; of every function only those stay on which
+its outputs depend.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import symengine as se
+from numpy.typing import NDArray
+
+from mbdae.native.program import CALL, CHOLESKY, LOAD, LU, POSITIVE, SET, Operations, Scene, Step, core
+
+Index = NDArray[np.int64]
+Array = NDArray[np.float64]
+
+
+class Entry(NamedTuple):
+    """One number of an input or output: its name, unit, and a value, NaN where there is none."""
+
+    name: str
+    unit: str
+    value: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Function:
+    """outputs: entries; at: their slots; arguments: names of the inputs; steps: the operations, those that call a kernel with the
+    field `used`, which of its values have an influence; reads: the slots whose numbers at the beginning have one."""
+
+    name: str
+    meaning: str
+    arguments: tuple[str, ...]
+    outputs: tuple[Entry, ...]
+    at: Index
+    steps: tuple[Step, ...]
+    reads: frozenset[int]
+
+
+@dataclass
+class Program:
+    """title: what is exported; inputs: entries of the vectors by their names ("t", "y", "yp", "p", or "x" and "p" of a law);
+    slots: where they are written, pairs (entry, slot); numbers: with which the array begins, 0 further on; pattern: rows and
+    columns of the entries of the Jacobian; missing: functions that cannot be given, and why."""
+
+    title: str
+    operations: Operations
+    inputs: dict[str, tuple[Entry, ...]]
+    slots: dict[str, Any]
+    numbers: Array = field(default_factory=lambda: np.zeros(0))
+    pattern: tuple[Index, Index] | None = None
+    functions: dict[str, Function] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.slots = {name: np.array(pairs, dtype=np.int64).reshape(-1, 2) for name, pairs in self.slots.items()}
+
+    def add(self, name: str, meaning: str, arguments: Sequence[str], outputs: Sequence[Entry], at: Any,
+            part: Operations) -> None:  # fmt: skip
+        """A function by its operations, of which those without influence on its outputs are left out."""
+        at, W = np.asarray(at, dtype=np.int64), filled(self.operations, self.numbers)
+        steps, live = _needed(part.steps, at, len(W))
+        for vector in arguments:
+            W[self.slots[vector][:, 1]] = 0.0  # is given
+        fixed, begin = np.flatnonzero(live & (W != 0)), self.operations.part()
+        for run in np.split(fixed, np.flatnonzero(np.diff(fixed) > 1) + 1):
+            if len(run):
+                begin.load(int(run[0]), W[run])
+        self.functions[name] = Function(name, meaning, tuple(arguments), tuple(outputs), at, (*begin.steps, *steps),
+                                        frozenset(np.flatnonzero(live).tolist()))  # fmt: skip
+
+    def given(self, vectors: Mapping[str, Any]) -> Array:
+        """The array with values of the inputs in their slots."""
+        W = np.zeros(self.operations.size)
+        for name, values in vectors.items():
+            entries, slots = self.slots[name].T
+            W[slots] = np.asarray(values, dtype=float)[entries]
+        return W
+
+    def drop_parameters(self) -> None:
+        """Leave out the parameters that no function reads."""
+        read = frozenset[int]().union(*(f.reads for f in self.functions.values()))
+        pairs = self.slots["p"]
+        kept = sorted({int(entry) for entry, slot in pairs if int(slot) in read})
+        number = {entry: n for n, entry in enumerate(kept)}
+        self.inputs["p"] = tuple(self.inputs["p"][entry] for entry in kept)
+        self.slots["p"] = np.array([(number[e], s) for e, s in pairs.tolist() if e in number], dtype=np.int64).reshape(-1, 2)
+
+
+def filled(operations: Operations, numbers: Array) -> Array:
+    """The array with which operations begin."""
+    W = np.zeros(operations.size)
+    W[: len(numbers)] = numbers
+    operations.fill(W)
+    return W
+
+
+def reach(step: Step, name: str) -> Index:
+    """Slots (times, count) of a table of an operation on slots."""
+    table = np.asarray(step.tables[name], dtype=np.int64)
+    return np.asarray(table + step.fields.get(f"{name.rstrip('_')}_step", 0) * np.arange(step.fields["times"])[:, None])
+
+
+def shifted(step: Step, by: int) -> Step:
+    """The same operation on slots that stand further behind."""
+    slots = ("first", "outputs") if step.fields["kind"] in (CHOLESKY, LU) else ("first",)
+    fields = {name: value + by if name in slots else value for name, value in step.fields.items()}
+    tables = {name: table + by * (name != "weight") for name, table in step.tables.items()}
+    return Step(fields, tables, (step.slots[0] + by, step.slots[1] + by))
+
+
+def weights(step: Step) -> Array:
+    """(times or 1, count) factors of an operation, 1 where it has none."""
+    return np.asarray(step.tables.get("weight", np.ones(step.fields["count"])), dtype=float).reshape(-1, step.fields["count"])
+
+
+def run(steps: Sequence[Step], W: Array) -> None:
+    """Carry operations out natively, in place."""
+    part = Operations(len(W))
+    part.steps += steps
+    (table, _kept), x = part.table(len(W)), np.zeros(part.widest + 1)
+    core().scene_part(ctypes.byref(Scene(W=W.ctypes.data, x=x.ctypes.data)), ctypes.byref(table), 0.0, None, None)
+
+
+def _needed(steps: Sequence[Step], outputs: Index, size: int) -> tuple[list[Step], NDArray[np.bool_]]:
+    """Operations, with the values of kernels, on which slots depend, and the slots whose numbers must be there before."""
+    live = np.zeros(size, dtype=bool)
+    live[outputs] = True
+    found = [_USED.get(step.fields["kind"], _of_slots)(step, live) for step in reversed(steps)]
+    return [step for step in reversed(found) if step is not None], live
+
+
+def _of_call(step: Step, live: NDArray[np.bool_]) -> Step | None:
+    f, kernel = step.fields, step.fields["kernel"]
+    values = slice(f["first"], f["first"] + f["times"] * f["outputs"])
+    used = tuple(np.flatnonzero(live[values].reshape(f["times"], f["outputs"]).any(axis=0)).tolist())
+    live[values] = False
+    if not used:
+        return None
+    symbols = set().union(*(se.sympify(kernel.expressions[o]).free_symbols for o in used))
+    columns = [j for j, s in enumerate(kernel.symbols) if s in symbols]
+    live[step.tables["from_"].reshape(f["times"], f["inputs"])[:, columns]] = True
+    return step._replace(fields=f | {"used": used})
+
+
+def _of_load(step: Step, live: NDArray[np.bool_]) -> Step | None:
+    place = slice(step.fields["first"], step.fields["first"] + step.fields["count"])
+    needed = bool(live[place].any())
+    live[place] = False
+    return step if needed else None
+
+
+def _of_slots(step: Step, live: NDArray[np.bool_]) -> Step | None:
+    """Copies, sums and products: entries that no instance needs are left out."""
+    to = reach(step, "to")
+    kept = live[to].any(axis=0)
+    if not kept.any():
+        return None
+    if step.fields["kind"] == SET:
+        live[to[:, kept]] = False
+    tables = {name: table[kept] for name, table in step.tables.items() if name != "weight"}
+    fields = step.fields | {"count": int(kept.sum())}
+    if "weight" in step.tables:
+        tables["weight"] = weights(step)[:, kept].ravel()
+        fields["weight_step"] = fields["count"] if step.fields["weight_step"] else 0
+    found = step._replace(fields=fields, tables=tables)
+    for name in tables.keys() & {"from_", "by"}:
+        live[reach(found, name)] = True
+    return found
+
+
+def _of_solve(step: Step, live: NDArray[np.bool_]) -> Step | None:
+    f, n = step.fields, step.fields["count"]
+    right = slice(f["outputs"], f["outputs"] + n * f["times"])
+    if not live[right].any():
+        return None
+    live[right] = live[f["first"] : f["first"] + n * (n if f["kind"] == LU else f["inputs"])] = True
+    return step
+
+
+def _of_check(step: Step, live: NDArray[np.bool_]) -> Step:
+    live[reach(step, "from_")] = True
+    return step
+
+
+_USED = {CALL: _of_call, LOAD: _of_load, POSITIVE: _of_check, CHOLESKY: _of_solve, LU: _of_solve}

@@ -1,0 +1,251 @@
+"""The equations of a scene in a form as a program of functions of (t, y, y', p): the operations that integrate it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdae.errors import OptionError
+from mbdae.export.program import Entry, Program, filled, shifted
+from mbdae.export.units import parameter_entries, rate_of, row_units, unknown_units
+from mbdae.formulations import Form, Index1, default_form, system_for
+from mbdae.kernels.plan import plan
+from mbdae.native.program import Operations
+from mbdae.results.sensors import reaction_outputs
+from mbdae.symbolic.tree import OPERATIONS, tree_program
+from mbdae.system.assembled.assembly import Assembly
+from mbdae.system.model.model import Model
+from mbdae.system.model.moved_bodies import MovedBodies
+from mbdae.system.model.numbering import Numbering
+from mbdae.system.model.trees import Tree
+from mbdae.system.prepare import Prepared, prepare
+
+Index = NDArray[np.intp]
+STATE = ("t", "y", "p")
+ALL = ("t", "y", "yp", "p")
+
+
+def scene_program(scene: Any, form: Form | None) -> Program:
+    """residual, jacobian and joint_forces of a scene; rates too where the form has y' = f(t, y)."""
+    prepared = prepare(scene)
+    chosen = form if form is not None else default_form(prepared)
+    system = system_for(prepared, chosen)
+    full = getattr(system, "full", system.assembly)  # with multipliers, where they are eliminated
+    assembly = Assembly(full.model, full.numbering.rows, full.spec, False, _opened(prepared), open=True)
+    made = _Made(assembly, system.n, baked(assembly.moved, assembly.model))
+    program = made.program(f"{scene.name}, form {system.label}", system)
+    if full is system.assembly:
+        made.as_integrated(program, system.equations)
+    else:
+        made.eliminated(program)
+    _joint_forces(made, program, prepared, full is not system.assembly)
+    program.drop_parameters()
+    return program
+
+
+def _opened(prepared: Prepared) -> MovedBodies:
+    """The trees of a model with all parameters of their laws as inputs, those that are 0 or 1 too."""
+    moved = prepared.all_bodies.moved
+    if not moved.trees:
+        return moved
+    model, trees = prepared.model, [_open(tree) for tree in moved.trees]
+    return MovedBodies(model, trees if all(len(tree_program(tree.structure).program.steps) < OPERATIONS for tree in trees)
+                       else moved.trees)  # fmt: skip
+
+
+def _open(tree: Tree) -> Tree:
+    def opened(part: Any) -> Any:
+        return replace(part, numbers=tuple((name, v if name[:2] in ("k_", "l_") else None) for name, v in part.numbers))
+
+    found = tree.structure
+    found = replace(found, links=tuple(map(opened, found.links)), members=tuple(map(opened, found.members)))
+    return replace(tree, structure=found)
+
+
+def baked(moved: MovedBodies, model: Model) -> set[tuple[str, str]]:
+    """Items with names of numbers that a tree has as a part of its program."""
+    found = set()
+    for tree in moved.trees:
+        parts: tuple[Any, ...] = (*tree.structure.links, *tree.structure.members)
+        for place, part in zip((*tree.joints, *tree.members), parts, strict=True):
+            item = model.groups[place[0]].instances[place[1]].item
+            found |= {(item, name) for name, value in part.numbers if value is not None}
+    return found
+
+
+class _Made:
+    """The operations of a scene, with slots for its inputs. n: unknowns of the form; fixed: items and names of numbers that are
+    no inputs."""
+
+    def __init__(self, assembly: Assembly, n: int, fixed: set[tuple[str, str]]) -> None:
+        self.assembly, self.n, self.fixed = assembly, n, fixed
+        self.numbering, self.e = assembly.numbering, assembly.operations()
+        self.operations = self.e.operations
+        self.dotted = assembly.n if n == assembly.n else self.operations.slots(n)  # y' apart where it is solved for
+        self.parameters, self.pairs = parameter_entries(self.numbering, fixed)
+        self.numbers, pattern = self.numbering.workspace(1)[0], assembly.pattern
+        self.rows, self.columns = pattern.indices, np.repeat(np.arange(assembly.n), np.diff(pattern.indptr))
+
+    def part(self, *others: Operations) -> Operations:
+        """A list that begins with prescribed values."""
+        return self.operations.part(self.e.clock, *others)
+
+    def program(self, title: str, system: Any) -> Program:
+        """The program with its inputs, whose values are the start of the system."""
+        units, n = unknown_units(self.numbering)[: self.n], self.n
+        y = tuple(map(Entry, system.names, units, system.y0.tolist()))
+        rates = [Entry(f"d/dt {e.name}", rate_of(e.unit), v) for e, v in zip(y, system.yp0.tolist(), strict=True)]
+        slots = {"t": [(0, self.e.at), (0, self.e.at + 1)], "y": [(i, i) for i in range(n)],
+                 "yp": [(i, self.dotted + i) for i in range(n)], "p": self.pairs}  # fmt: skip
+        vectors = {"t": (Entry("t", "s", 0.0),), "y": y, "yp": tuple(rates), "p": tuple(self.parameters)}
+        return Program(title, self.operations, vectors, slots, self.numbers)
+
+    def as_integrated(self, program: Program, names: Sequence[str]) -> None:
+        """F, its Jacobian, and where there is one the right-hand side."""
+        e, rows = self.e, list(map(Entry, names, row_units(self.assembly)))
+        program.add("residual", "F(t, y, y') = 0", ALL, rows, e.rows + np.arange(self.n), self.part(e.residual_part))
+        self._jacobian(program, self.rows, self.columns, e.fy + np.arange(2 * e.nnz), self.part(e.jacobian_part))
+        if e.rates_part is not None:
+            self._rates(program, e.rates, self.part(e.rates_part))
+
+    def _jacobian(self, program: Program, rows: Any, columns: Any, at: Any, part: Operations) -> None:
+        entries = [Entry(f"d F[{r}] / d {of}[{c}]", "") for of in ("y", "y'") for r, c in zip(rows, columns, strict=True)]
+        program.pattern = np.asarray(rows, dtype=np.int64), np.asarray(columns, dtype=np.int64)
+        program.add("jacobian", "entries of dF/dy, then of dF/dy'", ALL, entries, at, part)
+
+    def _rates(self, program: Program, first: int, part: Operations) -> None:
+        entries = [Entry(e.name, e.unit) for e in program.inputs["yp"]]
+        program.add("rates", "y' of y' = f(t, y)", STATE, entries, first + np.arange(self.n), part)
+
+    # -- multipliers eliminated
+
+    def solved(self) -> Operations:
+        """u', the other rates and the multipliers, in their slots: the equations are linear in them, so that one step of Newton's
+        method from 0 is exact. Raises OptionError where they are not."""
+        if any(group.derived.reactive for group in self.assembly.model.groups):
+            raise OptionError("form = a form without multipliers: friction that follows from the reactions makes the equations "
+                              "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
+        nb, e, n = self.numbering, self.e, self.assembly.n
+        first = nb.start["lambda"]
+        loaded = bool(self.assembly.motion())  # then the derivatives begin with the residual
+        part = self.part(*(() if loaded else (e.residual_part,)), e.jacobian_part)
+        unknown, place, x = self._matrix(part, 1)
+        part.add(x + place[unknown], e.rows + unknown, -1.0)
+        part.lu(len(unknown), x - len(unknown) ** 2, x)
+        plain = np.r_[np.arange(nb.nq), np.arange(nb.nq + nb.nu, first)]
+        part.add(n + plain, e.rows + plain, -1.0)
+        part.set(np.where(unknown < first, n, 0) + unknown, x + place[unknown])
+        return part
+
+    def _matrix(self, part: Operations, times: int) -> tuple[Index, Index, int]:
+        """Numbers of the unknowns u' and lambda among y, and the reverse (-1 for others); the slot behind the matrix of their
+        equations, with room for right sides."""
+        nb, rows, columns = self.numbering, self.rows, self.columns
+        unknown = np.r_[nb.nq + np.arange(nb.nu), nb.start["lambda"] + np.arange(nb.m)]
+        size, place = len(unknown), np.full(self.assembly.n, -1)
+        place[unknown] = np.arange(size)
+        K, chosen = part.zeros(size * (size + times)), np.flatnonzero((place[rows] >= 0) & (place[columns] >= 0))
+        entry = self.e.fy + chosen + np.where(columns[chosen] < nb.start["lambda"], self.e.nnz, 0)
+        part.set(K + place[rows[chosen]] * size + place[columns[chosen]], entry)
+        return unknown, place, K + size * size
+
+    def eliminated(self, program: Program) -> None:
+        """y' = f(t, y), y' - f(t, y), and its Jacobian by the theorem on implicit functions."""
+        n, full, e, i, j = self.n, self.assembly.n, self.e, self.rows, self.columns
+        states, rates = np.arange(n), self.solved()
+        self._rates(program, full, rates)
+        part, out = self.operations.part(rates), self.operations.slots(n)
+        part.set(out + states, self.dotted + states)
+        part.add(out + states, full + states, -1.0)
+        rows = [Entry(f"rate of {of.name}", e.unit) for of, e in zip(program.inputs["y"], program.inputs["yp"], strict=True)]
+        program.add("residual", "F(t, y, y') = y' - f(t, y)", ALL, rows, out + states, part)
+        part = self.operations.part(rates, e.jacobian_part)
+        unknown, place, x = self._matrix(part, n)
+        size, J = len(unknown), self.operations.slots(2 * n * n)  # of y' - f(t, y), column by column
+        part.load(J, np.r_[np.zeros(n * n), np.eye(n).ravel()])
+        inside, plain = (np.flatnonzero(found & (j < n)) for found in (place[i] >= 0, (place[i] < 0) & (i < n)))
+        part.set(x + j[inside] * size + place[i[inside]], e.fy + inside)
+        part.lu(size, x - size * size, x, n)
+        part.set(J + j[plain] * n + i[plain], e.fy + plain)
+        velocities = unknown[unknown < n]
+        column, row = np.repeat(states, len(velocities)), np.tile(velocities, n)
+        part.set(J + column * n + row, x + column * size + place[row])
+        self._jacobian(program, np.tile(states, n), np.repeat(states, n), J + np.arange(2 * n * n), part)
+
+
+# -- joint forces
+
+
+def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated: bool) -> None:
+    """Force and torque on l of every joint and force element. Of forms whose unknowns are not all multipliers (recursive joints,
+    nodes that share displacements) by the accelerations of all bodies."""
+    moved = made.assembly.moved
+    items = [c.name for c in prepared.model.scene.connections]
+    if not items:
+        return
+    base, arguments, nb = 0, STATE if eliminated else ALL, made.numbering
+    try:
+        if moved.trees or moved.sharing.nodes:
+            part, nb, base = _of_all_bodies(made, program, prepared)
+            arguments = STATE
+        else:
+            part = made.solved() if eliminated else made.part()
+    except OptionError as error:
+        program.missing["joint_forces"] = str(error)
+        return
+    out = part.zeros(6 * len(items))
+    _emit_reactions(part, nb, base, out, items)
+    names = [Entry(f"{item}.{what}[{i}]", unit) for item in items for what, unit in (("force", "N"), ("torque", "N m"))
+             for i in range(3)]  # fmt: skip
+    program.add("joint_forces", "force and torque (about the joint) on body l, inertial components", arguments, names,
+                out + np.arange(6 * len(items)), part)  # fmt: skip
+
+
+def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
+    """Accelerations of all bodies and multipliers of all rows, recursive joints among them: a numbering, and its first slot."""
+    model = prepared.model
+    spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
+    assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
+    fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}
+    other = _Made(assembly, assembly.numbering.start["lambda"], fixed)
+    solved = other.solved()
+    base, part = made.operations.constant(filled(other.operations, other.numbers)), made.part()
+    part.set([base + other.e.at, base + other.e.at + 1], [made.e.at, made.e.at + 1])
+    to, from_ = np.array(_motion(made, part, other.numbering), dtype=np.intp).reshape(-1, 2).T
+    part.set(base + to, from_)
+    part.steps += [shifted(step, base) for step in solved.steps]
+    pairs = np.array(other.pairs, dtype=np.int64).reshape(-1, 2) + np.array([0, base])
+    program.slots["p"] = np.concatenate([program.slots["p"], pairs])
+    return part, other.numbering, base
+
+
+def _motion(made: _Made, part: Operations, every: Numbering) -> list[tuple[int, int]]:
+    """Pairs of slots: positions, velocities and states of the numbering of all nodes, and what they are by the unknowns."""
+    nb, moved, model = made.numbering, made.assembly.moved, made.assembly.model
+    found = [(every.node_place(head, node, i), nb.node_place(head, node, i))
+             for node in model.nodes if node not in moved.nodes
+             for head, size in zip("qu", node.kind.sizes, strict=True) for i in range(size)]  # fmt: skip
+    for tree_plan, trees in moved.plans():
+        piece = tree_plan.motion_of_all
+        values = piece.kernel.emit(part, moved.gather(nb, piece, trees))
+        found += [(every.node_place(head, tree.node(node), i), value) for tree, row in zip(trees, values.tolist(), strict=True)
+                  for (head, node, i), value in zip(piece.targets, row, strict=True) if head != "up"]  # fmt: skip
+    for tree in moved.trees:
+        found += [(every.node_place(head, tree.node(-c), 0), moved.slot(nb, tree, ("clock", c, order)))
+                  for _, c, _ in tree.driven for order, head in enumerate("qu")]  # fmt: skip
+    place = {name: nb.start["s"] + i for i, name in enumerate(nb.states.values())}
+    return [*found, *((every.start["s"] + i, place[name]) for i, name in enumerate(every.states.values()))]
+
+
+def _emit_reactions(part: Operations, nb: Numbering, base: int, out: int, items: list[str]) -> None:
+    """Add the reactions of all laws to the places of their items. base: the first slot of the numbering."""
+    for g, group in enumerate(nb.model.groups):
+        p, active = plan(group.derived, reaction_outputs), [i for i, one in enumerate(group.instances) if one.item in items]
+        if p.targets and active:
+            values = p.kernel.emit(part, nb.gather(g, p.all_inputs, active) + base)
+            to = [[out + 6 * items.index(group.instances[i].item) + t[1] for t in p.targets] for i in active]
+            part.add(to, values)

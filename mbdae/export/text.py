@@ -1,0 +1,99 @@
+"""Derivations as text: modules of Python for SymPy and CasADi, LaTeX."""
+
+from __future__ import annotations
+
+from mbdae.export.languages import CASADI, SYMPY, described
+from mbdae.export.program import Function, Program
+from mbdae.export.symbolic import Derivation, derivation
+from mbdae.symbolic.source import Language, written
+
+
+def _written(d: Derivation, language: Language) -> tuple[list[tuple[str, str]], list[str]]:
+    """Steps and outputs of a function as text; inputs are y[0], ..., names w[0], ..."""
+    names = {s: "t" if v == "t" else f"{v}[{i}]" for v, symbols in d.vectors.items() for i, s in enumerate(symbols)}
+    names |= {name: f"w[{i}]" for i, (name, _) in enumerate(d.steps)}
+    return [(names[name], written(e, names, language)) for name, e in d.steps], [written(e, names, language) for e in d.outputs]
+
+
+def _head(program: Program, library: str) -> list[str]:
+    """Docstring with all names and units, values of the inputs, pattern of the Jacobian."""
+    about = [line for vector, entries in program.inputs.items() if vector != "t" for line in (f"{vector}:", *described(entries))]
+    about += [line for f in program.functions.values() if f.name != "jacobian"
+              for line in (f"{f.name}({', '.join(f.arguments)}): {f.meaning}", *described(f.outputs))]  # fmt: skip
+    text = "\n".join([f"{program.title}. SI units, angles in rad. Written by mbdae.", "", *about])
+    text = text.replace("\\", "/").replace('"""', "'''")
+    lines = [f'"""{text}\n"""', "", f"from {library} import *", 'nan = float("nan")']
+    lines += [f"{vector}_values = {[e.value for e in entries]!r}" for vector, entries in program.inputs.items()]
+    if program.pattern is not None:
+        lines += [f"{name} = {table.tolist()!r}" for name, table in zip(("rows", "columns"), program.pattern, strict=True)]
+    return lines
+
+
+def sympy_text(program: Program) -> str:
+    """A module that defines for every function `<name>_steps`, pairs of a symbol and its expression, and `<name>`, the outputs:
+    as sympy.cse returns them."""
+    made = {f.name: _written(derivation(program, f), SYMPY) for f in program.functions.values()}
+    lines = [*_head(program, "sympy"), 't = Symbol("t")']
+    lines += [f'{v} = symbols("{v}:{len(entries)}")' for v, entries in program.inputs.items() if v != "t"]
+    lines.append(f'w = symbols("w:{max((len(steps) for steps, _ in made.values()), default=0)}")')
+    for name, (steps, outputs) in made.items():
+        lines += ["", f"{name}_steps = [", *(f"({w}, {e})," for w, e in steps), "]", f"{name} = Matrix([",
+                  *(f"{e}," for e in outputs), "])"]  # fmt: skip
+    return "\n".join([*lines, ""])
+
+
+def casadi_text(program: Program) -> str:
+    """A module that defines a casadi.Function for every function; `jacobian` of a scene returns two sparse matrices."""
+    lines = [*_head(program, "casadi"), 't = SX.sym("t")']
+    lines += [f'{v} = SX.sym("{v}", {len(entries)})' for v, entries in program.inputs.items() if v != "t"]
+    for f in program.functions.values():
+        steps, outputs = _written(derivation(program, f), CASADI)
+        lines += ["", "w = []", *(f"w.append({e})" for _, e in steps), "out = vertcat(", *(f"{e}," for e in outputs), ")"]
+        results, names = "out", ["out"]
+        if f.name == "jacobian" and program.pattern is not None:
+            n, count = len(program.inputs["y"]), len(program.pattern[0])
+            lines.append(f"pattern = Sparsity.triplet({n}, {n}, rows, columns)")
+            results, names = f"SX(pattern, out[:{count}]), SX(pattern, out[{count}:])", ["fy", "fyp"]
+        arguments = ", ".join(f.arguments)
+        lines.append(f'{f.name} = Function("{f.name}", [{arguments}], [{results}], {list(f.arguments)!r}, {names!r})')
+    return "\n".join([*lines, ""])
+
+
+# -- LaTeX
+
+
+def latex_text(program: Program) -> str:
+    """A document with tables of the inputs and the equations of every function."""
+    lines = [r"\documentclass{article}", r"\usepackage{amsmath,longtable}", r"\begin{document}",
+             f"\\section*{{{_plain(program.title)}}}", "SI units, angles in rad."]  # fmt: skip
+    for vector, entries in program.inputs.items():
+        if vector != "t" and entries:
+            rows = [f"${_letter(vector, i)}$ & {_plain(e.name)} & {_plain(e.unit)} \\\\" for i, e in enumerate(entries)]
+            lines += [r"\begin{longtable}{lll}", *rows, r"\end{longtable}"]
+    for f in program.functions.values():
+        lines += [f"\\subsection*{{{_plain(f.name)}: {_plain(f.meaning)}}}", *latex_equations(program, f)]
+    return "\n".join([*lines, r"\end{document}", ""])
+
+
+def latex_equations(program: Program, f: Function) -> list[str]:
+    """The equations of a function, each in displayed mathematics of its own."""
+    import sympy
+
+    d = derivation(program, f)
+    names = {str(s): _letter(vector, i) for vector, symbols in d.vectors.items() for i, s in enumerate(symbols)}
+    names |= {str(s): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
+    letters = {sympy.Symbol(name): letter for name, letter in names.items()}
+    left = [*(names[str(s)] for s, _ in d.steps), *(f"\\text{{{_plain(e.name)}}}" for e in f.outputs)]
+    right = [sympy.latex(sympy.sympify(e), symbol_names=letters, full_prec=True) for e in (*(e for _, e in d.steps), *d.outputs)]
+    return [f"\\[{a} = {b}\\]" for a, b in zip(left, right, strict=True)]
+
+
+def _letter(vector: str, i: int) -> str:
+    return "t" if vector == "t" else f"\\dot{{y}}_{{{i}}}" if vector == "yp" else f"{vector}_{{{i}}}"
+
+
+def _plain(text: str) -> str:
+    """Text of a document."""
+    for special in "\\_#%&$^{}~":
+        text = text.replace(special, {"\\": "/", "^": r"\^{}", "~": "-"}.get(special, f"\\{special}"))
+    return text
