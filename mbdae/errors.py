@@ -32,7 +32,21 @@ T = TypeVar("T")
 
 
 class MbdaeError(Exception):
-    """Base of every error raised on purpose by mbdae."""
+    """Base of every error raised on purpose by mbdae. It goes from process to process without the computed states it holds."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _raised_elsewhere, (type(self), self.args, {k: v for k, v in vars(self).items() if k not in COMPUTED})
+
+
+#: attributes of errors that hold what was computed
+COMPUTED = ("solution", "equilibrium", "frozen")
+
+
+def _raised_elsewhere(kind: type[MbdaeError], args: tuple[Any, ...], state: dict[str, Any]) -> MbdaeError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    vars(error).update(dict.fromkeys(COMPUTED) | state)
+    return error
 
 
 class SceneError(MbdaeError):

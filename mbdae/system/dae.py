@@ -128,7 +128,8 @@ class DAE(System):
                 kept = x[j]
                 x[j] = kept + ROOT_EPS * max(abs(kept), self.scale[j]) * (1.0 if kept >= 0 else -1.0)
                 self.residual(t, arguments[0], arguments[1], shifted)
-                parts[which, :, j] = (shifted - base) / (x[j] - kept)
+                with np.errstate(invalid="ignore"):  # what is not finite is told by the method that meets it
+                    parts[which, :, j] = (shifted - base) / (x[j] - kept)
                 x[j] = kept
         return parts[0], parts[1]
 
