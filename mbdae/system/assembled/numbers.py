@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -35,20 +35,26 @@ def numbers_of(workspace: Workspace, equations: Assembly, names: Sequence[str]) 
 
 def _slots(equations: Assembly, name: str) -> list[int]:
     """Slots of a number of the laws of an item."""
-    model, found = equations.model, list[int]()
-    item, _, number = name.rpartition(".")
+    found = [(why, slot) for known, why, slot in _numbers(equations) if known == name]
+    if not found:
+        offered = sorted({known for known, why, _ in _numbers(equations) if not why})
+        raise OptionError(f"numbers: {name} is no number of a law; there are {', '.join(offered) or 'none that may vary'}")
+    for why, _ in found:
+        if why:
+            raise OptionError(f"numbers: {name} cannot be varied alone ({why}): {REMEDY}")
+    return [slot for _, slot in found]
+
+
+def _numbers(equations: Assembly) -> Iterator[tuple[str, str, int]]:
+    """Name of every number of every law, why it cannot be varied alone ("": it can), and its slot."""
+    model = equations.model
     for g, i, instance in model.instances():
         law, derived = instance.law, model.groups[g].derived
-        if instance.item != item or number not in law.params or number not in instance.numbers:
-            continue
         in_tree = any((g, i) in (*tree.members, *tree.joints) for tree in equations.moved.trees)
         constants = () if in_tree else linearised_plan(derived, equations.spec.outputs).constant_inputs.parameters
-        if law.derived() or number in constants or (derived.rows and not in_tree):
-            why = "others follow from the numbers of its law" if law.derived() else "it is part of a constant of the equations"
-            raise OptionError(f"numbers: {name} cannot be varied alone ({why}): {REMEDY}")
-        found.append(equations.numbering.slot(g, i, number))
-    if not found:
-        known = sorted({f"{instance.item}.{n}" for _, _, instance in model.instances() for n in instance.numbers
-                        if n in instance.law.params and n not in instance.law.derived()})  # fmt: skip
-        raise OptionError(f"numbers: {name} is no number of a law; there are {', '.join(known)}")
-    return found
+        for number in instance.numbers:
+            if number in law.params:
+                part = number in constants or (derived.rows and not in_tree)
+                why = "it is part of a constant of the equations" if part else ""
+                why = "others follow from the numbers of its law" if law.derived() else why
+                yield f"{instance.item}.{number}", why, equations.numbering.slot(g, i, number)
