@@ -16,11 +16,12 @@ from mbdae.export import c, text
 from mbdae.export.law import law_program
 from mbdae.export.program import Entry, Program
 from mbdae.export.scene import scene_program
-from mbdae.files import path_of, write_file
+from mbdae.files import write_file
 from mbdae.formulations.named import form_of
 from mbdae.scene.components import Connection
 from mbdae.scene.scene import SceneData
-from mbdae.values import option, word
+from mbdae.values import option, shown, word
+from mbdae.values import path as path_named
 
 __all__ = ["Entry", "Export", "export"]
 
@@ -64,7 +65,8 @@ class Export:
     def save(self, path: Any) -> Path:
         """Write the file; of C the header beside it, with the suffix .h. Returns the path. OptionError where the suffix is that
         of another format, or the system refuses."""
-        suffix, named = FORMATS[self.format][1], path_of(path)
+        suffix = FORMATS[self.format][1]
+        named: Path = option("path", path, path_named, f"give the name of a file that ends in {suffix}")
         if named.suffix != suffix:
             raise OptionError(f"path = '{named}': a file of format '{self.format}' ends in {suffix}")
         if self.format == "c":
@@ -73,9 +75,10 @@ class Export:
 
     def __getitem__(self, name: str) -> Any:
         """One function by its name; OptionError where there is none, or where CasADi is not installed."""
-        if name not in self.program.functions:
-            why = self.missing.get(name, f"there are: {', '.join(self.program.functions)}")
-            raise OptionError(f"{self.program.title} has no function '{name}': {why}")
+        if not isinstance(name, str) or name not in self.program.functions:
+            why = self.missing.get(name) if isinstance(name, str) else None
+            there = why or f"there are: {', '.join(self.program.functions)}"
+            raise OptionError(f"name = {shown(name)}: {self.program.title} has no such function; {there}")
         if self.format == "c":
             return f"{c.identifier(self.program.title)}_{name}"
         if self.format == "latex":
@@ -115,7 +118,7 @@ def export(what: Any, format: str = "sympy", form: Any = None, frames: Any = Non
             raise OptionError(f"{name} is an option of laws; a scene takes form=")
         program = scene_program(what, form_of(form) if form is not None else None)
     elif form is not None:
-        raise OptionError(f"form = {form!r}: a law has no form; scenes do")
+        raise OptionError(f"form = {shown(form)}: a law has no form; scenes do")
     else:
         program = law_program(what.joint if isinstance(what, Connection) else what, frames, options)
     functions = program.functions.items()

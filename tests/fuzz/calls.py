@@ -33,10 +33,10 @@ EXPORTED = [getattr(mb, name) for name in mb.__all__]
 FUNCTIONS = [f for f in EXPORTED if inspect.isfunction(f)]
 #: laws, their parts and joint models are statements of a scene
 STATED = (SceneData, Law, Part, JointModel, Section, Stop, BaseException)
-CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c is not mb.Audit]
+CLASSES = [c for c in EXPORTED if isinstance(c, type) and not issubclass(c, STATED) and c not in (mb.Audit, mb.Export)]
 #: classes whose objects users get from others: their methods alone
 GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, Comparison, Extremes, Block, Sweep, mb.Audit,
-         Document]  # fmt: skip
+         mb.Export, Document]  # fmt: skip
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
@@ -236,13 +236,17 @@ CALLS: dict[str, Call] = {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
         "max_wall": 60.0, "progress": None}, "mbdae.api.Job"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
-    "audit": Call(lambda: mb.audit, lambda: {"source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None}),
+    "audit": Call(lambda: mb.audit, lambda: {
+        "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
     "compare": Call(lambda: mb.compare, lambda: {
         "scene": scene(), "t_end": 0.1, "runs": [mb.IDA()], "accuracies": [1e-3], "measure": "hinge.angle",
         "reference": None, **RUNS}, "mbdae.compare.comparison.identity"),
     "extremes": Call(lambda: mb.extremes, lambda: {
         "scene": scene(), "t_end": 0.1, "vary": {"rod.mass": [1.0]}, "runs": [mb.IDA()], "accuracy": 1e-3,
         "measure": "hinge.angle", **RUNS}, "mbdae.extremes.extremes._Execution"),
+    "export": Call(lambda: mb.export, lambda: {"what": mb.FixedOrientation, "format": "sympy", "form": None, "frames": None}),
+    "Export.save": Call(lambda: mb.export(mb.FixedOrientation).save, lambda: {"path": folder() / "a.py"}),
+    "Export.__getitem__": Call(lambda: mb.export(mb.FixedOrientation, "sympy").__getitem__, lambda: {"name": "G"}),
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
@@ -298,6 +302,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "waves"): (FLAGS, "a switch") for c in ("GGL", "Index1", "Index3", "ODE")},
     ("GGL", "algebraic"): (FLAGS, "a switch"), ("ODE", "mixed"): (FLAGS, "a switch"), ("sweep", "again"): (FLAGS, "a switch"),
     ("Scene.simulate", "verify"): (FLAGS, "a switch"), ("Scene.simulate", "progress"): (FLAGS, "a bar, or none"),
+    ("audit", "quantities"): ({"a dict"}, "quantities that are numbers"),
     ("Index1", "baumgarte"): ({"a list"}, "a pair"), ("compare", "reference"): ({"a lambda"}, "a function of time"),
     ("compare", "max_wall"): ({"none"}, "no bound"), ("extremes", "max_wall"): ({"none"}, "no bound"),
     ("Switches", "weights"): ({"one entry"}, "one per argument"),
