@@ -94,15 +94,19 @@ def test_random_tables_are_refused_or_right():
         W = expected.copy()
         made = [random_map(rng, size) for _ in range(int(rng.integers(1, 5)))]
         solution = random_solution(rng, size) if rng.random() < 0.3 else None
+        looked_at = slots(rng, size, int(rng.integers(1, 4))) if rng.random() < 0.2 else np.zeros(0, dtype=int)
         try:
             for state, _ in made:
                 state(operations)
             if solution is not None:
                 solution[0](operations)
-            assert run(operations, W) == (0, -1)
+            operations.positive(looked_at)
+            code = run(operations, W)
         except ValueError:
             refused += 1
             continue
+        negative = np.flatnonzero(~(W[looked_at] > 0))
+        assert code == ((2, negative[0]) if len(negative) else (0, -1))
         for _, applied in made:
             applied(expected)
         changed = np.ones(size, dtype=bool)
