@@ -75,6 +75,7 @@ static int run(Part part, double *W, double *x, I *bad) {
     case POSITIVE:
       for (*bad = 0; *bad < a->count; ++*bad)
         if (!(W[from[*bad]] > 0)) return SINGULAR;
+      *bad = -1;
       break;
     }
   }
