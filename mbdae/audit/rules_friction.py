@@ -60,7 +60,8 @@ def _sense(env: Env) -> float:
 
 @phrase("friction force of sliding", vanishes=True)
 def _saturated(env: Env) -> Value:
-    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient, 1e3 * friction_parameter(env, "v_c")) * _normal_force(env)
+    speed = 1e3 * friction_parameter(env, "v_c")
+    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient, speed) * _normal_force(env)
 
 
 @phrase("steady deflection of {name}")
