@@ -5,7 +5,7 @@ RIGHT          the sides agree in random states (free bodies; else bodies connec
 MISPRINT       both sides were evaluated and differ; the repair is the smallest change after which they agree. Where sizes do not
                fit, a formula that a change mends
 INCOMPLETE     they agree only where a quantity of the derivation that the text names nowhere is zero; or they agree but are not
-               defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none (else a remark)
+               defined where a quantity of the formula vanishes; or a force acts on a body where the text lists none
 AMBIGUOUS      forces that agree on the other side of the equations of motion (or with multipliers of the other sign), or on
                another side than other formulas of the section, where the text does not declare it
 CANNOT JUDGE   the formula cannot be read, a piece of it has no value, or nothing says what a quantity is: with the reason
@@ -105,8 +105,9 @@ def _beside_others(row: Row, states: States) -> Row:
     said = _unlisted(row.printed, states)
     if not said:
         return row
-    verdict = INCOMPLETE if row.verdict == RIGHT else row.verdict
-    return replace(row, verdict=verdict, remark="; ".join(filter(None, [said, row.remark])))
+    if row.verdict == RIGHT:
+        return replace(row, verdict=INCOMPLETE, remark=said)  # remarks on a resultant speak of all the forces
+    return replace(row, remark="; ".join(filter(None, [said, row.remark])))
 
 
 def _unlisted(equation: Printed, states: States) -> str:
