@@ -45,14 +45,14 @@ def part_class(name: str, own: Own = ()) -> type[Part] | None:
 
 
 @lru_cache(maxsize=64)
-def derived(name: str, own: Own = ()) -> Derived:
-    """A law derived between two bodies in space, with all of its parameters."""
+def derived(name: str, own: Own = (), declared: frozenset[str] = frozenset()) -> Derived:
+    """A law derived between two bodies in space, with all of its parameters; declared: those that the text names."""
     cls: Any = law_class(name, own)
     options: dict[str, Any] = {"joint": joints.Revolute} if "joint" in cls.options else {}
     values = dict.fromkeys(cls.params, 1.0)
     if cls is JournalContact:
         options = {"normal": Hertz(1.0), "friction": Coulomb(1.0, 1e-3)}
-        values = {"outer": 1.0, "inner": 1.0}  # no length: one plane of contact
+        values = dict.fromkeys({"outer", "inner"} | (declared & set(cls.params)), 1.0)  # no length: one plane of contact
     if name.endswith(WITH_COORDINATES):
         options["kept"] = True
     law = cls("audited", None, None, **values, **options)
@@ -62,9 +62,10 @@ def derived(name: str, own: Own = ()) -> Derived:
 class LawState:
     """A derived law in a state of motion: values of all of its symbols."""
 
-    def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl") -> None:
-        """given: values of parameters by name; sides: the bodies that are the law's k and l."""
-        self.d, self.motion = derived(name, own), motion
+    def __init__(self, name: str, motion: Motion, given: Mapping[str, float], own: Own = (), sides: str = "kl",
+                 declared: frozenset[str] = frozenset()) -> None:  # fmt: skip
+        """given: values of parameters by name; sides: the bodies that are the law's k and l; declared: see `derived`."""
+        self.d, self.motion = derived(name, own, declared), motion
         self.values: dict[Any, Any] = {}
         for f, side in zip(self.d.sides, sides, strict=True):
             self._frame(f, side)

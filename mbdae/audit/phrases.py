@@ -23,6 +23,7 @@ from mbdae.audit.notation import AuditError, Node, Statement
 from mbdae.audit.units import Unit, unit
 
 Rule = Callable[..., Value]
+PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,11 @@ class Scope:
                     table[new] = understand(text, (unit(units),))
         return replace(self, symbols=table)
 
+    @cached_property
+    def texts(self) -> frozenset[str]:
+        """The wordings of all that it declares."""
+        return frozenset(m.text for m in self.symbols.values())
+
     def printed_side(self, name: str, number: str) -> Node:
         """The formula an earlier equation prints for a symbol."""
         for statement in self.printed.get(number, ()):
@@ -178,6 +184,8 @@ class Env:
     scale: Mapping[str, float] | None = None  #: sizes of the basic units
     zero: str | None = None  #: a symbol that is set to zero
     shift: tuple[str, int, Value] | None = None  #: a symbol's wording and entry, and what is added to it
+    complete: bool = False  #: whether a force that acts where the text lists none is an error
+    stated: frozenset[str] = frozenset()  #: wordings that the text declares beyond the scope: a `let` reads an earlier one
     names: Mapping[str, Value] = field(default_factory=dict)  #: bound by a sum or an integral
     store: dict[Any, Any] = field(default_factory=dict)  #: values of symbols and of derivatives in this state; stores of others
 
@@ -209,7 +217,8 @@ class Env:
             return se.pi if self.motion.symbolic else complex(np.pi)
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            value = evaluate(meaning.node, replace(self, scope=meaning.scope, names={}, store=self._inner(id(meaning))))
+            value = evaluate(meaning.node, replace(self, scope=meaning.scope, stated=self.stated | self.scope.texts, names={},
+                                                   store=self._inner(id(meaning))))  # fmt: skip
         else:
             value = meaning.value(self.plain) * self._sign(meaning.phrase)
         if self.shift is not None and self.shift[0] == meaning.text and not meaning.phrase.drawn:
@@ -303,6 +312,11 @@ class Env:
 
     def _shift(self, key: str) -> Value:
         return self.shift[2] if self.shift is not None and self.shift[0] == key else 0.0
+
+    def parameters(self, of: str) -> frozenset[str]:
+        """The parameters of a law that the text declares."""
+        found = map(PARAMETER.match, self.stated | self.scope.texts)
+        return frozenset(match[1] for match in found if match and match[2] == of)
 
     def printed(self, name: str, number: str) -> Value:
         """The value of the formula an earlier equation prints for a symbol."""

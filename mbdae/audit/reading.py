@@ -25,7 +25,7 @@ from mbdae.audit.laws import Own
 from mbdae.audit.meaning import understand
 from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Reader, Statement
-from mbdae.audit.phrases import Definition, Meaning, Scope, stated_by_caller
+from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller
 from mbdae.audit.rules_joints import unit_of_parameter
 from mbdae.audit.units import Unit, unit
 
@@ -33,7 +33,6 @@ _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
-_PARAMETER = re.compile(r"parameter (\w+) of (.+)$")
 _CONSTANTS = {"I", "pi"}
 
 
@@ -186,7 +185,7 @@ class _File:
     def _understood(self, at: int, name: str, words: str, units: tuple[Unit, ...], letter: str) -> Meaning:
         if words in self.quantities:
             return stated_by_caller(words, units, self.quantities[words], letter)
-        if match := _PARAMETER.match(words):
+        if match := PARAMETER.match(words):
             stated = unit_of_parameter(match[1], match[2], self.own)
             if stated and units[0].powers not in [unit(u, at).powers for u in stated.split(" or ")]:
                 raise AuditError(f"line {at}: {words} has the unit {stated}, not {units[0]}")

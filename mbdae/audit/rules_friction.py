@@ -28,14 +28,14 @@ def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
     """The law with all of its states at z."""
     law = part(env, name, Friction, _options(env))
     for p in law.params:
-        setattr(law, p, _parameter(env, p).real)
+        setattr(law, p, friction_parameter(env, p).real)
     for state in law.states:
         setattr(law, state, se.sympify(complex(z)))
     return law
 
 
 @phrase("friction parameter {name}")
-def _parameter(env: Env, name: str) -> Value:
+def friction_parameter(env: Env, name: str) -> Value:
     if name == "gamma":
         return complex(_options(env)["gamma"])
     above = env.motion.positive("parameter mu_k") if name == "mu_s" else 0.0
@@ -60,7 +60,8 @@ def _sense(env: Env) -> float:
 
 @phrase("friction force of sliding", vanishes=True)
 def _saturated(env: Env) -> Value:
-    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient, 1e3 * _parameter(env, "v_c")) * _normal_force(env)
+    speed = 1e3 * friction_parameter(env, "v_c")
+    return _sense(env) * number_of(_friction(env, "Coulomb").coefficient, speed) * _normal_force(env)
 
 
 @phrase("steady deflection of {name}")

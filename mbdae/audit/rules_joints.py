@@ -11,10 +11,13 @@ from mbdae.audit.laws import WITH_COORDINATES, LawState, Own, derived, law_class
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import Env, phrase
 from mbdae.audit.rules_contact import potential
+from mbdae.audit.rules_friction import friction_parameter
 from mbdae.errors import MbdaeError
+from mbdae.laws.friction import Friction
 from mbdae.symbolic.line import LineLaw
 from mbdae.symbolic.part import Part
 
+_ZERO = ("rest",)  #: parameters that are zero where the text does not declare them
 PARTS = ("move k", "turn k", "move l", "turn l")
 
 
@@ -28,10 +31,12 @@ def law(env: Env, name: str) -> LawState:
         raise AuditError(f"{name} is a law on a line: say `strains NAMES of {name}` or `energy of {name} per length`")
     if cls.frames != ("k", "l"):
         raise AuditError(f"{name} acts on {', '.join(cls.frames) or 'coordinates alone'}; an audit knows two bodies, k and l")
-    key = ("law", name)
+    declared = env.parameters(name)
+    key = ("law", name, declared)
     if key not in env.motion.memory:
-        given = {"rest": 0.0} | ({"drive": float(np.real(env.motion.phi))} if env.motion.joined else {})
-        env.motion.memory[key] = LawState(name, env.motion, given, env.scope.own)
+        given = {p: 0.0 for p in _ZERO if p not in declared}
+        given |= {"drive": float(np.real(env.motion.phi))} if env.motion.joined else {}
+        env.motion.memory[key] = LawState(name, env.motion, given, env.scope.own, declared=declared)
     found: LawState = env.motion.memory[key]
     return found
 
@@ -78,6 +83,9 @@ def _multiplier(env: Env, rows: str, of: str) -> Value:
 def _parameter(env: Env, parameter: str, of: str) -> Value:
     if parameter == "drive" and env.motion.joined:
         return np.real(env.motion.phi) + 0j
+    cls = part_class(of, env.scope.own)
+    if cls is not None and issubclass(cls, Friction):
+        return friction_parameter(env, parameter)
     return env.positive(f"parameter {parameter}") + 0j
 
 
@@ -134,14 +142,14 @@ def _row_force(env: Env, rows: str, of: str, parts: str) -> Value:
         what, side = part.split()
         return sum(state.row_gradient(row, what, side) * state.row_force(row) for row in wanted)
 
-    return _listed(parts, on)
+    return _listed(env, parts, on)
 
 
 @phrase("force of {name} on {parts}", vanishes=True, side="left")
 def _law_force(env: Env, of: str, parts: str) -> Value:
     """Gradient of a law's energy or of its Rayleigh function, as it stands on the left-hand side."""
     state = law(env, of)
-    return _listed(parts, lambda part: state.force(*part.split()))
+    return _listed(env, parts, lambda part: state.force(*part.split()))
 
 
 @phrase("applied force of {name} on {parts}", vanishes=True)
@@ -153,12 +161,12 @@ class UnlistedError(MbdaeError):
     """A force acts where the text lists none."""
 
 
-def _listed(parts: str, on: Callable[[str], Value]) -> Value:
+def _listed(env: Env, parts: str, on: Callable[[str], Value]) -> Value:
     wanted = names(parts)
     unknown = sorted(set(wanted) - set(PARTS))
     if unknown:
         raise AuditError(f"a force acts on {', '.join(PARTS)}, not on '{unknown[0]}'")
-    for part in PARTS:
+    for part in PARTS if env.complete else ():
         if part not in wanted and np.max(np.abs(on(part))) > 1e-12:
             raise UnlistedError(f"there is a force on {part} too")
     return _stack([on(part) for part in wanted])

@@ -33,9 +33,10 @@ def _derived(cls: Any) -> tuple[LineDerived, Any]:
 
 def _values(env: Env, law: Any) -> dict[Any, Any]:
     """Symbols of a point of a line in the state of the section, ds/dxi = 1; parameters as random positive numbers."""
-    if "line" not in env.motion.memory:
-        env.motion.memory["line"] = _point(env, law)
-    found: dict[Any, Any] = env.motion.memory["line"]
+    key = ("line", type(law))
+    if key not in env.motion.memory:
+        env.motion.memory[key] = _point(env, law)
+    found: dict[Any, Any] = env.motion.memory[key]
     return found
 
 

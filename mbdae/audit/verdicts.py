@@ -95,11 +95,34 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
         with np.errstate(all="ignore"):
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
-            return _cannot(equation, wrong[0]) if wrong else _verdict(equation, states, search)
-    except UnlistedError as error:
-        return Row(equation, INCOMPLETE, 0.0, remark=str(error))
+            return _cannot(equation, wrong[0]) if wrong else _beside_others(_verdict(equation, states, search), states)
     except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
         return _cannot(equation, str(error))
+
+
+def _beside_others(row: Row, states: States) -> Row:
+    """The verdict on what is printed, with the force that the text does not list: a formula that is right is INCOMPLETE."""
+    said = _unlisted(row.printed, states)
+    if not said:
+        return row
+    if row.verdict == RIGHT:
+        return replace(row, verdict=INCOMPLETE, remark=said)  # remarks on a resultant speak of all the forces
+    return replace(row, remark="; ".join(filter(None, [said, row.remark])))
+
+
+def _unlisted(equation: Printed, states: States) -> str:
+    """A force that acts where the text lists none; empty where there is none."""
+    used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(_used(equation)))]
+    meanings = [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
+    try:
+        for env in (*states.free, *states.joint):
+            for meaning in meanings:
+                meaning.value(replace(env, complete=True, store={}))
+    except UnlistedError as error:
+        return str(error)
+    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError):
+        return ""
+    return ""
 
 
 def _cannot(equation: Printed, why: str) -> Row:
