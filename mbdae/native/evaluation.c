@@ -97,7 +97,7 @@ static double next_after(double t) { return t + 4 * (nextafter(fabs(t), INFINITY
 
 /* Copies n numbers, unless they are in place. */
 static void copy(double *to, const double *from, I n) {
-  if (to != from) memcpy(to, from, sizeof(double) * (size_t)n);
+  if (n && to != from) memcpy(to, from, sizeof(double) * (size_t)n);
 }
 
 static int scene_fill(Scene *s, double t, const double *y, const double *yp) {
