@@ -95,7 +95,7 @@ class Audit:
     @property
     def holds(self) -> bool:
         """Whether every formula and every claimed number is right; what cannot be judged is not."""
-        return all(row.verdict == RIGHT for row in (*self.equations, *self.claims))
+        return all(verdict == RIGHT for verdict in (*(r.verdict for r in self.equations), *(c.verdict for c in self.claims)))
 
     def table(self) -> str:
         """One line per equation: number, verdict, residual, repair or remark."""

@@ -1,4 +1,4 @@
-r"""Text as TeX sets it: characters that are commands of TeX, Greek letters and signs, substitutes for what its fonts do not have."""
+r"""Text as TeX sets it: characters that are commands of TeX, Greek letters and signs, substitutes for what it has not."""
 
 from __future__ import annotations
 

@@ -216,8 +216,8 @@ def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[O
     if rubbing := made.reactive():
         raise OptionError("joint forces: recursive joints, and joints that hold beams at their nodes, have no multipliers in any "
                           "form; their forces follow from the accelerations of all bodies, in which the friction of "
-                          f"{', '.join(map(repr, rubbing))} by the reactions is nonlinear, so that no formula gives them; residual "
-                          "and jacobian are complete")  # fmt: skip
+                          f"{', '.join(map(repr, rubbing))} by the reactions is nonlinear, so that no formula gives them; "
+                          "residual and jacobian are complete")  # fmt: skip
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}

@@ -368,13 +368,13 @@ GREEK = "".join(chr(c) for c in range(0x391, 0x3CA) if c != 0x3A2)
 
 @pytest.mark.parametrize("write", [lambda s: mb.export(s, "latex"), mb.report], ids=["export", "report"])
 def test_names_in_any_script_are_set_by_tex(write, tmp_path):
-    s = mb.Scene("Ω ∂ 漢")
-    a = s.link(f"{GREEK} ϑϕ Ά é ſ→中_$", (0, 0), (0.3, 0), mass=1.0)
+    s = mb.Scene("Ω ∂")
+    a = s.link(f"{GREEK} ϑϕ Ά é ſ→ж_$", (0, 0), (0.3, 0), mass=1.0)
     s.revolute("ξ", s.ground, a, at=(0, 0))
     file = write(s).save(tmp_path / "names.tex") or tmp_path / "names.tex"
     text = file.read_text(encoding="utf-8")
     assert set(filter(lambda c: not c.isascii(), text)) <= {"é"}
-    for command in (r"\alpha", r"\Omega", r"\varsigma", r"\mathrm{A}", r"U+4E2D", r"\partial"):
+    for command in (r"\alpha", r"\Omega", r"\varsigma", r"\mathrm{A}", r"U+0436", r"\partial"):
         assert command.replace("\\\\", "\\") in text
     if shutil.which("pdflatex"):
         subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", file.name], cwd=tmp_path, check=True,
