@@ -12,7 +12,7 @@ from mbdae.audit import latex
 from mbdae.audit.notation import AuditError
 from mbdae.audit.phrases import is_expression
 from mbdae.audit.reading import Claimed, Printed, read
-from mbdae.audit.verdicts import Row, audit_text
+from mbdae.audit.verdicts import RIGHT, Row, audit_text
 from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
 from mbdae.documents.document import Document
 from mbdae.documents.formulas import escaped
@@ -91,6 +91,11 @@ class Audit:
             if row.equation == str(number):
                 return row
         raise AuditError(f"there is no equation {shown(number)}; there is {', '.join(row.equation for row in self.equations)}")
+
+    @property
+    def holds(self) -> bool:
+        """Whether every formula and every claimed number is right; what cannot be judged is not."""
+        return all(verdict == RIGHT for verdict in (*(r.verdict for r in self.equations), *(c.verdict for c in self.claims)))
 
     def table(self) -> str:
         """One line per equation: number, verdict, residual, repair or remark."""

@@ -89,7 +89,8 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
         known, match = min(found, key=lambda pair: sum(map(len, pair[1].groups())))
         own = (name or text,) if known.given else ()
         return Meaning(f"{text} {name}" if known.given and name else text, units, known, (*own, *match.groups()), letter)
-    raise AuditError(f"line {line}: no rule knows the meaning '{text}'; mbdae.audit.wordings() lists those there are")
+    raise AuditError(f"line {line}: no rule knows the meaning '{text}'; those there are: "
+                     "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
 def _special(rule: Rule, text: str) -> Phrase:

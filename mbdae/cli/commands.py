@@ -204,7 +204,7 @@ def _summary(r: Any, measure: str | None, final: Any, written: list[str]) -> dic
 
 
 def _report_audit(a: argparse.Namespace) -> int:
-    """Verdicts on the formulas of a file; 0 whatever they are."""
+    """Verdicts on the formulas and claimed numbers of a file; 1 unless all are right."""
     from mbdae.audit import audit
 
     if not _is_file(a.what):
@@ -216,7 +216,7 @@ def _report_audit(a: argparse.Namespace) -> int:
     else:
         print(_report_text(found.document(), a.format) if a.format and not path else found.table())
         _list([path] if path else [])
-    return 0
+    return 0 if found.holds else 1
 
 
 def _report_format(a: argparse.Namespace, printed: str) -> str:

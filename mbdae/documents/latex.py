@@ -8,21 +8,13 @@ from collections.abc import Mapping, Sequence
 from mbdae.documents.blocks import Block, Code, Equation, Paragraph, Picture, Section, Table
 from mbdae.documents.drawing import Drawing
 from mbdae.documents.formulas import extent, folded, split_text, width
+from mbdae.documents.tex import PACKAGES, plain, signs, verbatim
 
-HEAD = r"""\documentclass[a4paper,10pt]{article}
-\usepackage[T1]{fontenc}
-\usepackage[utf8]{inputenc}
-\usepackage{lmodern}
-\usepackage[margin=22mm]{geometry}
+HEAD = r"\documentclass[a4paper,10pt]{article}" + "\n" + PACKAGES + r"""\usepackage[margin=22mm]{geometry}
 \usepackage{amsmath,amssymb,bm,graphicx,longtable,array,tikz}
 \setlength{\parindent}{0pt}\setlength{\parskip}{4pt}
 \setlength{\tabcolsep}{3pt}\raggedright\sloppy\allowdisplaybreaks
 """
-_SPECIAL = {"\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "$": r"\$",
-            "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\ensuremath{<}", ">": r"\ensuremath{>}"}  # fmt: skip
-_UNICODE = {"²": r"\ensuremath{^2}", "³": r"\ensuremath{^3}", "·": r"\ensuremath{\cdot}", "×": r"\ensuremath{\times}",
-            "°": r"\ensuremath{^\circ}",
-            "–": "--", "…": r"\ldots{}", "≤": r"\ensuremath{\le}", "≥": r"\ensuremath{\ge}", "−": r"\ensuremath{-}"}  # fmt: skip
 _NEXT = "\n\\end{gather*}\n\n\\begin{gather*}\n"  #: between two equations: they become one display
 _SPACE = r"\s+(?=[^$]*(?:\$[^$]*\$[^$]*)*$)"  #: between words, outside of formulas
 WIDEST = 44.0  #: em, a line that is wider is made smaller
@@ -39,11 +31,10 @@ def _text(text: str) -> str:
     out = []
     for formula, part in split_text(text):
         if formula:
-            out.append(f"${part}$")
+            out.append(f"${signs(part)}$")
             continue
         for i, piece in enumerate(part.split("`")):
-            plain = "".join(_SPECIAL.get(c) or _UNICODE.get(c) or c for c in piece)
-            out.append(f"\\texttt{{{plain}}}" if i % 2 else plain)
+            out.append(f"\\texttt{{{plain(piece)}}}" if i % 2 else plain(piece))
     return "".join(out)
 
 
@@ -59,12 +50,12 @@ def _block(block: Block, level: int, files: Mapping[int, str]) -> str:
     if isinstance(block, Table):
         return _table(block)
     if isinstance(block, Code):
-        return f"{{\\small\n\\begin{{verbatim}}\n{block.text}\n\\end{{verbatim}}}}"
+        return f"{{\\small\n\\begin{{verbatim}}\n{verbatim(block.text)}\n\\end{{verbatim}}}}"
     return _picture(block, files)
 
 
 def _equation(equation: Equation) -> str:
-    lines = folded(equation.latex, 84.0)
+    lines = folded(signs(equation.latex), 84.0)
     tag = f" \\tag{{{equation.number}}}" if equation.number is not None else ""
     body = "\\begin{aligned}\n& " + " \\\\\n& ".join(lines) + "\n\\end{aligned}" if len(lines) > 1 else lines[0]
     if max(map(extent, lines)) > WIDEST:
@@ -99,6 +90,6 @@ def _shares(table: Table) -> list[float]:
 def _picture(picture: Picture, files: Mapping[int, str]) -> str:
     name = files.get(id(picture))
     if isinstance(picture.content, Drawing):
-        return f"\\begin{{center}}\n{picture.content.tikz()}\n\n{_text(picture.caption)}\n\\end{{center}}"
+        return f"\\begin{{center}}\n{signs(picture.content.tikz())}\n\n{_text(picture.caption)}\n\\end{{center}}"
     shown = f"\\includegraphics[width=\\linewidth,height=0.5\\textheight,keepaspectratio]{{{name}}}\n\n" if name else "Picture: "
     return f"{shown}{_text(picture.caption)}"

@@ -85,7 +85,7 @@ class _File:
         body = "\n".join([*self.parts, *bodies])
         known = Path(mbdae.native.__file__).with_name("factors.inc").read_text(encoding="utf-8")
         helpers = [SIGN] * bool(re.search(r"\bsign\(", body))
-        helpers += [re.sub(r"\bI\b", "int", found[0]) for found in re.finditer(r"^static I (\w+)\(.*?^}\n", known, re.M | re.S)
+        helpers += [re.sub(r"\bI\b", "int", found[0]) for found in re.finditer(r"^static \w+ (\w+)\(.*?^}\n", known, re.M | re.S)
                     if f"{found[1]}(" in body]  # fmt: skip
         return "\n".join([f"/* {_comment(self.program.title)}: see the header for the vectors. Written by mbdae. */",
                           "#include <math.h>", "#include <string.h>", "", *self._constants(), *helpers, body])  # fmt: skip

@@ -121,12 +121,17 @@ class _Made:
         entries = [Entry(e.name, e.unit) for e in program.inputs["yp"]]
         program.add("rates", "y' of y' = f(t, y)", STATE, entries, first + np.arange(self.n), part)
 
+    def reactive(self) -> list[str]:
+        """Names of the items whose friction follows from the reactions."""
+        groups = [group for group in self.assembly.model.groups if group.derived.reactive]
+        return list(dict.fromkeys(instance.item for group in groups for instance in group.instances))
+
     # -- multipliers eliminated
 
     def solved(self) -> Operations:
         """u', the other rates and the multipliers, in their slots: the equations are linear in them, so that one step of Newton's
         method from 0 is exact. Raises OptionError where they are not."""
-        if any(group.derived.reactive for group in self.assembly.model.groups):
+        if self.reactive():
             raise OptionError("form = a form without multipliers: friction that follows from the reactions makes the equations "
                               "nonlinear in them, which no formula solves; export mb.GGL() or mb.Index1()")  # fmt: skip
         nb, e, n = self.numbering, self.e, self.assembly.n
@@ -208,6 +213,11 @@ def _joint_forces(made: _Made, program: Program, prepared: Prepared, eliminated:
 def _of_all_bodies(made: _Made, program: Program, prepared: Prepared) -> tuple[Operations, Numbering, int]:
     """Accelerations of all bodies and multipliers of all rows, recursive joints among them: a numbering, and its first slot."""
     model = prepared.model
+    if rubbing := made.reactive():
+        raise OptionError("joint forces: recursive joints, and joints that hold beams at their nodes, have no multipliers in any "
+                          "form; their forces follow from the accelerations of all bodies, in which the friction of "
+                          f"{', '.join(map(repr, rubbing))} by the reactions is nonlinear, so that no formula gives them; "
+                          "residual and jacobian are complete")  # fmt: skip
     spec = replace(Index1(0.0, "eliminated").spec(), eliminated=False)
     assembly = Assembly(model, prepared.mechanics.rows, spec, False, MovedBodies(model, [], share=False), open=True)
     fixed = made.fixed | {("", name) for name in assembly.numbering.form_numbers}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mbdae.documents.tex import PACKAGES, plain
 from mbdae.export.languages import CASADI, SYMPY, described
 from mbdae.export.program import Function, Program
 from mbdae.export.symbolic import Derivation, derivation
@@ -64,14 +65,14 @@ def casadi_text(program: Program) -> str:
 
 def latex_text(program: Program) -> str:
     """A document with tables of the inputs and the equations of every function."""
-    lines = [r"\documentclass{article}", r"\usepackage{amsmath,longtable}", r"\begin{document}",
-             f"\\section*{{{_plain(program.title)}}}", "SI units, angles in rad."]  # fmt: skip
+    lines = [r"\documentclass{article}", f"{PACKAGES}\\usepackage{{amsmath,amssymb,longtable}}", r"\begin{document}",
+             f"\\section*{{{plain(program.title)}}}", "SI units, angles in rad."]  # fmt: skip
     for vector, entries in program.inputs.items():
         if vector != "t" and entries:
-            rows = [f"${_letter(vector, i)}$ & {_plain(e.name)} & {_plain(e.unit)} \\\\" for i, e in enumerate(entries)]
+            rows = [f"${_letter(vector, i)}$ & {plain(e.name)} & {plain(e.unit)} \\\\" for i, e in enumerate(entries)]
             lines += [r"\begin{longtable}{lll}", *rows, r"\end{longtable}"]
     for f in program.functions.values():
-        lines += [f"\\subsection*{{{_plain(f.name)}: {_plain(f.meaning)}}}", *latex_equations(program, f)]
+        lines += [f"\\subsection*{{{plain(f.name)}: {plain(f.meaning)}}}", *latex_equations(program, f)]
     return "\n".join([*lines, r"\end{document}", ""])
 
 
@@ -83,17 +84,10 @@ def latex_equations(program: Program, f: Function) -> list[str]:
     names = {str(s): _letter(vector, i) for vector, symbols in d.vectors.items() for i, s in enumerate(symbols)}
     names |= {str(s): f"w_{{{i}}}" for i, (s, _) in enumerate(d.steps)}
     letters = {sympy.Symbol(name): letter for name, letter in names.items()}
-    left = [*(names[str(s)] for s, _ in d.steps), *(f"\\text{{{_plain(e.name)}}}" for e in f.outputs)]
+    left = [*(names[str(s)] for s, _ in d.steps), *(f"\\text{{{plain(e.name)}}}" for e in f.outputs)]
     right = [sympy.latex(sympy.sympify(e), symbol_names=letters, full_prec=True) for e in (*(e for _, e in d.steps), *d.outputs)]
     return [f"\\[{a} = {b}\\]" for a, b in zip(left, right, strict=True)]
 
 
 def _letter(vector: str, i: int) -> str:
     return "t" if vector == "t" else f"\\dot{{y}}_{{{i}}}" if vector == "yp" else f"{vector}_{{{i}}}"
-
-
-def _plain(text: str) -> str:
-    """Text of a document."""
-    for special in "\\_#%&$^{}~":
-        text = text.replace(special, {"\\": "/", "^": r"\^{}", "~": "-"}.get(special, f"\\{special}"))
-    return text

@@ -17,7 +17,8 @@ from mbdae.audit import Audit, wordings
 from mbdae.audit.compare import SAME, States, difference
 from mbdae.audit.edits import Candidates, edits
 from mbdae.audit.evaluate import SizeError, evaluate
-from mbdae.audit.notation import Reader, Statement, is_zero
+from mbdae.audit.notation import AuditError, Reader, Statement, is_zero
+from mbdae.audit.phrases import understand
 from mbdae.audit.reading import Printed, read
 from mbdae.audit.verdicts import audit_equation
 from mbdae.errors import MbdaeError
@@ -299,6 +300,8 @@ def test_json_and_documents(paper: Audit, tmp_path) -> None:
 def test_wordings_are_listed() -> None:
     assert "axis {i} of {side}" in wordings()
     assert len(wordings()) > 60
+    with pytest.raises(AuditError, match=r"from mbdae\.audit import wordings"):
+        understand("nonsense", ())
 
 
 def test_example_of_the_documentation(tmp_path, monkeypatch) -> None:
@@ -317,13 +320,16 @@ def test_command_line(tmp_path, capsys, monkeypatch) -> None:
 
     text = "c [1]: row tilt_y of Revolute\nb3k [1]: axis 3 of k\nb1l [1]: axis 1 of l\n1: c = -b3k'*b1l\n"
     (tmp_path / "own.audit").write_text(text, encoding="utf-8")
-    assert main(["report", str(tmp_path / "own.audit"), "--json"]) == 0
+    assert main(["report", str(tmp_path / "own.audit"), "--json"]) == 1
     (row,) = json.loads(capsys.readouterr().out)["equations"]
     assert (row["equation"], row["verdict"], row["derived"]) == ("1", "MISPRINT", "c = b3k'*b1l")
-    assert main(["report", str(tmp_path / "own.audit"), "--format", "tex", "--out", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path / "own.audit"), "--format", "tex", "--out", str(tmp_path)]) == 1
     assert (tmp_path / "own.tex").is_file()
     assert main(["report", str(tmp_path / "own.audit"), "--format", "md", "--out", str(tmp_path / "own.tex")]) == 2
     assert main(["report", "nowhere.audit"]) == 2
+    for line, code in (("c = b3k'*b1l", 0), ("c = -b3k'*b1l", 1), ("c = b3k'*(", 1), ("c = nobody'*b1l", 1)):
+        (tmp_path / "one.audit").write_text(text.rpartition("1: ")[0] + f"1: {line}\n", encoding="utf-8")
+        assert main(["report", str(tmp_path / "one.audit")]) == code
     capsys.readouterr()
 
 
@@ -331,11 +337,11 @@ def test_documents_on_the_command_line(paper: Audit, capsys, monkeypatch) -> Non
     from mbdae.cli import main
 
     monkeypatch.setattr(sys.modules["mbdae.audit"], "audit", lambda source: paper)  # once is enough
-    assert main(["report", str(FILE), "--json"]) == 0
+    assert main(["report", str(FILE), "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert {row["verdict"] for row in data["equations"]} == {"RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS"}
     for format in ("html", "md", "tex"):
-        assert main(["report", str(FILE), "--format", format]) == 0
+        assert main(["report", str(FILE), "--format", format]) == 1
         assert "MISPRINT" in capsys.readouterr().out
 
 

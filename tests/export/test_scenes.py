@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -82,6 +84,30 @@ def spinning(mass=2.0, stiffness=40.0):
     return s
 
 
+def masses(mass=1.0, stiffness=3.0):
+    """Two mass points that nothing holds."""
+    s = mb.Scene("masses", gravity=(0, -9.81, 0))
+    s.point_mass("c", mass, at=(2, 0))
+    s.point_mass("e", 2.0, at=(3, 0))
+    return s
+
+
+def beside(mass=1.0, stiffness=3.0):
+    """Recursive links, and a mass point that nothing holds."""
+    s = pendulum(mass, stiffness)
+    s.point_mass("c", mass, at=(2, 1))
+    return s
+
+
+def floating(mass=1.0, stiffness=3.0):
+    """A beam that nothing but a spring holds."""
+    s = mb.Scene("floating", gravity=(0, -9.81, 0))
+    section = mb.Section.rectangular(0.01, 0.02, 70e9, 0.3, 2700)
+    rod = s.beam("rod", (0.3, 0), (1, 0.1), section=section, elements=2)
+    s.spring("pull", s.ground, rod, (0, 0), (0.3, 0), stiffness, length=0.1)
+    return s
+
+
 ELIMINATED = mb.Index1(multipliers="eliminated")
 SCENES = {
     "pendulum": (pendulum, None), "driven": (driven, None), "four-bar": (four_bar, None),
@@ -93,6 +119,9 @@ SCENES = {
     "Andrews": (lambda *p: example("andrews_squeezer").scene(), ELIMINATED),
     "clearance": (lambda *p: example("slider_crank_clearance").scene("B"), None),
     "bristles": (lambda *p: example("stick_slip").scene(), None),
+    "masses": (masses, mb.ODE()), "masses, GGL": (masses, mb.GGL()), "masses, eliminated": (masses, ELIMINATED),
+    "tree and mass": (beside, mb.ODE()), "floating": (floating, mb.ODE()), "floating, GGL": (floating, mb.GGL()),
+    "floating, eliminated": (floating, ELIMINATED),
 }  # fmt: skip
 SYMBOLS = ("pendulum", "four-bar", "four-bar, eliminated", "beam", "clearance", "bristles", "Andrews")
 CHANGED = ("pendulum", "driven", "four-bar", "four-bar, eliminated", "beam", "beam, GGL", "in space, eliminated")
@@ -191,8 +220,9 @@ def differences(export, call, kernels, p):
 def test_c_is_the_kernel(name, compiled):
     make, form = SCENES[name]
     export = mb.export(make(), "c", form)
-    assert {"residual", "jacobian", "joint_forces"} <= set(export.outputs)
-    assert ("rates" in export.outputs) == (form is ELIMINATED or export.program.title.endswith("ODE"))
+    free = make in (masses, floating)
+    assert {"residual", "jacobian"} | ({"joint_forces"} if make is not masses else set()) <= set(export.outputs)
+    assert ("rates" in export.outputs) == (free or form is ELIMINATED or export.program.title.endswith("ODE"))
     worst = differences(export, compiled(export), Kernels(make(), form), values(export.inputs["p"]))
     assert all(error < EXACT for error in worst.values()), worst
 
@@ -318,6 +348,37 @@ def test_friction_by_reactions_has_no_formula_for_the_accelerations():
     assert "residual" in mb.export(s, "c").outputs
     with pytest.raises(mb.OptionError, match="friction"):
         mb.export(s, "c", ELIMINATED)
+
+
+def test_the_reason_why_joint_forces_are_left_out_holds_in_every_form():
+    s = mb.Scene("rubbing beam")
+    rod = s.beam("rod", (0, 0), (1, 0), section=mb.Section.rectangular(0.01, 0.02, 70e9, 0.3, 2700), elements=1)
+    a = s.link("a", (1, 0), (1.3, 0), mass=1.0)
+    s.weld("W", s.ground, rod, at=(0, 0))
+    s.revolute("B", rod, a, at=(1, 0), friction=mb.Coulomb(0.3, 1e-3), radius=0.02)
+    for form in (mb.GGL(), mb.Index1()):
+        reason = mb.export(s, "c", form).missing["joint_forces"]
+        assert "friction of 'B'" in reason
+        assert "GGL" not in reason
+        assert "Index1" not in reason
+
+
+GREEK = "".join(chr(c) for c in range(0x391, 0x3CA) if c != 0x3A2)
+
+
+@pytest.mark.parametrize("write", [lambda s: mb.export(s, "latex"), mb.report], ids=["export", "report"])
+def test_names_in_any_script_are_set_by_tex(write, tmp_path):
+    s = mb.Scene("Ω ∂")
+    a = s.link(f"{GREEK} ϑϕ Ά é ſ→ж_$", (0, 0), (0.3, 0), mass=1.0)
+    s.revolute("ξ", s.ground, a, at=(0, 0))
+    file = write(s).save(tmp_path / "names.tex") or tmp_path / "names.tex"
+    text = file.read_text(encoding="utf-8")
+    assert set(filter(lambda c: not c.isascii(), text)) <= {"é"}
+    for command in (r"\alpha", r"\Omega", r"\varsigma", r"\mathrm{A}", r"U+0436", r"\partial"):
+        assert command.replace("\\\\", "\\") in text
+    if shutil.which("pdflatex"):
+        subprocess.run(["pdflatex", "-interaction=nonstopmode", "-halt-on-error", file.name], cwd=tmp_path, check=True,
+                       capture_output=True)  # fmt: skip
 
 
 def test_a_planted_error_is_seen():
