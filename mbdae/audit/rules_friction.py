@@ -36,6 +36,7 @@ def _friction(env: Env, name: str, z: Value = 0.0) -> Any:
 
 @phrase("friction parameter {name}")
 def friction_parameter(env: Env, name: str) -> Value:
+    """Value of a parameter of the friction law; mu_s is above mu_k, whatever was drawn."""
     if name == "gamma":
         return complex(_options(env)["gamma"])
     above = env.motion.positive("parameter mu_k") if name == "mu_s" else 0.0
