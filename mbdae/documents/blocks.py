@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import TypeVar
 
 from mbdae.documents.drawing import Drawing
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -72,13 +75,13 @@ class Section:
 Block = Paragraph | Equation | Table | Code | Picture | Section
 
 
-def pictures(blocks: Sequence[Block]) -> Iterator[Picture]:
-    """All pictures in blocks and their sections, in order."""
+def every(kind: type[T], blocks: Iterable[Block]) -> Iterator[T]:
+    """All blocks of a kind, `Picture` or `Equation`, in blocks and their sections, in order."""
     for block in blocks:
-        if isinstance(block, Picture):
+        if isinstance(block, kind):
             yield block
         elif isinstance(block, Section):
-            yield from pictures(block.blocks)
+            yield from every(kind, block.blocks)
 
 
 def numbered(blocks: Sequence[Block], numbers: Iterator[int] | None = None) -> list[Block]:

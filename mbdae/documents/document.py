@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mbdae.documents.blocks import Block, Picture, pictures
+from mbdae.documents.blocks import Block, Picture, every
 from mbdae.documents.html import html
 from mbdae.documents.latex import latex
 from mbdae.documents.markdown import markdown
@@ -81,4 +81,4 @@ class Document:
 
     def pictures(self) -> Iterator[Picture]:
         """All pictures in their order."""
-        return pictures(self.blocks)
+        return every(Picture, self.blocks)

@@ -66,6 +66,16 @@ class Collocation:
         return total
 
 
+def increments_of(states: Array, inner: Array) -> Array:
+    """Increments (m, s, n) at all nodes of steps between states (m+1, n), from those at the inner nodes (m, s-1, n)."""
+    return np.concatenate([inner, np.diff(states, axis=0)[:, None]], axis=1)
+
+
+def inside_of(table: CollocationTable, starts: Array, increments: Array) -> Callable[[Array], Array]:
+    """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
+    return lambda parts: np.asarray(starts[:, None] + table.values(parts) @ increments)
+
+
 def cubic(stages: int, h: float, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
     """Increments (stages - 1, n) at the inner nodes of the cubic with y and y' at both ends of a step of h."""
     c = radau_table(stages).c[:-1, None]

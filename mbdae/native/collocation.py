@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdae.native.contacts import Contacts
-from mbdae.native.equations import RAISED, Equations, Listening, Number, Pointer, Stretches, Whole
+from mbdae.native.equations import RAISED, SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.radau import Stages, functions
 from mbdae.native.sparse import Array, address
 
 #: results of a call beside 0 and RAISED, as in radau.c
 DONE, DIVERGED, ORDER, NO_WIDTH, VANISHED, NO_RATES, LOOK = 0, 3, 4, 5, 6, 7, 8
 FIRST, AGAIN = 1, 2  #: of `rejected`: a first step, or one after a rejection
-SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 ARRAYS = ("y", "yp", "last", "weights", "power")
 
 
@@ -47,7 +46,7 @@ class Made(NamedTuple):
     code: int
 
 
-class Run(Listening):
+class Run(Stepping):
     """A run at the state y, yp (n,); table: the present step and its control.
 
     rates: y' = f(t, y) of a method whose last stage is not the end of the step; atol, order (n,): tolerance and index - 1 of the
@@ -74,11 +73,6 @@ class Run(Listening):
             *map(address, self._kept[2:]), rtol, time, target, limit, *map(address, arrays), stale=1, exponent=1 / (s + 1),
             accepted_error=1.0, bound=inf, landing=inf, rejected=FIRST)  # fmt: skip
         self._at, self._c, self._shape = ctypes.addressof(self.table), functions(), (s - 1, n)
-
-    def bound(self, edges: Array, share: float) -> None:
-        """Bound steps to a share of the stretches between edges (k,), s."""
-        self._edges = np.array(edges, dtype=float)
-        self.table.stretches = Stretches(address(self._edges), len(self._edges), share)
 
     def watch(self, contacts: Contacts | None) -> None:
         """Look at contacts after every step, up to one that needs a closer look (LOOK); None: do not."""

@@ -21,6 +21,7 @@ JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Poi
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer)
 RATE_JACOBIAN = ctypes.CFUNCTYPE(ctypes.c_int, Pointer, Number, Pointer, Pointer, Pointer)
 SINGULAR, RAISED = 2, -1
+SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 #: addresses of which a call back keeps arrays: a method works with few
 MOST_SEEN = 64
 #: (system, t, y, y') -> df/dy (n, n) of y' = f(t, y)
@@ -103,6 +104,17 @@ class Listening:
         code = int(function(*args))
         self._signals.inside = False
         return code
+
+
+class Stepping(Listening):
+    """A method that makes many steps in a call; its table holds `stretches`."""
+
+    table: Any
+
+    def bound(self, edges: Any, share: float) -> None:
+        """Bound steps to a share of the stretches between edges (k,), s."""
+        self._edges = np.array(edges, dtype=float)
+        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share)
 
 
 def equations_of(system: Any) -> Equations:

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.native.equations import Equations, Listening, Number, Pointer, Stretches, Whole
+from mbdae.native.equations import SLICE, Equations, Number, Pointer, Stepping, Stretches, Whole
 from mbdae.native.library import declared
 
 Array = NDArray[np.float64]
 Whole64 = NDArray[np.int64]
 STAGES, ALL, ORDER = 12, 16, 7
-SLICE = 0.05  #: s of wall time after which a call returns, so that signals, progress and limits are looked at
 
 
 class _Coefficients(ctypes.Structure):
@@ -110,7 +109,7 @@ class Runs(ctypes.Structure):
                 *((name, Pointer) for name in ("code", "steps", "rejected", "evaluations")))  # fmt: skip
 
 
-class Explicit(Listening):
+class Explicit(Stepping):
     """A run of a method; nodes: parts of a step where the interpolant is kept."""
 
     def __init__(self, equations: Equations, method: Method, nodes: Array, rtol: float, atol: Array) -> None:
@@ -126,11 +125,6 @@ class Explicit(Listening):
             len(nodes), rtol, 0.0, np.inf, Stretches(), *(a.ctypes.data for a in (self._K, self._y, self._next, self._F)), 0, 0,
             0)  # fmt: skip
         self.inner, self._at = len(nodes), ctypes.addressof(self.table)
-
-    def bound(self, edges: Array, share: float) -> None:
-        """Bound steps to a share of the stretches between edges (k,), s."""
-        self._edges = np.array(edges, dtype=float)
-        self.table.stretches = Stretches(self._edges.ctypes.data, len(self._edges), share)
 
     def begin(self, y: Array, rate: Array, h: float) -> None:
         """Start from y (n,) with slope rate (n,) and a first step of h (s)."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mbdae.documents.blocks import Block, Equation, Paragraph, Section, Table
+from mbdae.documents.blocks import Block, Equation, Paragraph, Table, every
 from mbdae.reports.reading import RELATIONS, Key, Reader, Symbols, UnreadError, key_of, members
 from mbdae.reports.states import POINTS, residual
 
@@ -39,15 +39,6 @@ class Wanted:
     source: str
 
 
-def equations(blocks: Iterable[Block]) -> Iterator[Equation]:
-    """All equations in blocks and their sections, in order."""
-    for block in blocks:
-        if isinstance(block, Equation):
-            yield block
-        elif isinstance(block, Section):
-            yield from equations(block.blocks)
-
-
 class Printed:
     """The displayed equations of some sections, read back.
 
@@ -73,7 +64,7 @@ class Printed:
         """Checks of all equations in the blocks."""
         left: Key = ()
         lines: list[tuple[Equation, Key, list[tuple[str, Key]]]] = []
-        for equation in equations(blocks):
+        for equation in every(Equation, blocks):
             chain = members(key_of(equation.latex))
             left = chain[0][1] or left
             rest = chain[1:]

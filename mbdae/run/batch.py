@@ -46,7 +46,7 @@ def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts:
     choice = choose(prepared, scene, accuracy)
     if not isinstance(choice.solver, DOP853):
         raise OptionError(f"scene '{scene.name}': a batch takes DOP853, this scene {choice}; use mb.sweep with scene.simulate")
-    system, measure = system_for(prepared, choice.form, 0), None
+    system = system_for(prepared, choice.form, 0)
     times = Asked.of(system, t_end, outputs).times
     times = np.array([float(t_end)]) if times is None else times
     every = np.union1d(times, np.linspace(system.t0, t_end, COMPARED + 1))
@@ -60,8 +60,8 @@ def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts:
         own = None if starts is None else _some(np.atleast_2d(starts), some)
         return solve_batch(system, t_end, replace(solver, rtol=rtol), starts=own, numbers=given, outputs=every, max_wall=left)
 
-    loose, tight = min(solver.tolerance * solver.companion, 0.1), solver.tolerance
-    coarse, fine = solved(loose), solved(tight)
+    tight = solver.tolerance
+    coarse, fine = solved(min(tight * solver.companion, 0.1)), solved(tight)
     made, estimate, cpu = fine, np.full(len(fine.errors), np.nan), coarse.cpu_s + fine.cpu_s
     some = np.arange(len(fine.errors))
     for _ in range(ATTEMPTS):
@@ -72,7 +72,7 @@ def run_batch(scene: SceneData, t_end: float, accuracy: float = 1e-6, *, starts:
         missed = np.flatnonzero(estimate[some] > accuracy)
         if not len(missed) or tight <= limit:
             break
-        coarse, some, loose = _rows(fine, missed), some[missed], tight
+        coarse, some = _rows(fine, missed), some[missed]
         tight = max(tight * float(np.clip((0.5 * accuracy / np.max(estimate[some])) ** (1 / 0.9), *FINER)), limit)
         fine = solved(tight, some)
         cpu += fine.cpu_s

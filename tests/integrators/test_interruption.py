@@ -71,3 +71,14 @@ def test_what_a_handler_of_the_user_raises_carries_the_result_too() -> None:
         pendulum().simulate(1e4, progress=end)
     assert stop.value.code == 143
     assert stop.value.solution.solution.t[-1] > 1.0  # type: ignore[attr-defined]
+
+
+@pytest.mark.usefixtures("alarm")
+@pytest.mark.parametrize("solver", [mb.RadauIIA(3, rtol=1e-10), mb.RadauIIA(3, step=1e-3)], ids=["adaptive", "constant step"])
+def test_no_signal_is_lost_in_a_function_that_c_calls(solver: Any) -> None:
+    """It falls before the first instruction of the function now and then, where no `try` of the function catches it."""
+    system = mb.DAE(lambda t, y, yp, out: np.subtract(yp, [y[1], -y[0]], out=out), [1.0, 0.0], [0.0, -1.0])
+    for wait in np.linspace(0.005, 0.02, 60):
+        signal.setitimer(signal.ITIMER_REAL, wait)
+        with pytest.raises(KeyboardInterrupt):
+            solver.solve(system, 1e4, max_residuals=30_000)

@@ -7,9 +7,8 @@ import re
 
 import pytest
 
-from mbdae.documents.blocks import Equation, Section, numbered
+from mbdae.documents.blocks import Equation, Section, every, numbered
 from mbdae.reports import page
-from mbdae.reports.printed import equations
 from mbdae.reports.report import report
 
 EDITS = 24
@@ -52,7 +51,7 @@ def lines():
     """The equations of every report, by name."""
     found, patch = {}, pytest.MonkeyPatch()
     for name in NAMES:
-        with_edit(patch, name, lambda blocks, name=name: found.setdefault(name, list(equations(blocks))) and blocks)
+        with_edit(patch, name, lambda blocks, name=name: found.setdefault(name, list(every(Equation, blocks))) and blocks)
     return found
 
 

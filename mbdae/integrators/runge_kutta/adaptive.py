@@ -14,16 +14,16 @@ import numpy as np
 from mbdae.errors import AccuracyWarning, SolverError
 from mbdae.integrators.base import Solver, absolute_tolerance
 from mbdae.integrators.constant import StepFailedError
+from mbdae.integrators.dense import increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.runge_kutta.step import CollocationStep, Demand
 from mbdae.integrators.runge_kutta.tables import CollocationTable
-from mbdae.integrators.watched.arguments import Inside
 from mbdae.integrators.watched.watch import StepWatch
 from mbdae.native.collocation import AGAIN, DIVERGED, DONE, LOOK, NO_RATES, NO_WIDTH, ORDER, VANISHED, Made
 from mbdae.system.base import Array, System
 
 #: steps in a row that cannot be solved, each half of the one before, from which on Newton's method takes a Jacobian per stage.
-#: With more than FEW_UNKNOWNS that costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
+#: SOON with few unknowns, else RESIST: it then costs as much as 40 steps (clearance rotor at 1e-3: 1.4 s with 3, 2.1 s with 2)
 RESIST, SOON, FEW_UNKNOWNS = 3, 2, 100
 ROWS, FEW = 256, 8  #: most steps of one call, and of the first where something is watched
 
@@ -89,15 +89,17 @@ class Adaptive:
         loop, closely = self.loop, self.rows == 1
         count, calm = len(made.t), len(made.t) - (made.code == LOOK)
         times, states = np.concatenate([[loop.t], made.t]), np.concatenate([loop.state[0][None], made.y])
-        increments = self._increments(made, states)
+        table, run = self.step.table, self.step.run
+        increments = increments_of(states, made.inner) if table.stiffly_accurate else run.last[None]
         kept, landing = 0, inf
         if calm:
-            kept, landing = watch.kept(times[: calm + 1], made.y[:calm], self._inside(states[:calm], increments), closely)
+            inside = inside_of(table, states[:calm], increments[:calm])
+            kept, landing = watch.kept(times[: calm + 1], made.y[:calm], inside, closely)
             if not closely and kept and watch.contacts is not None:
                 watch.contacts.take(times[kept - 1 : kept + 1], states[kept - 1 : kept + 1], calm - kept)
         if kept == calm < count:
             closely, last = True, slice(calm, count)
-            one, landing = watch.kept(times[calm:], made.y[last], self._inside(states[last], increments[last]), closely)
+            one, landing = watch.kept(times[calm:], made.y[last], inside_of(table, states[last], increments[last]), closely)
             kept += one
         self.rows = min(max(2 * self.rows, FEW), self.most) if kept == count else 1
         if kept < count:
@@ -107,16 +109,6 @@ class Adaptive:
             self.step.renew()
             watch.jacobian_at(float(times[-1]), states[-1])
         return kept
-
-    def _increments(self, made: Made, states: Array) -> Array:
-        """Increments (m, s, n) at the nodes of all steps between states (m+1, n)."""
-        if not self.step.table.stiffly_accurate:
-            return self.step.run.last[None]
-        return np.concatenate([made.inner, np.diff(states, axis=0)[:, None]], axis=1)
-
-    def _inside(self, starts: Array, increments: Array) -> Inside:
-        """y (m, k, n) after parts (k,) of steps that begin with starts (m, n)."""
-        return lambda parts: np.asarray(starts[:, None] + self.step.table.values(parts) @ increments[: len(starts)])
 
     def _go_back(self, made: Made, times: Array, increments: Array, kept: int, closely: bool, before: Any) -> None:
         """To the last of the steps that are kept, before which the control of steps was as in `before` where there is none."""

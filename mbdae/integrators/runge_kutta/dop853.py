@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbdae.integrators.base import Solver, absolute_tolerance, set_tolerances
-from mbdae.integrators.dense import Collocation
+from mbdae.integrators.dense import Collocation, increments_of, inside_of
 from mbdae.integrators.loop import StepLoop
 from mbdae.integrators.rates import check_rates
 from mbdae.integrators.runge_kutta.dop853_table import DENSE, FIFTH, STAGES, THIRD
@@ -121,12 +121,7 @@ class _Run:
         """How many of the steps may be kept, and the longest the next one may be because of what one hides, s."""
         times = np.concatenate([[self.loop.t], made.t])
         states = np.concatenate([self.loop.state[0][None], made.y])
-        increments = np.concatenate([made.inner, np.diff(states, axis=0)[:, None]], axis=1)
-
-        def inside(parts: Array) -> Array:
-            """y (m, k, n) after parts (k,) of every step."""
-            return np.asarray(states[:-1, None] + radau_table(NODES).values(parts) @ increments)
-
+        inside = inside_of(radau_table(NODES), states[:-1], increments_of(states, made.inner))
         kept, landing = watch.kept(times, made.y, inside, closely)
         self.loop.stats.rejected += closely and not kept
         return kept, landing

@@ -69,7 +69,8 @@ class CollocationMethod(Solver):
         tolerance, target = (ROUND, TARGET) if self.newton is None else (self.newton, 1.0)
         demand = Demand(tolerance, tolerance * np.asarray(system.scale, dtype=float), target, limit=15)
         step = CollocationStep(system, self.table, loop.stats, demand, estimate=False)
-        constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
+        with step.run:
+            constant_steps(loop, h, step, step.solve_surely, self.table.c[self.table.c < 1])
 
     def dense(self, t: Array, y: Array, yp: Array, pieces: list[Any]) -> Interpolant:
         """The collocation polynomials; through y and y' at the steps where these are of a higher order than the stages."""
