@@ -5,12 +5,13 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import symengine as se
 
 from mbdae.audit.notation import Node
+from mbdae.errors import MbdaeError
 from mbdae.symbolic.functions import complex_atan2
 
 STEP = 1e-30  #: of the complex step
@@ -18,6 +19,7 @@ FINITE = 0.02  #: of the differences by which a derivative of a derivative is ta
 #: coefficients of central differences of order 10 at 1 to 5 steps
 _CENTRAL = (5 / 6, -5 / 21, 5 / 84, -5 / 504, 1 / 1260)
 Value = Any  #: a complex number, or a matrix (rows, columns) of them
+Source = Any  #: where the values of symbols come from, and states that are moved or hold other values: an `Env` of phrases
 
 
 class SizeError(Exception):
@@ -28,37 +30,8 @@ class NestedError(SizeError):
     """A derivative inside of a complex step: the outer derivative is taken by finite differences then."""
 
 
-class Source(Protocol):
-    """Where the values of symbols come from: a state of motion of two bodies."""
-
-    @property
-    def stepped(self) -> bool:
-        """Whether its values carry a complex step."""
-
-    @property
-    def fill(self) -> int:
-        """Rows of a literal 0 beside which nothing says how many they are."""
-
-    def size_of(self, what: str) -> float:
-        """The size of the unit of "time" or "length"."""
-
-    def constant(self, number: float) -> Value:
-        """A number of a formula."""
-
-    def value(self, name: str) -> Value:
-        """The value of a symbol."""
-
-    def moved(self, how: str, amount: complex) -> Source:
-        """The same state moved: "virtual", "time" or "line"."""
-
-    def shifted(self, name: str, amount: complex, entry: int = 0) -> Source:
-        """The same state with one symbol, or one entry of it, moved."""
-
-    def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
-        """The value of a piece of a formula, computed once."""
-
-    def bound(self, name: str, value: Value) -> Source:
-        """The same state with a name that stands for a value."""
+#: what keeps a formula from having a value in a state
+NO_VALUE = (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError)
 
 
 def derivative(value_at: Callable[[complex], Value], stepped: bool = False) -> Value:
@@ -118,6 +91,15 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 def evaluate(node: Node, at: Source) -> Value:
     """The value of a formula in a state; SizeError where the sizes of its pieces do not fit."""
     return _BY_KIND[node.kind](node, at)
+
+
+def attempt(node: Node, at: Source) -> Value | None:
+    """The value of a formula; None where it has none."""
+    try:
+        with np.errstate(all="ignore"):
+            return evaluate(node, at)
+    except NO_VALUE:
+        return None
 
 
 def _sum(node: Node, at: Source) -> Value:

@@ -1,7 +1,7 @@
 """Phrases that say what a symbol stands for ("force of rows tilt_y of Revolute on turn k"), each with the rule that computes it.
 
-The modules `rules_*` register one rule for every kind of phrase under `@phrase`; `meaning` loads them all. Nothing here knows
-any printed formula.
+The modules `rules_*` register a rule for every kind of phrase by `register` or `@phrase`; `reading` loads them all. Nothing here
+knows any printed formula.
 """
 
 from __future__ import annotations
@@ -43,28 +43,39 @@ class Phrase:
 PHRASES: list[Phrase] = []
 
 
-def phrase(wording: str, vanishes: bool = False, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
-           given: bool = False, drawn: bool = False) -> Callable[[Rule], Rule]:  # fmt: skip
-    """Register a rule under its wording: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
-    pattern = re.escape(wording).replace(r"\ ", " ")
+def register(rules: Mapping[str, Rule], vanishes: bool = True, side: str = "", needs: tuple[tuple[str, str, str], ...] = (),
+             given: bool = False, drawn: bool = False) -> None:  # fmt: skip
+    """Register rules under their wordings: "axis {i} of {side}"; {side} is k or l, {i} 1 to 3, {name} a word, {...} any words."""
     kinds = {"side": "(k|l)", "i": r"([123])", "name": rf"(\w+(?:{WITH_COORDINATES})?)"}
-    pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), pattern)
-
-    def register(rule: Rule) -> Rule:
+    for wording, rule in rules.items():
+        plain = re.escape(wording).replace(r"\ ", " ")
+        pattern = re.sub(r"\\\{(\w+)\\\}", lambda m: kinds.get(m[1].rstrip("0123456789"), "(.+?)"), plain)
         PHRASES.append(Phrase(re.compile(pattern + "$"), rule, vanishes, side, wording, needs, given, drawn or given))
+
+
+def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
+    """`register` for one rule, as a decorator."""
+
+    def decorate(rule: Rule) -> Rule:
+        register(dict.fromkeys(wordings, rule), **how)
         return rule
 
-    return register
+    return decorate
 
 
 def random_number(wording: str) -> Rule:
     """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
-    return phrase(wording, vanishes=True, drawn=True)(lambda env: env.number(wording) + 0j)
+    return phrase(wording, drawn=True)(lambda env: env.number(wording) + 0j)
 
 
 def random_positive(wording: str) -> Rule:
     """The same with a positive number."""
-    return phrase(wording, drawn=True)(lambda env: env.positive(wording) + 0j)
+    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording) + 0j)
+
+
+def wordings() -> list[str]:
+    """The wordings a meaning may have; {side} is k or l, {i} a figure, the rest names or lists."""
+    return sorted(re.sub(r"\d+\}", "}", p.wording) for p in PHRASES)
 
 
 @dataclass(frozen=True)

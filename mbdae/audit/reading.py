@@ -21,12 +21,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.laws import Own
-from mbdae.audit.meaning import understand
 from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Reader, Statement
-from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller
-from mbdae.audit.rules_joints import unit_of_parameter
+from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller, understand
+from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.units import Unit, unit
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"
@@ -34,6 +34,7 @@ _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$",
 _LET = re.compile(r"let\s+([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r"=\s*(.+)$", re.S)
 _EQUATION = re.compile(r"([\w.]+)\s*(?:\((.*?)\))?\s*:\s*(.+)$")
 _CONSTANTS = {"I", "pi"}
+RULES = (rules_contact, rules_laws, rules_motion)  #: the modules whose import registers the phrases
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from mbdae.audit.motion import turned
 from mbdae.audit.notation import Node, Statement, is_zero
 from mbdae.audit.phrases import Env, Meaning
 from mbdae.audit.reading import Printed
-from mbdae.audit.rules_friction import energy_fed
-from mbdae.audit.rules_joints import names
+from mbdae.audit.rules_contact import energy_fed
+from mbdae.audit.rules_laws import names
 from mbdae.errors import MbdaeError
 
 HALF, SOME = np.pi, 0.4  #: turns by which other solutions are looked for, rad

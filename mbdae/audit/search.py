@@ -11,12 +11,11 @@ import numpy as np
 from mbdae.audit import notation
 from mbdae.audit.compare import SAME, States, compared, difference
 from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
-from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
-from mbdae.audit.notation import Node, Statement, symbol
+from mbdae.audit.notation import Node, Statement, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
-from mbdae.errors import MbdaeError
 
 COLUMNS = 12  #: vectors and matrices of which missing terms are made
 LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
@@ -86,22 +85,15 @@ class _Goal:
 
     def met(self, node: Node) -> bool:
         """Whether a formula has the values in all states."""
-        try:
-            with np.errstate(all="ignore"):
-                pairs = zip(self.envs, self.values, strict=True)
-                if notation.is_zero(node):
-                    return max(float(np.max(np.abs(v))) for v in self.values) < SAME
-                return node not in self.banned and all(difference(evaluate(node, e), v) < SAME for e, v in pairs)
-        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
-            return False
+        if notation.is_zero(node):
+            return max(float(np.max(np.abs(v))) for v in self.values) < SAME
+        found = ((attempt(node, e), v) for e, v in zip(self.envs, self.values, strict=True))
+        return node not in self.banned and all(a is not None and difference(a, v) < SAME for a, v in found)
 
     def sized(self, node: Node) -> bool:
         """Whether a formula has the size of the values."""
-        try:
-            with np.errstate(all="ignore"):
-                return np.shape(evaluate(node, self.envs[0])) == np.shape(self.values[0])
-        except (SizeError, MbdaeError, ArithmeticError, np.linalg.LinAlgError):
-            return False
+        found = attempt(node, self.envs[0])
+        return found is not None and np.shape(found) == np.shape(self.values[0])
 
     def rows(self, count: int) -> list[_Goal]:
         """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
@@ -220,25 +212,26 @@ def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Nod
     columns += [n for n in others if n.value not in numbers] if columns or np.shape(goal.values[0]) else []
     inside = [n for n in dict.fromkeys(node.walk()) if n != node and n.kind in ("product", "sum", "call")]
     lengths = [Node("call", "norm", (n,)) for n in (*used, *others)]
-    return Fit(goal.envs, [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]), columns[:COLUMNS]
+    pieces = [n for n in (*used, *inside, *others, *lengths) if n not in goal.banned]
+    return Fit(goal.envs, goal.values, pieces), columns[:COLUMNS]
 
 
 def lacking(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
     """The formula with a factor, a power or a function that is missing."""
     fit, _ = _fit(node, goal, candidates)
-    for piece, monomial, new in factors(node, goal.envs, goal.values, fit):
+    for piece, monomial, new in factors(node, fit):
         sign = monomial.c == -1 and not monomial.powers
         size = 1.0 if sign else 1.3 + 0.5 * len(monomial.powers) + 0.02 * (abs(monomial.c.numerator) + monomial.c.denominator)
         edit = Edit("sign of {}", (piece,)) if sign else Edit("the factor {} at {}", (monomial.times(), piece))
         yield replace(edit, size=size), new
-    for piece, wrap, new in wrapped(node):
+    for piece, wrap, new in wrapped(node, goal.envs[0]):
         yield Edit("{} -> {}", (piece, wrap), size=1.7), new
 
 
 def missing(node: Node, goal: _Goal, candidates: Candidates) -> Iterator[tuple[Edit, Node]]:
     """The formula with a term that is missing."""
     fit, vectors = _fit(node, goal, candidates)
-    for term, new in terms(node, goal.envs, goal.values, fit, vectors):
+    for term, new in terms(node, fit, vectors):
         yield Edit("the term {} more", (term,), size=sum(1 for _ in term.walk())), new
 
 
@@ -291,8 +284,8 @@ def _range(what: str, first: int, last: int) -> str:
 def _terms(name: str, scope: Scope, env: Env) -> Iterator[Node]:
     """Terms linear in a vector: itself, its product with a vector, both transposed, both signs."""
     r = symbol(name)
-    crossed = [Node("product", None, (Node("cross", None, (symbol(other),)), r)) for other in scope.symbols
+    crossed = [made("product", made("cross", symbol(other)), r) for other in scope.symbols
                if np.shape(env.value(other)) == (3, 1)]  # fmt: skip
     for term in [r, *crossed]:
-        for shown in (term, Node("transposed", None, (term,))):
-            yield from (shown, Node("neg", None, (shown,)))
+        for shown in (term, made("transposed", term)):
+            yield from (shown, made("neg", shown))

@@ -27,7 +27,7 @@ from mbdae.audit.notation import is_zero
 from mbdae.audit.phrases import Definition, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
-from mbdae.audit.rules_joints import UnlistedError
+from mbdae.audit.rules_laws import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
 from mbdae.audit.symbolic import identical
 from mbdae.errors import MbdaeError
