@@ -9,12 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from mbdae.audit import notation
-from mbdae.audit.evaluate import SizeError, Value, evaluate
+from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate, infinite
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import Printed
-from mbdae.errors import MbdaeError
 
 SAME = 1e-9  #: relative difference below which two sides are the same
 STATES = 4  #: random states of every kind
@@ -76,12 +75,8 @@ class States:
 
 
 def _fits(statement: Statement, states: States) -> bool:
-    env = states.free[0]
-    try:
-        sizes = {np.shape(evaluate(s, env)) for s in statement.sides if not notation.is_zero(s)}
-    except (SizeError, MbdaeError):
-        return False
-    return len(sizes) == 1
+    values = [attempt(s, states.free[0]) for s in statement.sides if not notation.is_zero(s)]
+    return all(v is not None for v in values) and len({np.shape(v) for v in values}) == 1
 
 
 def difference(a: Value, b: Value) -> float:
@@ -114,8 +109,9 @@ class Compared:
 def _values(sides: Sequence[Node], env: Env) -> list[Value]:
     with np.errstate(all="ignore"):
         found = [evaluate(side, env) for side in sides]
-    if any(not np.all(np.isfinite(np.asarray(v, dtype=complex))) for v in found):
-        raise SizeError("not finite in a random state")
+    for side, value in zip(sides, found, strict=True):
+        if not np.all(np.isfinite(np.asarray(value, dtype=complex))):
+            raise SizeError(f"{infinite(side, env) or side} is not finite in a random state of motion")
     return found
 
 

@@ -126,7 +126,7 @@ def _in_sum(node: Node) -> Iterator[Edited]:
     parts = node.parts
     for i, term in enumerate(parts):
         yield Edit("sign of {}", (bare(term),), size=1), node.with_parts((*parts[:i], negated(term), *parts[i + 1 :]))
-        yield Edit("without the term {}", (term,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("without the term {}", (term,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
     for i, term in enumerate(parts):  # a (b) + c -> a (b + c)
         if term.kind == "product" and len(parts) > 1:
             for cut in range(1, len(term.parts)):
@@ -139,7 +139,7 @@ def _in_product(node: Node) -> Iterator[Edited]:
     parts = node.parts
     yield Edit("sign of {}", (node,), size=1), negated(node)
     for i, factor in enumerate(parts):
-        yield Edit("without the factor {}", (factor,), resizes=True), node.with_parts((*parts[:i], *parts[i + 1 :]))
+        yield Edit("without the factor {}", (factor,), resizes=True, size=1.8), node.with_parts((*parts[:i], *parts[i + 1 :]))
         if factor.kind == "sum" and len(parts) > 1:  # a (b + c) -> a b + c
             head = node.with_parts((*parts[:i], factor.parts[0], *parts[i + 1 :]))
             yield Edit("no bracket around {}", (factor,), resizes=True), made("sum", head, *factor.parts[1:])

@@ -23,6 +23,8 @@ UNKNOWN = symbol("@")
 _ONE = number(1)
 EXACT = 1e-7  #: of fitted exponents and logarithms
 MANY = 6_000  #: products of vectors and matrices that are tried as terms
+LARGE = 64  #: product of numerator and denominator of a number that is missing as a factor
+LONG = 6  #: pieces of a combination of the formula that is missing as a factor
 MOST = 30  #: quantities among which powers are sought
 Rebuilt = Callable[[Node], Node]
 Place = tuple[Node, Rebuilt, tuple[Node, ...]]
@@ -86,7 +88,7 @@ class Fit:
     @cached_property
     def _scalars(self) -> list[tuple[Node, Any]]:
         found: list[tuple[Node, Any]] = []
-        for piece in self.pieces:
+        for piece in (p for p in self.pieces if sum(1 for _ in p.walk()) <= LONG):
             values = [attempt(piece, env) for env in self.envs]
             if all(v is not None and np.ndim(v) == 0 and np.isfinite(v) and abs(v) > 1e-9 for v in values):
                 v = np.real(np.array(values, dtype=complex))
@@ -133,7 +135,7 @@ class Fit:
     def _of(self, r: Any, some: Sequence[tuple[Node, Any]], x: Any) -> Monomial | None:
         powers = [Fraction(round(2 * p), 2) for p in x[1:]]
         c = Fraction(float(np.exp(x[0]))).limit_denominator(48)
-        exact = all(abs(p - f) < EXACT and f for p, f in zip(x[1:], powers, strict=True)) and c.numerator <= 64
+        exact = all(abs(p - f) < EXACT and f for p, f in zip(x[1:], powers, strict=True)) and c.numerator * c.denominator <= LARGE
         if not exact or abs(float(c) - np.exp(x[0])) > EXACT * float(c):
             return None
         signs = np.prod([np.sign(v) ** int(p) if p.denominator == 1 else np.where(v > 0, 1.0, np.nan)
@@ -206,8 +208,8 @@ def terms(node: Node, fit: Fit, vectors: Sequence[Node]) -> Iterator[tuple[Node,
         for shape in _shapes(np.shape(base), vectors, fit.envs[0], longest) if base is not None else ():
             term = UNKNOWN if shape == _ONE else made("product", UNKNOWN, shape)
             found = fit.lacking(rebuilt(made("sum", *inside, term)))
-            if found is not None:
-                more = found.times(shape)
+            more = found.times(shape) if found is not None else None
+            if more is not None and negated(more) not in (piece, *inside):
                 yield more, rebuilt(made("sum", *inside, more))
 
 

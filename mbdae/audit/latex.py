@@ -13,7 +13,7 @@ _LETTERS = {name: "\\" + name for name in GREEK} | {"phi": r"\varphi", "w": r"\o
 _WORDS = "|".join(sorted(GREEK, key=len, reverse=True))
 _NAME = re.compile(
     rf"(?P<change>delta(?=.)|d(?=(?:{_WORDS})|[wW]))?(?P<letter>{_WORDS}|[A-Za-z])(?P<bar>bar)?"
-    r"(?P<figure>\d*)(?P<index>phi|[a-z]*?)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?_*$"
+    r"(?P<figure>\d*)(?P<index>phi|[a-z]*?)(?P<last>\d*)(?P<body>k|l)?(?P<dots>ddot|dot)?$"
 )
 _SIGNS = {"delta": r"\delta", "rate": r"\frac{d}{dt}", "slope": r"\frac{d}{ds}"}
 #: functions by their arguments in LaTeX; the others stand as names before brackets
@@ -34,6 +34,7 @@ def name(text: str, letters: Letters = _NONE, transposed: bool = False, tilde: b
         return f"{{{inner}}}{mark}" if mark else inner
     if text == "pi":
         return r"\pi"
+    text = text.replace("_", r"\_")
     if match is None or text == "I":
         return (rf"\tilde{{{text}}}" if tilde else text if text == "I" else rf"\mathrm{{{text}}}") + mark
     body, index = match["body"] or "", match["index"]

@@ -136,8 +136,12 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
     def rule(env: Env) -> Value:
         if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
             raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
-        found = compute(*(env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names))
-        return np.asarray(found) + 0j if np.ndim(found) else complex(found)
+        values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
+        try:
+            found = compute(*values)
+            return np.asarray(found) + 0j if np.ndim(found) else complex(found)
+        except (TypeError, ValueError, NameError, AttributeError) as error:
+            raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
 
     return Meaning(text, units, _special(rule, text), (), letter)
 
@@ -288,10 +292,10 @@ class Env:
         if name in self.names:
             return replace(self, names={**self.names, name: self.names[name] + amount})
         if self.shift is not None:
-            raise SizeError("diff of a diff")
+            raise SizeError("a derivative by a symbol inside of another one")
         meaning = self._meaning(name)
         if isinstance(meaning, Definition):
-            raise SizeError(f"diff by '{name}', which is defined by others")
+            raise SizeError(f"a derivative by '{name}', which is defined by others")
         factors = 1.0 if self.scale is None else scaled(meaning.units, self.plain.value(name), self.scale)
         size = float(np.real(np.ravel(factors)[0]))
         return replace(self, shift=(meaning.text, entry, amount / size), store=self._inner(name, entry, amount))

@@ -16,6 +16,7 @@ A line that cannot be read spoils itself and what needs it: it becomes an equati
 
 from __future__ import annotations
 
+import html
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from mbdae.audit.notation import AuditError, Node, Reader, Statement
 from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.audit.units import Unit, unit
+from mbdae.documents.mathml import FormulaError, inline
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"
 _SYMBOL = re.compile(r"([^\W\d]\w*)\s*\[([^\]]*)\]\s*" + _LETTER + r":\s*(.+)$", re.S)
@@ -89,6 +91,7 @@ class _File:
         self.symbols: dict[str, Meaning] = {}
         self.before: dict[str, str] = {}
         self.unread: dict[str, str] = {}  #: why a symbol has no meaning
+        self.places: dict[str, int] = {}  #: the line of every number
         self.printed: dict[str, tuple[Statement, ...]] = {}
         self.section, self.states, self.only, self.sides, self.doubt = "", "free", False, "", ""
         self.in_claims = False
@@ -172,6 +175,8 @@ class _File:
     def _symbol(self, at: int, name: str, units: str, letter: str | None, meaning: str, defined: bool = False) -> None:
         old = self.symbols.pop(name, None)
         try:
+            if letter is not None and not _prints(letter):
+                raise AuditError(f"line {at}: '${letter}$' prints nothing or is no TeX: say how the text prints {name}")
             known = () if defined and units.strip() == "?" else tuple(unit(u, at) for u in units.split(","))
             words = " ".join(meaning.split())
             self.symbols[name] = self._defined(at, name, words, known, letter or "") if defined else (
@@ -202,6 +207,8 @@ class _File:
         match = re.match(r"(\w+)\s*:\s*(\d+)\s*=\s*(.+)$", line)
         if match is None:
             raise AuditError(f"line {at}: '{line}' is no claim: write `NAME: NUMBER = WORDS`")
+        if match[1] in {c.name for c in self.found.claims}:
+            raise AuditError(f"line {at}: a claim above has the name {match[1]} too: give each a name of its own")
         self.found.claims.append(Claimed(match[1], int(match[2]), match[3]))
 
     def _scope(self) -> Scope:
@@ -213,6 +220,9 @@ class _File:
             raise AuditError(f"{line}: the symbol '{name}' has no meaning: {why} (in '{where}')")
 
     def _equation(self, at: int, line: str, match: re.Match[str]) -> None:
+        first = self.places.setdefault(match[1], at)
+        if first != at:
+            raise AuditError(f"line {at}: the equation in line {first} is {match[1]} too: give each a number of its own")
         said = understand(match[2], (), at) if match[2] else None
         statements = tuple(Reader(text, at + shift).statement() for shift, text in _statements(line[match.start(3) :]))
         scope = self._scope()
@@ -224,6 +234,14 @@ class _File:
 
     def _add(self, equation: Printed) -> None:
         self.found.equations.append(equation)
+
+
+def _prints(letter: str) -> bool:
+    """Whether a letter in TeX shows something."""
+    try:
+        return bool(re.sub(r"<[^>]*>|\s", "", html.unescape(inline(letter))))
+    except FormulaError:
+        return False
 
 
 def _statements(body: str) -> list[tuple[int, str]]:

@@ -10,10 +10,11 @@ import numpy as np
 
 from mbdae.audit import notation
 from mbdae.audit.compare import SAME, States, compared, difference
+from mbdae.audit.dimensions import faults, powers
 from mbdae.audit.edits import Candidates, Edit, applied, edits, everywhere, supplements
 from mbdae.audit.evaluate import SizeError, Value, attempt, evaluate
 from mbdae.audit.fits import Fit, factors, terms, wrapped
-from mbdae.audit.notation import Node, Statement, made, symbol
+from mbdae.audit.notation import BINDING, Node, Statement, made, symbol
 from mbdae.audit.phrases import Env, Scope
 from mbdae.audit.reading import Printed
 
@@ -95,6 +96,21 @@ class _Goal:
         found = attempt(node, self.envs[0])
         return found is not None and np.shape(found) == np.shape(self.values[0])
 
+    def mended(self, node: Node, new: Node) -> bool:
+        """Whether a changed formula that has the values is one that can have been meant.
+
+        That is one whose sums have units where those of the formula have them, and in which nothing new is idle."""
+        if self._idle(new) - self._idle(node):
+            return False
+        return powers(new, self.envs[:2]) is not None or powers(node, self.envs[:2]) is None
+
+    def _idle(self, node: Node) -> set[Node]:
+        """Functions with the same value in all states, as derivatives of constants have, and inner sums that are 0."""
+        values = {n: [attempt(n, e) for e in self.envs] for n in node.walk()
+                  if (n.kind == "call" and n.value not in BINDING) or (n.kind == "sum" and n is not node)}  # fmt: skip
+        return {n for n, found in values.items() if all(v is not None and difference(v, found[0] * (n.kind == "call")) < SAME
+                                                        for v in found if found[0] is not None)}  # fmt: skip
+
     def rows(self, count: int) -> list[_Goal]:
         """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
         shape = np.shape(self.values[0])
@@ -121,7 +137,7 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
         found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known, level)
         if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
-            if compared(tried, states).same:
+            if compared(tried, states).same and not (faults(tried, states.free[:2]) and not faults(statement, states.free[:2])):
                 best = tried, found[1]
     return best
 
@@ -184,23 +200,21 @@ def _node(node: Node, goal: _Goal, candidates: Candidates, known: Sequence[Edit]
     for edit, new in edits(node, candidates):
         if new != node:
             once.setdefault(new, edit)
-    plain = _smallest(((e, n) for n, e in once.items()), goal)
+    plain = _smallest(node, ((e, n) for n, e in once.items()), goal)
     if level == 0 or (plain is not None and plain[1][0].size <= PLAIN):
         return plain if plain is not None and plain[1][0].size <= PLAIN else None
-    found = (_smallest(chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
-             or _smallest(missing(node, goal, candidates), goal))  # fmt: skip
+    found = (_smallest(node, chain(((plain[1][0], plain[0]),) if plain else (), lacking(node, goal, candidates)), goal)
+             or _smallest(node, missing(node, goal, candidates), goal))  # fmt: skip
     if found or level == 1:
         return found
-    return _twice(node, once, goal, candidates) or _smallest(supplements(node, candidates), goal)
+    return _twice(node, once, goal, candidates) or _smallest(node, supplements(node, candidates), goal)
 
 
-def _smallest(tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
-    """The smallest of the changes after which a formula meets its goal."""
+def _smallest(node: Node, tried: Iterator[tuple[Edit, Node]], goal: _Goal) -> Changed | None:
+    """The smallest of the changes of a formula after which it meets its goal."""
     found = [(edit, new) for edit, new in tried if goal.met(new)]
-    if not found:
-        return None
-    edit, new = min(found, key=lambda pair: pair[0].size)
-    return new, [edit]
+    best = next(((new, edit) for edit, new in sorted(found, key=lambda pair: pair[0].size) if goal.mended(node, new)), None)
+    return None if best is None else (best[0], [best[1]])
 
 
 def _fit(node: Node, goal: _Goal, candidates: Candidates) -> tuple[Fit, list[Node]]:
@@ -251,7 +265,7 @@ def _twice(node: Node, once: dict[Node, Edit], goal: _Goal, candidates: Candidat
                 tried.add(new)
                 if len(tried) > LARGEST:
                     return None
-                if goal.met(new):
+                if goal.met(new) and goal.mended(node, new):
                     return new, [once[first], edit]
     return None
 

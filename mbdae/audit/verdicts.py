@@ -15,22 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared
 from mbdae.audit.dimensions import faults, of_definitions
-from mbdae.audit.evaluate import SizeError, evaluate
+from mbdae.audit.evaluate import NO_VALUE, attempt, reason
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import is_zero
-from mbdae.audit.phrases import Definition, Scope
+from mbdae.audit.notation import Node, Statement, is_zero
+from mbdae.audit.phrases import Definition, Env, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_laws import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
 from mbdae.audit.symbolic import identical
-from mbdae.errors import MbdaeError
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
@@ -96,8 +94,8 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
             return _cannot(equation, wrong[0]) if wrong else _beside_others(_verdict(equation, states, search), states)
-    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError) as error:
-        return _cannot(equation, str(error))
+    except NO_VALUE as error:
+        return _cannot(equation, reason(error, meanings(equation)))
 
 
 def _beside_others(row: Row, states: States) -> Row:
@@ -120,8 +118,8 @@ def _unlisted(equation: Printed, states: States) -> str:
                 meaning.value(replace(env, complete=True, store={}))
     except UnlistedError as error:
         return str(error)
-    except (MbdaeError, SizeError, ArithmeticError, np.linalg.LinAlgError):
-        return ""
+    except NO_VALUE:
+        pass
     return ""
 
 
@@ -228,7 +226,7 @@ def _given_numbers(names: Iterable[str], scope: Scope) -> set[str]:
     return {n for n, m in known.items() if m.phrase.given and m.text.removesuffix(f" {n}") in ("number", "positive number")}
 
 
-def _defined_by(statement: Any, scope: Scope) -> list[str]:
+def _defined_by(statement: Statement, scope: Scope) -> list[str]:
     """Numbers of the text that stand alone on one side and appear on no other."""
     out = []
     for i, side in enumerate(statement.sides):
@@ -289,12 +287,9 @@ def _undefined_at(equation: Printed, states: States) -> str:
     return ""
 
 
-def _finite(side: Any, env: Any) -> bool:
-    try:
-        with np.errstate(all="ignore"):
-            return bool(np.all(np.isfinite(evaluate(side, env))))
-    except (SizeError, ZeroDivisionError):
-        return False
+def _finite(side: Node, env: Env) -> bool:
+    value = attempt(side, env)
+    return value is not None and bool(np.all(np.isfinite(value)))
 
 
 def _of_group(row: Row, rows: list[Row]) -> Row:
