@@ -19,11 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbdae.audit.compare import SAME, Compared, States, compared
-from mbdae.audit.dimensions import faults, of_definitions
+from mbdae.audit.dimensions import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, attempt, reason
 from mbdae.audit.motion import Motion
 from mbdae.audit.notation import Node, Statement, is_zero
-from mbdae.audit.phrases import Definition, Env, Scope
+from mbdae.audit.phrases import Definition, Env, Meaning, Scope
 from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_laws import UnlistedError
@@ -93,6 +93,7 @@ def audit_equation(equation: Printed, shared: dict[tuple[str, int], Motion] | No
         with np.errstate(all="ignore"):
             states = states.fitting()
             wrong = [fault for s in equation.statements for fault in of_definitions(s, states.free[:2])]
+            wrong += of_laws(_named(equation), equation.scope.own)
             return _cannot(equation, wrong[0]) if wrong else _beside_others(_verdict(equation, states, search), states)
     except NO_VALUE as error:
         return _cannot(equation, reason(error, meanings(equation)))
@@ -110,17 +111,26 @@ def _beside_others(row: Row, states: States) -> Row:
 
 def _unlisted(equation: Printed, states: States) -> str:
     """A force that acts where the text lists none; empty where there is none."""
-    used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(_used(equation)))]
-    meanings = [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
     try:
         for env in (*states.free, *states.joint):
-            for meaning in meanings:
+            for meaning in _meanings(equation):
                 meaning.value(replace(env, complete=True, store={}))
     except UnlistedError as error:
         return str(error)
     except NO_VALUE:
         pass
     return ""
+
+
+def _meanings(equation: Printed) -> list[Meaning]:
+    """The meanings that the formulas need, without definitions of the text."""
+    used = [equation.scope.symbols[n] for n in sorted(equation.scope.reached(_used(equation)))]
+    return [m for m in [*used, equation.quantity] if m is not None and not isinstance(m, Definition)]
+
+
+def _named(equation: Printed) -> set[str]:
+    """Words of the meanings, among them the names of laws."""
+    return {word for m in _meanings(equation) for word in m.words if isinstance(word, str)}
 
 
 def _cannot(equation: Printed, why: str) -> Row:
