@@ -14,9 +14,8 @@ from mbdae.audit import notation
 from mbdae.audit.evaluate import SizeError, evaluate, expression_value, size
 from mbdae.audit.laws import LawState, Own, derived, part_class
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import Node, Statement
+from mbdae.audit.notation import BASIC, Node, Statement, Unit, unit
 from mbdae.audit.phrases import Definition, Env
-from mbdae.audit.units import BASIC, Unit, unit
 from mbdae.errors import MbdaeError
 
 FACTOR = 1.25  #: by which a basic unit changes its size
@@ -50,7 +49,7 @@ def faults(statement: Statement, envs: Sequence[Env]) -> list[str]:
         if len(sizes) > 1:
             return [f"sizes do not fit: {' = '.join(sizes)}"]
     except SizeError as error:
-        return [f"sizes do not fit: {error}"]
+        return [str(error)]
     known = []
     for side, p in found:
         if p is None:

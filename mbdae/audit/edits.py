@@ -55,7 +55,7 @@ class Candidates:
     def __init__(self, scope: Scope, env: Env) -> None:
         self.scope, self.env = scope, env
         self.sizes: dict[str, tuple[int, ...]] = {}
-        self.any_size = False  #: whether symbols of another size may replace one
+        self.any_size = self.any_unit = False  #: whether symbols of another size, or unit, may replace one
 
     def _size(self, name: str) -> tuple[int, ...]:
         if name not in self.sizes:
@@ -63,19 +63,16 @@ class Candidates:
             self.sizes[name] = (0,) if value is None else np.shape(value)
         return self.sizes[name]
 
-    def of(self, name: str) -> Iterator[str]:
-        """Names that may replace `name`."""
+    def of(self, name: str) -> Iterator[tuple[str, float]]:
+        """Names that may replace `name`, and how far that goes: least with the same letter, most with another unit."""
         if name not in self.scope.symbols:
             return
         stem, dots = _dots(name)
-        units = self.scope.symbols[name].units
-        for other in self.scope.symbols:
-            if other != name:
-                near = _dots(other)
-                family = near[0] == stem and near[1] != dots
-                if (family or self.scope.symbols[other].units == units) and (
-                        self.any_size or self._size(other) == self._size(name)):
-                    yield other
+        for other in (n for n in self.scope.symbols if n != name):
+            near = _dots(other)
+            alike = (near[0] == stem and near[1] != dots) or self.scope.symbols[name].units == self.scope.symbols[other].units
+            if (alike or self.any_unit) and (self.any_size or self._size(other) == self._size(name)):
+                yield other, (1.2 if name[0] == other[0] else 1.6) + 0.3 * (not alike)
 
     def known(self) -> list[str]:
         """Symbols that have a value in this state."""
@@ -108,8 +105,8 @@ def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
     """Changes of one node."""
     kind, parts = node.kind, node.parts
     if kind == "symbol":
-        for other in candidates.of(node.value):
-            yield Edit("{} -> {}", (node, other), size=1.2 if node.value[0] == other[0] else 1.6), symbol(other)
+        for other, size in candidates.of(node.value):
+            yield Edit("{} -> {}", (node, other), size=size), symbol(other)
     if kind in ("cross", "transposed", "power"):
         yield Edit("{} -> {}", (node, parts[0]), resizes=True, size=1.4), parts[0]
     if kind == "neg":
@@ -166,7 +163,7 @@ def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
             continue
         news = [piece.parts[0]] if piece.kind in ("cross", "transposed") else []
         if piece.kind == "symbol":
-            news = [symbol(other) for other in candidates.of(piece.value)]
+            news = [symbol(other) for other, _ in candidates.of(piece.value)]
         for new in news:
             edit = Edit("{} -> {} everywhere", (piece, new), ((piece, new),), piece.kind != "symbol")
             yield edit, node.replaced({piece: new})
@@ -177,7 +174,7 @@ def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
     names = sorted(node.symbols())
     for i, a in enumerate(names):
         for b in names[i + 1 :]:
-            if b in set(candidates.of(a)):
+            if b in dict(candidates.of(a)):
                 table = {symbol(a): symbol(b), symbol(b): symbol(a)}
                 yield Edit("{} and {} exchanged", (a, b), tuple(table.items())), node.replaced(table)
 

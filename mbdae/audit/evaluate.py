@@ -122,7 +122,7 @@ def infinite(node: Node, at: Source) -> Node | None:
     return inner or (node if value is not None and not np.all(np.isfinite(np.asarray(value, dtype=complex))) else None)
 
 
-def attempt(node: Node, at: Source) -> Value | None:
+def attempt(node: Node, at: Source) -> Any:
     """The value of a formula; None where it has none."""
     try:
         with np.errstate(all="ignore"):

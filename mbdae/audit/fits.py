@@ -35,8 +35,11 @@ def places(node: Node, rebuilt: Rebuilt = lambda new: new, around: tuple[Node, .
     yield node, rebuilt, around
     for i, part in enumerate(node.parts):
         if not (node.kind == "call" and i == 1 and node.value in BINDING):  # a name of its own
-            yield from places(part, lambda new, i=i: rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :]))),
-                              (node, *around))  # fmt: skip
+
+            def outer(new: Node, i: int = i) -> Node:
+                return rebuilt(node.with_parts((*node.parts[:i], new, *node.parts[i + 1 :])))
+
+            yield from places(part, outer, (node, *around))
 
 
 def _ratio(value: Fraction) -> list[Node]:

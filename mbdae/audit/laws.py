@@ -125,7 +125,7 @@ class LawState:
         return np.zeros((3, 1)) + 0j if pair is None else self.vector(pair[part == "turn"])
 
 
-def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> Any:
+def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: bool = True) -> LawState:
     """The contact of a pin in its race; radii outer, inner; sides: the bodies of race and pin; rubbing: with friction."""
 
     def made() -> LawState:

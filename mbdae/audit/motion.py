@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -22,6 +22,7 @@ from mbdae.symbolic.functions import complex_atan2
 _E3 = np.array([[0.0], [0.0], [1.0]])
 #: independent vectors of each body: position, velocity, acceleration, angular velocity, angular acceleration
 VECTORS = ("x", "v", "a", "w", "alpha")
+T = TypeVar("T")
 _TERMS = 24  #: of the series of a rotation
 
 
@@ -129,11 +130,12 @@ class Motion:
         other.absent, other.memory = self.absent | {name}, {}
         return other
 
-    def once(self, key: Any, compute: Callable[[], Any]) -> Any:
+    def once(self, key: Any, compute: Callable[[], T]) -> T:
         """What belongs to this state, computed when it is first asked for."""
         if key not in self.memory:
             self.memory[key] = compute()
-        return self.memory[key]
+        found: T = self.memory[key]
+        return found
 
     # -- quantities of motion
 

@@ -19,8 +19,7 @@ import sympy
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
 from mbdae.audit.motion import Motion
-from mbdae.audit.notation import AuditError, Node, Statement
-from mbdae.audit.units import Unit, unit
+from mbdae.audit.notation import AuditError, Node, Statement, Unit, unit
 
 Rule = Callable[..., Value]
 PARAMETER = re.compile(r"parameter (\w+) of (.+)$")  #: of a law, as a text declares it
@@ -65,12 +64,12 @@ def phrase(*wordings: str, **how: Any) -> Callable[[Rule], Rule]:
 
 def random_number(wording: str) -> Rule:
     """Register a quantity that the text gives, in every state a random number of either sign; returns its rule."""
-    return phrase(wording, drawn=True)(lambda env: env.number(wording) + 0j)
+    return phrase(wording, drawn=True)(lambda env: env.number(wording))
 
 
 def random_positive(wording: str) -> Rule:
     """The same with a positive number."""
-    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording) + 0j)
+    return phrase(wording, vanishes=False, drawn=True)(lambda env: env.positive(wording))
 
 
 def wordings() -> list[str]:
@@ -104,8 +103,7 @@ def understand(text: str, units: tuple[Unit, ...], line: int = 0, name: str = ""
                      "from mbdae.audit import wordings; wordings()")  # fmt: skip
 
 
-def _special(rule: Rule, text: str) -> Phrase:
-    return Phrase(re.compile(""), rule, True, "", text)
+OWN = Phrase(re.compile(""), lambda env: None, True, "", "")  #: of a meaning that the text or its reader gives
 
 
 @dataclass(frozen=True)
@@ -114,11 +112,6 @@ class Definition(Meaning):
 
     node: Any = None
     scope: Any = None
-
-    @classmethod
-    def of(cls, text: str, units: tuple[Unit, ...], node: Node, scope: Scope, letter: str = "") -> Definition:
-        """The definition of a symbol by a formula in the symbols of a scope."""
-        return cls(text, units, _special(lambda env: None, text), (), letter, node, scope)
 
 
 def is_expression(e: Any) -> bool:
@@ -143,7 +136,7 @@ def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "
         except (TypeError, ValueError, NameError, AttributeError) as error:
             raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
 
-    return Meaning(text, units, _special(rule, text), (), letter)
+    return Meaning(text, units, replace(OWN, rule=rule), (), letter)
 
 
 @dataclass(frozen=True)
@@ -215,16 +208,13 @@ class Env:
 
     def kept(self, node: Node, compute: Callable[[], Value]) -> Value:
         """The value of a piece of a formula, computed once."""
-        if self.names:
-            return compute()
-        if node not in self.store:
+        if not self.names and node not in self.store:
             self.store[node] = compute()
-        return self.store[node]
+        return compute() if self.names else self.store[node]
 
-    def _inner(self, *key: Any) -> dict[Any, Any]:
+    def _inner(self, *key: Any) -> Any:
         """The store of a state that is reached from this one."""
-        found: dict[Any, Any] = self.store.setdefault(key, {})
-        return found
+        return self.store.setdefault(key, {})
 
     def _value(self, name: str) -> Value:
         if name == "I":
@@ -320,14 +310,11 @@ class Env:
 
     def number(self, key: str) -> Value:
         """A random number of either sign, the same for the same wording."""
-        return self.motion.number(key) + self._shift(key)
+        return self.drawn(key, self.motion.number)
 
     def positive(self, key: str) -> Value:
         """A random positive number, the same for the same wording."""
-        return self.motion.positive(key) + self._shift(key)
-
-    def _shift(self, key: str) -> Value:
-        return self.shift[2] if self.shift is not None and self.shift[0] == key else 0.0
+        return self.drawn(key, self.motion.positive)
 
     def parameters(self, of: str) -> frozenset[str]:
         """The parameters of a law that the text declares."""

@@ -25,10 +25,9 @@ from typing import Any
 from mbdae.audit import rules_contact, rules_laws, rules_motion
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
-from mbdae.audit.notation import AuditError, Node, Reader, Statement
-from mbdae.audit.phrases import PARAMETER, Definition, Meaning, Scope, stated_by_caller, understand
+from mbdae.audit.notation import AuditError, Node, Reader, Statement, Unit, unit
+from mbdae.audit.phrases import OWN, PARAMETER, Definition, Meaning, Scope, stated_by_caller, understand
 from mbdae.audit.rules_laws import unit_of_parameter
-from mbdae.audit.units import Unit, unit
 from mbdae.documents.mathml import FormulaError, inline
 
 _LETTER = r"(?:\$([^$]*)\$\s*)?"
@@ -201,7 +200,7 @@ class _File:
         node = Reader(words, at).expression()
         scope = self._scope()
         self._known(node, f"line {at}", node.symbols(), scope)
-        return Definition.of(f"defined as {node}", units, node, scope, letter)
+        return Definition(f"defined as {node}", units, OWN, (), letter, node, scope)
 
     def _claim(self, at: int, line: str) -> None:
         match = re.match(r"(\w+)\s*:\s*(\d+)\s*=\s*(.+)$", line)

@@ -193,7 +193,7 @@ def potential(env: Env, name: str) -> Value:
 
 @phrase("rate of penetration")
 def _penetration_rate(env: Env) -> Value:
-    return 0.5 * env.number("rate of penetration") + 0j
+    return 0.5 * env.number("rate of penetration")
 
 
 @phrase("elastic force of {name}", vanishes=False)

@@ -28,7 +28,7 @@ _ZERO = ("rest",)  #: parameters that are zero where the text does not declare t
 PARTS = ("move k", "turn k", "move l", "turn l")
 
 
-def law(env: Env, name: str) -> Any:
+def law(env: Env, name: str) -> LawState:
     """A law in the state of env; where the bodies are joined, a prescribed angle is the relative angle of the state."""
     cls = law_class(name, env.scope.own)
     if cls is None:
@@ -85,7 +85,7 @@ def _parameter(env: Env, parameter: str, of: str) -> Value:
     cls = part_class(of, env.scope.own)
     if cls is not None and issubclass(cls, Friction):
         return friction_parameter(env, parameter)
-    return env.positive(f"parameter {parameter}") + 0j
+    return env.positive(f"parameter {parameter}")
 
 
 def unit_of_parameter(parameter: str, of: str, own: Own) -> str:
@@ -189,7 +189,7 @@ def _line(cls: Any) -> tuple[LineDerived, Any]:
 
 def _numbers(env: Env, of: str, stated: Callable[[LineDerived, Any], dict[str, Any]], wanted: str) -> Value:
     """Values of some of the quantities that a law on a line states at the point of the section."""
-    cls = law_class(of, env.scope.own)
+    cls: Any = law_class(of, env.scope.own)
     if cls is None or not issubclass(cls, LineLaw):
         raise AuditError(f"there is no law on a line '{of}'; give your own class with audit(..., laws=...)")
     line, stated_law = _line(cls)

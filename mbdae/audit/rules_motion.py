@@ -50,9 +50,9 @@ QUANTITIES: dict[str, Rule] = {
 }  # fmt: skip
 #: quantities that the text alone gives, by the name of their symbol
 GIVEN: dict[str, Rule] = {
-    "number": lambda env, name: env.number(f"number {name}") + 0j,
-    "positive number": lambda env, name: env.positive(f"positive number {name}") + 0j,
-    "angle": lambda env, name: env.number(f"angle {name}") + 0j,
+    "number": lambda env, name: env.number(f"number {name}"),
+    "positive number": lambda env, name: env.positive(f"positive number {name}"),
+    "angle": lambda env, name: env.number(f"angle {name}"),
     "vector": lambda env, name: env.drawn(f"vector {name}", env.motion.vector),
     "matrix": lambda env, name: env.drawn(f"matrix {name}", env.motion.matrix),
     "symmetric matrix": lambda env, name: env.motion.matrix(f"symmetric matrix {name}", symmetric=True) + 0j,

@@ -21,6 +21,7 @@ from mbdae.audit.reading import Printed
 COLUMNS = 12  #: vectors and matrices of which missing terms are made
 LEVELS = (0, 1, 2)  #: of the search: small changes; factors and terms that are missing; two changes
 PLAIN = 1.6  #: size of a change beside which no factor is looked for that would do the same
+NEAR = 1.85  #: size of a change beside which no bare symbol is changed where units do not fit
 LARGEST = 20_000  #: formulas tried for one place with two changes
 
 
@@ -106,10 +107,13 @@ class _Goal:
 
     def _idle(self, node: Node) -> set[Node]:
         """Functions with the same value in all states, as derivatives of constants have, and inner sums that are 0."""
-        values = {n: [attempt(n, e) for e in self.envs] for n in node.walk()
-                  if (n.kind == "call" and n.value not in BINDING) or (n.kind == "sum" and n is not node)}  # fmt: skip
-        return {n for n, found in values.items() if all(v is not None and difference(v, found[0] * (n.kind == "call")) < SAME
-                                                        for v in found if found[0] is not None)}  # fmt: skip
+        return {n for n in node.walk() if (n.kind == "call" and n.value not in BINDING and self._same(n, 1))
+                or (n.kind == "sum" and n is not node and self._same(n, 0))}  # fmt: skip
+
+    def _same(self, node: Node, factor: int) -> bool:
+        """Whether a formula has in all states the value of the first one, or 0."""
+        values = [attempt(node, e) for e in self.envs]
+        return all(v is not None and values[0] is not None and difference(v, factor * values[0]) < SAME for v in values)
 
     def rows(self, count: int) -> list[_Goal]:
         """The goals of the rows of a column of `count` equal blocks; none where the values are no such column."""
@@ -130,14 +134,18 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
     """The smallest repair on one level."""
     best: Found | None = None
     envs: Sequence[Env] = ()
+    misfit = bool(faults(statement, states.free[:2]))
     for i, goal in _places(statement, states):
-        if best is not None and (_extent(best[1]) <= (1, PLAIN) or statement.sides[i].kind == "symbol" or goal.envs is not envs):
-            break  # a repair was found: no bare symbol is replaced, and no states of the joint are tried
+        least = (1, PLAIN) if statement.sides[i].kind != "symbol" else (1, NEAR) if misfit else (3, 0)
+        if best is not None and (_extent(best[1]) <= least or goal.envs is not envs):
+            break  # a repair was found: a bare symbol is changed only instead of a far one, and no states of the joint are tried
         envs = goal.envs
-        found = _side(statement.sides[i], goal, Candidates(states.equation.scope, goal.envs[0]), known, level)
+        candidates = Candidates(states.equation.scope, goal.envs[0])
+        candidates.any_unit = misfit and level == 1
+        found = _side(statement.sides[i], goal, candidates, known, level)
         if found is not None and (best is None or _extent(found[1]) < _extent(best[1])):
             tried = replace(statement, sides=(*statement.sides[:i], found[0], *statement.sides[i + 1 :]))
-            if compared(tried, states).same and not (faults(tried, states.free[:2]) and not faults(statement, states.free[:2])):
+            if compared(tried, states).same and (misfit or not faults(tried, states.free[:2])):
                 best = tried, found[1]
     return best
 

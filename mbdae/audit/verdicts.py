@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbdae.audit.compare import SAME, Compared, States, compared
+from mbdae.audit.compare import SAME, Compared, States, compared, identical
 from mbdae.audit.dimensions import faults, of_definitions, of_laws
 from mbdae.audit.evaluate import NO_VALUE, attempt, reason
 from mbdae.audit.motion import Motion
@@ -28,7 +28,6 @@ from mbdae.audit.reading import Printed, Text
 from mbdae.audit.remarks import remarks
 from mbdae.audit.rules_laws import UnlistedError
 from mbdae.audit.search import Repair, missing_term, repair
-from mbdae.audit.symbolic import identical
 
 RIGHT, MISPRINT, INCOMPLETE, AMBIGUOUS, CANNOT = "RIGHT", "MISPRINT", "INCOMPLETE", "AMBIGUOUS", "CANNOT JUDGE"
 SIDES = {1: "applied to the bodies", -1: "on the left-hand side of the equations of motion"}
