@@ -102,7 +102,6 @@ def edits(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def _here(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """Changes of one node."""
     kind, parts = node.kind, node.parts
     if kind == "symbol":
         for other, size in candidates.of(node.value):
@@ -170,7 +169,6 @@ def everywhere(node: Node, candidates: Candidates) -> Iterator[Edited]:
 
 
 def _exchanges(node: Node, candidates: Candidates) -> Iterator[Edited]:
-    """Two symbols exchanged."""
     names = sorted(node.symbols())
     for i, a in enumerate(names):
         for b in names[i + 1 :]:

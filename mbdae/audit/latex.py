@@ -95,26 +95,19 @@ def _sum(node: Node, letters: Letters) -> str:
 
 
 def _product(node: Node, letters: Letters) -> str:
+    """A single factor stands above all that divide it; of several, each above those that follow it."""
     above = [formula(p, letters, 1) for p in node.parts if p.kind != "inverse"]
-    below = [formula(p.parts[0], letters, 1) for p in node.parts if p.kind == "inverse"]
-    text = r" \, ".join(above) or "1"
-    if not below:
-        return text
-    bottom = below[0] if len(below) == 1 else r" \, ".join(below)
-    if len(above) > 1:  # a/b c: the quotient stands where its inverse stands
-        return r" \, ".join(_factors(node, letters))
-    return rf"\frac{{{text}}}{{{bottom}}}"
-
-
-def _factors(node: Node, letters: Letters) -> list[str]:
-    """Factors with every inverse put below the one before it."""
+    below = [p.parts[0] for p in node.parts if p.kind == "inverse"]
+    if below and len(above) < 2:
+        bottom = r" \, ".join(formula(p, letters, 1) for p in below)
+        return rf"\frac{{{above[0] if above else 1}}}{{{bottom}}}"
     out: list[str] = []
     for part in node.parts:
         if part.kind == "inverse" and out:
             out[-1] = rf"\frac{{{out[-1]}}}{{{formula(part.parts[0], letters)}}}"
         else:
             out.append(formula(part, letters, 1))
-    return out
+    return r" \, ".join(out)
 
 
 def _call(node: Node, letters: Letters) -> str:

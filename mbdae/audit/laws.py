@@ -136,7 +136,6 @@ def journal(motion: Motion, radii: tuple[float, float], sides: str, rubbing: boo
 
 
 def _sensor(contact: LawState, name: str) -> Any:
-    """Expression of a sensor of the contact."""
     v, d = contact.d.variation, contact.d
     (e,) = d.law.observed(*d.sides)[name]
     return v.resolve(v.name(e))

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
+from scipy.linalg import expm
 
 from mbdae.audit.carried import Carried
 from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
@@ -27,12 +28,8 @@ _TERMS = 24  #: of the series of a rotation
 
 
 def turned(vector: Value) -> Value:
-    """Rotation matrix of a (complex) rotation vector, rad: the exponential series."""
-    total, term, n = np.eye(3) + 0j, np.eye(3) + 0j, cross(np.asarray(vector) + 0j)
-    for i in range(1, _TERMS):
-        term = term @ n / i
-        total = total + term
-    return total
+    """Rotation matrix of a (complex) rotation vector, rad."""
+    return expm(cross(np.asarray(vector) + 0j))
 
 
 def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
@@ -201,7 +198,6 @@ class Motion:
         return r + self.virtual * self._field("virtual place"), Q
 
     def _field(self, name: str) -> Value:
-        """A vector on the line."""
         c = [self.vector(f"section {name} {i}") for i in range(6)]
         s, t = self.arc, self.clock
         return c[0] + s * c[1] + t * c[2] + s * t * c[3] + s * s * c[4] / 2 + t * t * c[5] / 2

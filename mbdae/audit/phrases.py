@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import symengine as se
-import sympy
 
 from mbdae.audit.evaluate import STEP, SizeError, Value, derivative, evaluate
 from mbdae.audit.laws import WITH_COORDINATES, Own
@@ -114,31 +113,6 @@ class Definition(Meaning):
     scope: Any = None
 
 
-def is_expression(e: Any) -> bool:
-    """Whether a value is an expression or a matrix of SymPy, or a number."""
-    return isinstance(e, sympy.Basic | sympy.MatrixBase | int | float) and not isinstance(e, bool)
-
-
-def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
-    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
-    e = sympy.sympify(e)
-    names = sorted({str(s) for s in e.free_symbols})
-    by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
-    compute = sympy.lambdify(by_name, e, modules="numpy")
-
-    def rule(env: Env) -> Value:
-        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
-            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
-        values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
-        try:
-            found = compute(*values)
-            return np.asarray(found) + 0j if np.ndim(found) else complex(found)
-        except (TypeError, ValueError, NameError, AttributeError) as error:
-            raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
-
-    return Meaning(text, units, replace(OWN, rule=rule), (), letter)
-
-
 @dataclass(frozen=True)
 class Scope:
     """What a formula may refer to: symbols with their meaning, earlier statements by number, the user's laws."""
@@ -158,6 +132,11 @@ class Scope:
                         new += "_"
                     table[new] = understand(text, (unit(units),))
         return replace(self, symbols=table)
+
+    @cached_property
+    def letters(self) -> dict[str, str]:
+        """How the text prints its symbols, in TeX, where it says so."""
+        return {n: m.letter for n, m in self.symbols.items() if m.letter}
 
     @cached_property
     def texts(self) -> frozenset[str]:

@@ -19,14 +19,18 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+import sympy
+
 from mbdae.audit import rules_contact, rules_laws, rules_motion
+from mbdae.audit.evaluate import SizeError, Value
 from mbdae.audit.laws import Own
 from mbdae.audit.motion import checked_kind
 from mbdae.audit.notation import AuditError, Node, Reader, Statement, Unit, unit
-from mbdae.audit.phrases import OWN, PARAMETER, Definition, Meaning, Scope, stated_by_caller, understand
+from mbdae.audit.phrases import OWN, PARAMETER, Definition, Env, Meaning, Scope, understand
 from mbdae.audit.rules_laws import unit_of_parameter
 from mbdae.documents.mathml import FormulaError, inline
 
@@ -58,6 +62,11 @@ class Printed:
     def text(self) -> str:
         """The formulas as they were read."""
         return "; ".join(map(str, self.statements)) or self.raw
+
+    @property
+    def used(self) -> set[str]:
+        """The symbols that appear, without bound names."""
+        return set().union(*(s.symbols() for s in self.statements)) & set(self.scope.symbols)
 
 
 @dataclass(frozen=True)
@@ -235,8 +244,32 @@ class _File:
         self.found.equations.append(equation)
 
 
+def is_expression(e: Any) -> bool:
+    """Whether a value is an expression or a matrix of SymPy, or a number."""
+    return isinstance(e, sympy.Basic | sympy.MatrixBase | int | float) and not isinstance(e, bool)
+
+
+def stated_by_caller(text: str, units: tuple[Unit, ...], e: Any, letter: str = "") -> Meaning:
+    """A meaning that the caller of `audit` gives as a SymPy expression in names of the text, t the time."""
+    e = sympy.sympify(e)
+    names = sorted({str(s) for s in e.free_symbols})
+    by_name = [next(s for s in e.free_symbols if str(s) == n) for n in names]
+    compute = sympy.lambdify(by_name, e, modules="numpy")
+
+    def rule(env: Env) -> Value:
+        if missing := [n for n in names if n != "t" and n not in env.scope.symbols]:
+            raise AuditError(f"'{text}' contains {missing[0]}, which the text does not declare")
+        values = [env.motion.clock if n == "t" and n not in env.scope.symbols else env.value(n) for n in names]
+        try:
+            found = compute(*values)
+            return np.asarray(found) + 0j if np.ndim(found) else complex(found)
+        except (TypeError, ValueError, NameError, AttributeError) as error:
+            raise SizeError(f"the expression {e} given for '{text}' is not one of complex numbers and columns") from error
+
+    return Meaning(text, units, replace(OWN, rule=rule), (), letter)
+
+
 def _prints(letter: str) -> bool:
-    """Whether a letter in TeX shows something."""
     try:
         return bool(re.sub(r"<[^>]*>|\s", "", html.unescape(inline(letter))))
     except FormulaError:

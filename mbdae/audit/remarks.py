@@ -29,7 +29,7 @@ def remarks(equation: Printed, states: States) -> list[str]:
     except NO_VALUE:
         found = []
     return found + [f"{n} meant something else before: {was}" for n, was in sorted(equation.before.items())
-                    if n in set().union(*(s.symbols() for s in equation.statements))]  # fmt: skip
+                    if n in equation.used]  # fmt: skip
 
 
 # -- other solutions of a constraint

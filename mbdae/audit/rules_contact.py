@@ -107,7 +107,6 @@ def _friction_force(env: Env) -> Value:
 
 
 def _applied(env: Env, side: str, rubbing: bool) -> Value:
-    """Force that the law applies to a body."""
     return -_contact(env, rubbing).force("move", "kl"[_sides(env).index(side)])
 
 

@@ -112,7 +112,6 @@ def _coordinate(env: Env, of: str) -> Value:
 
 @phrase("coordinate {name} of the joint")
 def _coordinate_of_states(env: Env, name: str) -> Value:
-    """A coordinate of the joint that the states of the section are those of."""
     if name not in env.motion.coordinates:
         raise AuditError(f"the states have no coordinate '{name}' but {', '.join(env.motion.coordinates)}")
     return env.motion.coordinates[name][0]

@@ -82,7 +82,6 @@ def _spin(env: Env, how: str) -> Value:
 
 
 def _rotation_vector(P: Value) -> Value:
-    """Rotation vector of Euler parameters."""
     sine = np.sqrt(np.sum(P[1:] * P[1:]))
     return P[1:] / sine * 2 * complex_atan2(sine, P[0, 0])
 

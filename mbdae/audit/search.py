@@ -43,9 +43,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
     other = _other_roles(equation, states)
     if other is not None:
         return other
-    used = set().union(*(s.symbols() for s in equation.statements)) & set(equation.scope.symbols)
-    scope = equation.scope.widened(used)
-    wide = replace(equation, scope=scope)
+    wide = replace(equation, scope=equation.scope.widened(equation.used))
     states = replace(states, equation=wide)
     done: list[Edit] = []
     statements, known = [], list[Edit]()
@@ -56,8 +54,7 @@ def repair(equation: Printed, states: States) -> Repair | None:
         statements.append(found[0])
         known += found[1]
         done += [e for e in found[1] if e.words not in [d.words for d in done]]
-    letters = {n: m.letter for n, m in scope.symbols.items() if m.letter}
-    tex = "; ".join(e.tex(letters) for e in done)
+    tex = "; ".join(e.tex(wide.scope.letters) for e in done)
     return Repair(tuple(e.words for e in done), replace(wide, statements=tuple(statements)), tex, all(e.accent for e in done))
 
 
@@ -126,12 +123,10 @@ class _Goal:
 
 
 def _statement(statement: Statement, states: States, known: Sequence[Edit]) -> Found | None:
-    """The repair with the fewest changes of one statement."""
     return next(filter(None, (_at_level(statement, states, known, level) for level in LEVELS)), None)
 
 
 def _at_level(statement: Statement, states: States, known: Sequence[Edit], level: int) -> Found | None:
-    """The smallest repair on one level."""
     best: Found | None = None
     envs: Sequence[Env] = ()
     misfit = bool(faults(statement, states.free[:2]))
@@ -151,7 +146,6 @@ def _at_level(statement: Statement, states: States, known: Sequence[Edit], level
 
 
 def _extent(done: Sequence[Edit]) -> tuple[int, float]:
-    """Number of changes and how far they go."""
     return len(done), round(sum(e.size for e in done), 6)
 
 
