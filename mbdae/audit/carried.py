@@ -12,7 +12,6 @@ from mbdae.audit.evaluate import SizeError, Value, expression_value
 from mbdae.laws import joints
 from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
-from mbdae.symbolic.program import Program
 from mbdae.symbolic.tree import tree_program
 from mbdae.symbolic.tree_structure import Link, TreeStructure
 
@@ -27,8 +26,8 @@ def joint_class(word: str, own: Any = ()) -> Any:
 
 
 @lru_cache(maxsize=16)
-def _program(cls: Any) -> tuple[list[Any], list[tuple[Any, ...]], Program, list[Any]]:
-    """Inputs and their places of the program of a free body k with l on the joint; its outputs: the motion q, u, u' of l."""
+def _program(cls: Any) -> tuple[dict[Any, tuple[Any, ...]], dict[Any, Any], list[Any]]:
+    """Places of the inputs of the program of a free body k with l on the joint; its steps, and the motion q, u, u' of l."""
     law = cls("audited", None, None, **dict.fromkeys(cls.params, 1.0))
     of_side = [*("p1", "p2", "p3"), *(f"Q{a}{i}" for a in "xyz" for i in (1, 2, 3)), *(f"P{i}" for i in range(4))]
     structure, names = law.structure(), tuple(cls.coordinates)
@@ -38,7 +37,7 @@ def _program(cls: Any) -> tuple[list[Any], list[tuple[Any, ...]], Program, list[
     tree = tree_program(TreeStructure(NodeKind.SPATIAL, (link,), (), (1,)))
     found = {(name, i): se.sympify(e) for (name, _, i), e in tree.states((1,))}
     outputs = [found[name, i] for name, size in (("q", 7), ("u", 6), ("up", 6)) for i in range(size)]
-    return list(tree.inputs), list(tree.inputs.values()), tree.program, outputs
+    return tree.inputs, {name: tree.program.steps[name] for name in tree.program.needed(outputs)}, outputs
 
 
 class Carried:
@@ -51,13 +50,13 @@ class Carried:
         if any(spec.unit == "rotation" for spec in cls.coordinates.values()):
             raise SizeError(f"the joint '{word}' turns freely: an audit knows joints with angles and displacements")
         self.coordinates = tuple(cls.coordinates)
-        self.inputs, self.places, self.program, self.outputs = _program(cls)
+        self.inputs, self.steps, self.outputs = _program(cls)
 
     def motion(self, k: dict[str, Value], state: Any) -> dict[str, Value]:
         """Attitude "Q", Euler parameters "P" and the vectors of l for those of k and the coordinates of the state."""
-        values = {x: complex(self._input(place, k, state)) for x, place in zip(self.inputs, self.places, strict=True)}
-        for name in self.program.needed(self.outputs):
-            values[name] = expression_value(self.program.steps[name], values)
+        values = {x: complex(self._input(place, k, state)) for x, place in self.inputs.items()}
+        for name, step in self.steps.items():
+            values[name] = expression_value(step, values)
         found = np.array([expression_value(e, values) for e in self.outputs], dtype=complex)
         q, u, up = found[:7, None], found[7:13, None], found[13:, None]
         Q = _rotation(q[3:])

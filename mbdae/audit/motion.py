@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
-from scipy.linalg import expm
 
 from mbdae.audit.carried import Carried
 from mbdae.audit.evaluate import STEP, NestedError, SizeError, Value, cross
@@ -28,8 +27,12 @@ _TERMS = 24  #: of the series of a rotation
 
 
 def turned(vector: Value) -> Value:
-    """Rotation matrix of a (complex) rotation vector, rad."""
-    return expm(cross(np.asarray(vector) + 0j))
+    """Rotation matrix of a (complex) rotation vector, rad: the exponential series, whose small imaginary parts stay exact."""
+    total, term, n = np.eye(3) + 0j, np.eye(3) + 0j, cross(np.asarray(vector) + 0j)
+    for i in range(1, _TERMS):
+        term = term @ n / i
+        total = total + term
+    return total
 
 
 def carried_on(Q: Value, w: Value, alpha: Value, dt: complex) -> Value:
