@@ -25,6 +25,7 @@ import statistics
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from choice import EXAMPLES, cases
@@ -53,15 +54,16 @@ def main() -> None:
     parser.add_argument("--profile", action="store_true")
     wanted, known = parser.parse_args(), cases()
     warnings.simplefilter("ignore", mb.AccuracyWarning)
-    print("| scene | default, s | runs | same run alone, s | its solver, s | default / alone | default / solver |\n" + "|---" * 7 + "|")
+    print("| scene | default, s | runs | same run alone, s | its solver, s | default / alone | default / solver |")
+    print("|---" * 7 + "|")
     ratios = []
     for name in wanted.scenes or EXAMPLES:
         scene, t_end = known[name].scene(), known[name].t_end
         accuracy = max(wanted.accuracy, min(known[name].accuracies))
         scene.simulate(t_end, accuracy)
-        whole, r = cpu_of(lambda: scene.simulate(t_end, accuracy))
+        whole, r = cpu_of(partial(scene.simulate, t_end, accuracy))
         same, own = r.prepared.model.scene, {"solver": r.info.solver, "form": r.info.form}
-        alone, single = cpu_of(lambda: same.simulate(t_end, accuracy, **own))
+        alone, single = cpu_of(partial(same.simulate, t_end, accuracy, **own))
         ratios += [whole / alone] if whole > LEAST else []
         print(f"| {name} | {whole:.3f} | {r.info.runs} | {alone:.3f} | {single.info.stats.cpu_s:.3f} | {whole / alone:.2f} | "
               f"{whole / single.info.stats.cpu_s:.2f} |", flush=True)  # fmt: skip
