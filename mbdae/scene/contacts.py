@@ -47,10 +47,10 @@ def _edges(arg: Argument, value: Any) -> Array:
     """Lengths (3,) of the edges of a box; 0 along z where two are given."""
     try:
         found = array(value)
-        if found.shape not in ((2,), (3,)) or not (found > 0).all():
+        if found.shape not in ((2,), (3,)) or (found < 0).any() or not found.any():
             raise BadValueError(shown(value))
     except BadValueError as refused:
-        arg.wrong(refused, "give three lengths above 0, m, or two for a plate in the plane z = 0")
+        arg.wrong(refused, "give three lengths, m, not all 0, or two for a plate in the plane z = 0")
         return np.ones(3)
     return np.append(found, np.zeros(3 - len(found)))
 

@@ -32,7 +32,7 @@ class BallOnCylinder(SurfaceContact):
         along = let(u @ k.z, "z")
         distance, radial = outside((u - k.z * along).named("u"))
         beside = let(distance - self.radius_k, "b")
-        if self.length is None or k.kind.flat:
+        if self.length is None:
             gap, normal = beside, radial
         else:
             gap, normal = self._with_ends(k, along, beside, radial)

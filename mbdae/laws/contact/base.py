@@ -42,11 +42,6 @@ def station(penetration: Expr, inward: Vec, tangent: Vec, velocity: Vec, arm: Ve
     return Station(penetration, rate, overlap, inward, tangent, velocity - inward * rate, slip, arm)
 
 
-def sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
-    """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: where it is."""
-    return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
-
-
 class Contact(Force):
     """Bodies that touch at one or several places: `stations` says where, the normal and friction law how.
 
@@ -82,6 +77,11 @@ class Contact(Force):
     def one_direction(self) -> bool:
         """Whether bodies slide along the tangents alone."""
         return True
+
+    @staticmethod
+    def sliding(k: Frame, l: Frame, from_l: Vec, from_k: Vec) -> Vec:
+        """Velocity of the material point of l at the contact relative to that of k; from_l, from_k: where it is."""
+        return (l.v + l.w.cross(from_l)) - (k.v + k.w.cross(from_k))
 
     # -- forces
 

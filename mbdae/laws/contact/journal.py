@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import symengine as se
 
-from mbdae.laws.contact.base import CENTRED, DEEP, Contact, Station, sliding, station
+from mbdae.laws.contact.base import CENTRED, DEEP, Contact, Station, station
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import Impact
 from mbdae.symbolic.part import params
@@ -71,7 +71,7 @@ class JournalContact(Contact):
         tangent = k.z.cross(normal)
         from_k = k.z * along + normal * self.outer if l.kind.oriented else u
         arm = (k.r + from_k - l.r).named("h") if l.kind.oriented else ZERO
-        velocity = sliding(k, l, arm, from_k).named("v")
+        velocity = self.sliding(k, l, arm, from_k).named("v")
         return station(let(distance - clearance, "p"), normal, tangent, velocity, arm)
 
     @staticmethod

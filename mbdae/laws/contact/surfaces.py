@@ -7,7 +7,7 @@ from typing import Any
 import symengine as se
 
 from mbdae.errors import LawError
-from mbdae.laws.contact.base import DEEP, RESTING, Contact, Station, sliding, station
+from mbdae.laws.contact.base import DEEP, RESTING, Contact, Station, station
 from mbdae.symbolic.frames import Frame
 from mbdae.symbolic.law import Impact
 from mbdae.symbolic.variation import let
@@ -35,11 +35,13 @@ class SurfaceContact(Contact):
     def place(self, k: Frame, l: Frame, penetration: Expr, inward: Vec, across: Vec, at: Vec) -> Station:
         """A place of contact. inward: direction on l in which penetration grows; across: unit vector normal to the plane of a
         planar scene; at: point of contact relative to l.r (a mass point takes no moment: there both forces act at it)."""
+        if self.friction is not None and not (k.kind.oriented or l.kind.oriented):
+            raise LawError("friction between two mass points has no arm that balances its moment; use s.rigid_body")
         if self.friction is not None and self.friction.states and not k.kind.flat:
             raise LawError(f"friction law {type(self.friction).__name__} has internal states, which need one direction of "
                            f"sliding: in space bodies slide in two; take a law without states, such as mb.Coulomb")  # fmt: skip
-        arm = at.named("h") if l.kind.oriented else ZERO
-        velocity = sliding(k, l, arm, l.r + arm - k.r).named("v")
+        arm = ZERO if not l.kind.oriented else (at.named("h") if k.kind.oriented else k.r - l.r)
+        velocity = self.sliding(k, l, arm, l.r + arm - k.r).named("v")
         return station(penetration, inward, across.cross(inward), velocity, arm)
 
     def approach(self, k: Frame, l: Frame) -> list[Expr]:
