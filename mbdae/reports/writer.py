@@ -39,6 +39,10 @@ class Writer:
         """A frame vector as it is written."""
         return f"\\mathbf{{i}}_{base.side}" if base.kind == "E" else f"{_VECTORS[base.kind]}_{subscript(base.side)}"
 
+    def of(self, e: Expr | Vector) -> str:
+        """A scalar or a vector."""
+        return self.vector(e) if isinstance(e, Vector) else self.scalar(e)
+
     # -- scalars
 
     def scalar(self, e: Expr) -> str:

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import symengine as se
 
-from mbdae.reports.evaluate import value
 from mbdae.reports.letters import of_name
-from mbdae.reports.states import POINTS
+from mbdae.reports.states import POINTS, value
 from mbdae.reports.vectors import Record
 from mbdae.reports.writer import Writer
 from mbdae.symbolic.derive import Derived
