@@ -133,11 +133,11 @@ def letters(law: type[Law], shape: Structure, instance: Any) -> dict[str, Letter
     """Letters of the symbols a law may bring: parameters with their rates, states with their rates, coordinates."""
     found: dict[str, Letter] = {}
     coordinates = specs_of_coordinates(instance)
-    kinds = [coordinates[name].unit for name in instance.own_coordinates]
+    acts_on = [coordinates[name].unit for name in instance.own_coordinates] or [getattr(instance, "unit", "")]
     specs = [(name, name, spec) for name, spec in (coordinates | dict(instance.params)).items()]
     specs += [(f"state_{name}", name, spec) for name, spec in instance.states.items()]
     for symbol, name, spec in specs:
-        timed, unit = name in shape.timed, unit_on(spec.unit, kinds)
+        timed, unit = name in shape.timed, unit_on(spec.unit, acts_on)
         latex = of_name(name, unit)
         if latex in {letter.latex for letter in found.values()}:
             latex = f"\\text{{{name.replace('_', ' ')}}}"

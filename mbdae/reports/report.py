@@ -12,7 +12,7 @@ import mbdae.laws.friction
 import mbdae.laws.joints
 from mbdae.documents.blocks import Paragraph, Section
 from mbdae.documents.document import Document
-from mbdae.errors import LawError, OptionError
+from mbdae.errors import LawError, OptionError, meant
 from mbdae.laws.contact import Hertz, JournalContact
 from mbdae.laws.elements.beam import Beam
 from mbdae.laws.forces.line_load import LineLoad
@@ -64,10 +64,16 @@ def names() -> list[str]:
 def report(what: Any, **options: Any) -> Document:
     """The report of a law class, a law or part with values, a joint model, a joint of a scene, a scene, or of a name.
 
-    options: those of the law (`friction=mb.Coulomb(...)`); a parameter of None is left out of the statement. A joint is reported
-    without friction, and with its coordinates as unknowns where nothing states it without them; `kept=True` has them as
-    unknowns in any joint, `friction=` adds friction by its own reaction, `model=` (mb.Recursive(), ...) has it as that model.
-    `.save("x.html")`, also .md and .tex."""
+    options: those of the law; a parameter of None is left out of the statement. Of joints:
+
+    kept       whether the coordinates are unknowns; by default where nothing states the joint without them
+    friction   a friction law, such as mb.Coulomb(0.3, 1e-3), pressed by the joint's own reaction; by default none
+    rubs       with friction: the name of the coordinate against which it acts, "angle" or "displacement" of a joint that has
+               several; by default the first one
+    model      the joint as a model of joints has it: mb.Kinematic() as by default, mb.Classical() with kept=True, mb.Recursive()
+               as a joint of a tree without multipliers, and of mb.Revolute mb.Clearance(...) with its contact
+
+    `.save("x.html")`, also .md, .tex and .pdf. OptionError and LawError for what a law does not have."""
     if isinstance(what, SceneData):
         _refuse(what, options)
         return scene_sheet(what)
@@ -114,7 +120,7 @@ def _by_name(name: str, options: dict[str, Any]) -> Document:
         _refuse(name, options)
         return _clearance(Hertz(1e9, damping=0.3), Coulomb(0.3, 1e-3), None)
     if name not in known:
-        raise OptionError(f"what = {shown(name)} is not known: give one of {', '.join(names())}, or a file")
+        raise OptionError(f"what = {shown(name)} is not known: {meant(name, names())}give one of {', '.join(names())}, or a file")
     return report(known[name], **{"kept": True} | options if name == "classical" else options)
 
 

@@ -110,7 +110,8 @@ class JointReport(LawPage):
         self.writer.used |= {f"lambda_{name}" for name in self.s.rows}
         found = self.section("Constraint", f"{counted(len(rows), 'row')} must vanish.", *rows)
         text = ("With a scaling $s$ and a penalty $p$ (both left out below) the potential of a row is"
-                " $s\\,\\lambda\\,c + p\\,c^2$: its force $\\lambda$ becomes $s\\,\\lambda + 2\\,p\\,c$ everywhere in this report.")  # fmt: skip
+                " $s\\,\\lambda\\,c + p\\,c^2$: its force $\\lambda$ becomes $s\\,\\lambda + 2\\,p\\,c$ everywhere in this"
+                " report.")  # fmt: skip
         augmented = {"scaling", "penalty"} <= set(self.s.cls.params)
         return Section(found.title, [*found.blocks, *([Paragraph(text)] if augmented else [])])
 

@@ -246,7 +246,8 @@ class SceneEquations:
 
 def said(name: str) -> str:
     """A name of the scene as text in a formula."""
-    return f"\\text{{{re.sub(r'[^A-Za-z0-9.-]', ' ', name)}}}"
+    words = re.sub(r"[^\w.-]|_", " ", name)
+    return f"\\text{{{words}}}"
 
 
 def _inserted(row: Row, unknown: Any, value: Row) -> Row:

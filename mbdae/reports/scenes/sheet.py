@@ -96,7 +96,7 @@ class Sheet:
             names = ", ".join(r for r in stated.get(c.name, ()) if f"{c.name}.{r}" in kept) or "none"
             model = type(c.model).__name__.lower() if c.model is not None else "kinematic"
             model += f" (kept kinematic: {self.check.kept_kinematic[c.name]})" if c.name in self.check.kept_kinematic else ""
-            drive = escaped(str(c.prescribed)) if c.prescribed is not None else ""
+            drive = escaped(", ".join(f"{name} = {e}" for name, e in c.prescribed.items()))
             rows.append([escaped(c.name), c.kind, escaped(model), escaped(c.k.name), escaped(c.l.name), names, drive])
         head = ["joint", "kind", "model", "k", "l", "rows that are equations", "prescribed"]
         return Section("Joints", [Table(head, rows)] if rows else [Paragraph("There are none.")])
