@@ -73,7 +73,8 @@ def _table(table: Table) -> str:
     head = " & ".join(f"\\textbf{{{_text(cell)}}}" for cell in table.head)
     rows = " \\\\\n".join(" & ".join(map(_text, row)) for row in table.rows)
     caption = f"{_text(table.caption)}\n\n" if table.caption else ""
-    body = f"{head} \\\\\n\\hline\n\\endhead\n{rows} \\\\\n"
+    below = r"\hline\noalign{\smallskip}"
+    body = f"{head} \\\\\n{below}\n\\endhead\n{rows} \\\\\n"
     size = "small" if len(table.head) < 6 else "scriptsize"
     return f"{caption}{{\\{size}\\begin{{longtable}}{{{columns}}}\n{body}\\end{{longtable}}}}"
 
