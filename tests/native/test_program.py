@@ -8,7 +8,7 @@ import pytest
 
 import mbdae as mb
 from mbdae.native.program import Operations, core
-from mbdae.system.assembled.workspace import Workspace
+from mbdae.system.motion.workspace import Workspace
 
 from .running import run
 

@@ -24,7 +24,7 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.workspace import Workspace, narrow_order
+from mbdae.system.motion.workspace import Workspace, narrow_order
 from mbdae.system.base import Array
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows

@@ -22,7 +22,7 @@ from mbdae.symbolic.outputs import Target
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.assembled.workspace import Loaded
+from mbdae.system.motion.workspace import Loaded
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model

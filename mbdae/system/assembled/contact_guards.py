@@ -12,7 +12,7 @@ import numpy as np
 from mbdae.kernels import plan
 from mbdae.native.contacts import SPEEDS, Contacts
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.workspace import Values
+from mbdae.system.motion.workspace import Values
 from mbdae.system.base import Array
 from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbdae.kernels import plan
 from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
-from mbdae.system.assembled.workspace import Loaded, Values
+from mbdae.system.motion.workspace import Loaded, Values
 from mbdae.system.base import Array, Switches
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.moved_bodies import MovedBodies

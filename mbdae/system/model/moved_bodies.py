@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdae.kernels.tree_plan import Piece, TreePlan, tree_plan
+from mbdae.kernels.tree_plan import MOST_SOLVED, Piece, TreePlan, tree_plan
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.tree import OPERATIONS
 from mbdae.system.model.model import Instance, Model
@@ -30,9 +30,12 @@ def acting_on(instance: Instance) -> list[Node]:
 
 
 class MovedBodies:
-    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns."""
+    """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns.
 
-    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True) -> None:
+    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree."""
+
+    def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
+        self.ordered = ordered
         self.nodes = tuple(n for tree in trees for n in tree.moved_nodes)
         moved = set(self.nodes)
         inside = {place for tree in trees for place in (*tree.joints, *tree.members)}
@@ -67,8 +70,8 @@ class MovedBodies:
                          self.constants, self.sharing, numbers or {})  # fmt: skip
 
     def plans(self) -> list[tuple[TreePlan, list[Tree]]]:
-        """Plan and trees of equal structure."""
-        return [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
+        """Plan and trees of equal structure, of trees that have kernels of their own."""
+        return [] if self.ordered else [(tree_plan(structure), trees) for structure, trees in self._groups.items()]
 
     def gather(self, numbering: Numbering, piece: Piece, trees: list[Tree]) -> NDArray[np.intp]:
         """(trees, inputs) slots a kernel reads."""
@@ -89,6 +92,15 @@ class MovedBodies:
         if "_P" in name:
             return numbering.further + self._constants[tree.joints[0], owner, name]
         return numbering.slot(g, i, name)
+
+
+def by_order(model: Model, moved: MovedBodies) -> bool:
+    """Whether trees are evaluated joint by joint: they are large, nothing but their joints constrains the scene, and no other
+    law reads a coordinate that is prescribed."""
+    large = any(sum(n.kind.sizes[1] for n in tree.coordinates) > MOST_SOLVED for tree in moved.trees) or too_large(moved)
+    if not large or model.lines or acted_on_while_prescribed(moved):
+        return False
+    return all((g, i) in moved.replaced for g, i, _ in model.instances() if model.groups[g].derived.rows)
 
 
 def too_large(moved: MovedBodies) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ class Tree:
         driven = [self.node(-c) for _, c, _ in self.driven]
         return tuple(n for n in (*self.nodes[1:], *driven) if n is not None)
 
-    @property
+    @cached_property
     def driven(self) -> list[tuple[int, int, str]]:
         """Prescribed coordinates: numbers of the joint and of the coordinate, from 1, and name of the parameter that prescribes
         it."""

@@ -109,6 +109,14 @@ class States:
             np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
         return G
 
+    def rows_without_slope(self, t: Array, q: Array) -> Any:
+        """(m,) bool: rows of which an entry of G is not finite at positions q (nq,)."""
+        found = np.zeros(self.m, dtype=bool)
+        for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
+            taken, rows, _ = self._places_in_G(g, p)
+            np.logical_or.at(found, rows, ~np.isfinite(values.reshape(-1)[taken]))
+        return found
+
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
         """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
         if g not in self._places:

@@ -24,6 +24,9 @@ from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
 
 
+ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss those of its joints by
+
+
 @dataclass
 class Start:
     """Consistent start of a scene: q, u, s, accelerations, multipliers; `changes` in sentences. Of a run to be continued with
@@ -114,6 +117,8 @@ class Starter(ConsistentPositions):
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
         body stay where joints and held rates allow it; where they do not, they are changed like all others."""
         given = self.rigid.given(q) if self.holding else []
+        if self.fits(q, u):
+            return u
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
@@ -126,6 +131,14 @@ class Starter(ConsistentPositions):
             self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
                                 f"{w:.4g} rad/s")  # fmt: skip
         return projected
+
+    def fits(self, q: Array, u: Array) -> bool:
+        """Whether velocities fit the joints but for rounding, of mechanics whose joints take the bodies along."""
+        if not self.mechanics.carries_bodies:
+            return False
+        off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
+        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0))
+        return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
 
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
         """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
