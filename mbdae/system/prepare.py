@@ -104,7 +104,8 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     if not all_bodies.numbering.free:
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
-    all_rows = Mechanics(model, constraint_rows(model))
+    rows = constraint_rows(model)
+    all_rows = mechanics_of(model, rows, all_bodies) if moved.ordered else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)
     ideal = ideal_start(scene, model.stay_kinematic, t0) if loose else None
     starter = Starter(all_rows, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
@@ -120,7 +121,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
-    mechanics = mechanics_of(model, rank.kept, all_bodies)
+    mechanics = all_rows if moved.ordered else mechanics_of(model, rank.kept, all_bodies)
     begin = (_continued(mechanics, start) if start is not None else
              Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
     problems = _contradictions(all_rows, rank, begin)
@@ -154,9 +155,8 @@ def _not_finite(all_rows: Mechanics, t: Array, q: Array) -> list[str]:
 def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, starter: Starter, q: Array) -> list[str]:
     """Motions without inertia: of joint coordinates where nothing else constrains them, of bodies otherwise."""
     inside = all_bodies.moved.replaced
-    if all_bodies.moved.ordered:
-        mechanics = OrderedMechanics(all_bodies.model, all_rows.rows, all_bodies)
-        return massless_unknowns(all_bodies, mechanics.without_inertia(starter.t, q))
+    if isinstance(all_rows, OrderedMechanics):
+        return massless_unknowns(all_bodies, all_rows.without_inertia(starter.t, q))
     if all_bodies.moved.trees and not all_bodies.model.lines and all((row.group, row.instance) in inside for row in rank.kept):
         return massless_coordinates(all_bodies, all_rows.mass, starter.t, q)
     return massless_motions(all_rows, rank, starter.t, q)
@@ -206,10 +206,12 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
     """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
+    if not timed or not rank.dropped:
+        return []
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
     together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in rank.kept or row.name in dropped])
     step = 0.01 * (end - start.t)
-    for _ in range(FOLLOWED if timed and dropped else 0):
+    for _ in range(FOLLOWED if dropped else 0):
         step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
         while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
             step /= 2

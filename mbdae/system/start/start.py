@@ -81,14 +81,17 @@ class Starter(ConsistentPositions):
                 u[node.u + 2] = w[2]
             elif node.kind is NodeKind.SPATIAL:
                 u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
+        joints = {c.name: c for c in self.scene.joints}
         for node in self.model.joint_coordinates:
-            u[node.u] = self.held_rates(self.scene[node.joint]).get(node.coordinate, 0.0)
+            u[node.u] = self.held_rates(joints[node.joint]).get(node.coordinate, 0.0)
         return u
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
         """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
+        if not (v.any() or w.any() or child.angular_velocity.any() or self.held_rates(joint)):
+            return child.velocity, child.angular_velocity
         motion, outwards = JointMotion(joint, self.t[0]), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
@@ -116,9 +119,9 @@ class Starter(ConsistentPositions):
     def project_velocities(self, q: Array, u: Array) -> Array:
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
         body stay where joints and held rates allow it; where they do not, they are changed like all others."""
-        given = self.rigid.given(q) if self.holding else []
         if self.fits(q, u):
             return u
+        given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
         slight = 1e-9 * fastest, 1e-9 * fastest / self.model.length
