@@ -34,7 +34,11 @@ class ProgramKernel(Kernel):
         used = set().union(*(e.free_symbols for e in closed))
         symbols = [s for s in known if s in used]
         super().__init__(symbols, closed, 2 if len(program.needed(stated)) < OPTIMISED else 0)
+        self._stated = program, stated
         self.inputs, self.targets = [known[s] for s in symbols], [target for target, _ in entries]
+
+    def straight(self) -> tuple[Program, list[Expr]]:
+        return self._stated
 
     @cached_property
     def column(self) -> dict[Place, int]:

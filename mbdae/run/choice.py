@@ -23,6 +23,7 @@ from mbdae.results.result import Result
 from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.assembly import SPARSE_FROM
+from mbdae.system.base import System
 from mbdae.system.prepare import Prepared, prepare
 
 TIGHT = 3e-6  #: accuracy below which multipliers are eliminated: joints then drift as far as the accuracy allows
@@ -31,6 +32,7 @@ SMOOTH = 0.3  #: the same, of oscillations, with eliminated multipliers, whose e
 SMALL = 30  #: unknowns, with multipliers, up to which Radau IIA is cheaper than eliminating them, if all motions are prescribed
 FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
+LARGEST = 8  #: of their eigenvalues that are looked for
 EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
 
 
@@ -133,6 +135,23 @@ def _hard(prepared: Prepared) -> str:
     return ""
 
 
+def _largest_eigenvalues(system: System) -> np.ndarray:
+    """Of dy'/dy at the start: all of a small system, the largest of a large one, by products with it."""
+    if system.n <= EIGENVALUES:
+        return np.asarray(scipy.linalg.eigvals(system.rate_jacobian(system.t0, system.y0)))
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # not needed by small scenes
+
+    def product(v: np.ndarray) -> np.ndarray:
+        return np.asarray(system.rate_products(system.t0, system.y0, v.reshape(1, -1))[0])
+
+    begin = np.random.default_rng(7).normal(size=system.n)
+    try:
+        operator = LinearOperator((system.n, system.n), matvec=product, dtype=float)
+        return np.asarray(eigs(operator, LARGEST, which="LM", v0=begin, tol=0.05, return_eigenvectors=False))
+    except ArpackNoConvergence as stopped:
+        return np.asarray(stopped.eigenvalues) if len(stopped.eigenvalues) else np.array([complex(-np.inf, np.inf)])
+
+
 class Rates:
     """How fast small disturbances decay and oscillate at the start, both times the characteristic time of the motion."""
 
@@ -143,6 +162,8 @@ class Rates:
     def _eigenvalues(self) -> np.ndarray:
         """Of small disturbances at the start; infinite where there are too many unknowns to compute them."""
         system = system_for(self._prepared, GGL() if self._prepared.rows else ODE())
+        if system.rate_products is not None:
+            return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])
         pattern = system.pattern

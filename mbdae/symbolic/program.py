@@ -6,7 +6,7 @@ forward differentiation of the steps gives the exact Jacobian (geometric terms i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import symengine as se
@@ -75,6 +75,14 @@ class Program:
             if limit is not None and len(self.steps) > limit:
                 raise OverflowError(len(self.steps))
         return [self._tangent(e, tangent) for e in outputs]
+
+    def along(self, outputs: Sequence[Expr], changes: Mapping[Expr, Expr]) -> list[Expr]:
+        """Changes of outputs by those of inputs: symbols that belong to inputs."""
+        one = se.Integer(1)
+        tangent: dict[Expr, dict[Expr, Expr]] = {x: {one: change} for x, change in changes.items()}
+        for name in self.needed(outputs):
+            tangent[name] = self._tangent(self.steps[name], tangent)
+        return [self._tangent(e, tangent).get(one, _ZERO) for e in outputs]
 
     def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
         total: dict[Expr, Expr] = {}

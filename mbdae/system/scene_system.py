@@ -48,6 +48,8 @@ class SceneSystem(System):
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
         self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
+        if isinstance(made, OrderedAssembly):
+            self.rate_jacobian, self.rate_products = made.rate_jacobian, made.products
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numpy as np
 
 from mbdae.native.equations import Equations, Table
-from mbdae.native.program import address_of
+from mbdae.native.program import address_of, core
+from mbdae.native.tangent import Tangent
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.evaluation import Scatter
 from mbdae.system.assembled.jacobian_entries import Pattern
@@ -42,25 +44,39 @@ class OrderedRates(Workspace):
         part.add(F + rows[own], columns[own], weights[own])
         part.load(self.rates, np.zeros(n))
         part.add(self.rates + np.arange(n), F + np.arange(n), -1.0)
+        self._force = part.slots(nb.nu)
+        part.set(self._force + np.arange(nb.nu), self.rates + nb.nq + np.arange(nb.nu))
         pivots: list[tuple[int, int]] = []
         for tree, at in zip(trees, loaded, strict=True):
             tree.loads(part, at, lambda j, i, own=tree.tree: F + nb.node_place("wu", own.node(j), i) - n + 1)  # type: ignore[misc]
-            pivots += tree.inwards(part, self._rate)
+            pivots += tree.inwards(part, lambda k: self._force + k)
         part.positive([slot for slot, _ in pivots])
         self.order = np.array([k for _, k in pivots], dtype=np.intp)
         for tree in trees:
             tree.accelerations(part, self._rate)
         solve_alone(part, inertia, self._rate, sorted(set(range(nb.nu)) - {k for _, k in pivots}))
-        self.part = part
+        self.part, self._tangent = part, Tangent(part)
 
     def _rate(self, k: int) -> int:
         return self.rates + self.numbering.nq + k
 
     def compile(self) -> None:
         """Make the workspace; nothing is added afterwards."""
-        self.finish(rates=self.part, rates_at=self.rates)
+        self.finish(self._tangent.part, rates=self.part, rates_at=self.rates)
+        self._c = core()
         table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
+
+    def products(self, t: float, y: Array, directions: Array) -> Array:
+        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        self.make("residual")
+        out, n, by = np.empty((len(directions), self.n)), self.n, self._tangent.distance
+        self.solved(t, y, np.empty(n))
+        for i, direction in enumerate(directions):
+            self.W[by : by + n] = direction
+            self._c.scene_part(self.address, ctypes.byref(self.scene.residual), t, self._at_y, None)
+            out[i] = self.W[by + self.rates : by + self.rates + n]
+        return out
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'; the number of a velocity without inertia, or -1."""
@@ -88,6 +104,20 @@ class OrderedAssembly(Assembly):
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.evaluation.right_hand_side(t, y, out)
         np.subtract(yp, out, out=out)
+
+    def rate_jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy (n, n)."""
+        return self.products(t, y, np.eye(self.n)).T
+
+    def products(self, t: float, y: Array, directions: Array) -> Array:
+        """(k, n) changes of y' for changes of y in directions (k, n)."""
+        return self.evaluation.products(t, y, directions)
+
+    def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
+        return -self.rate_jacobian(t, y), np.eye(self.n)
+
+    def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
+        out[...] = cj * np.eye(self.n) - self.rate_jacobian(t, y)
 
     def residual_stages(self, t: Array, y: Array, yp: Array, out: Array) -> None:
         for i in range(len(t)):
