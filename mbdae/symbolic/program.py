@@ -40,6 +40,8 @@ class Program:
         if e.is_Number or isinstance(e, se.Symbol) or not e.args:
             return e
         args = [self._flat(a) for a in e.args]
+        if isinstance(e, se.UnevaluatedExpr):
+            return self.let(args[0])
         if isinstance(e, se.Mul):
             args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
         if isinstance(e, se.Piecewise):

@@ -62,14 +62,14 @@ class OrderedRates(Workspace):
 
     def compile(self) -> None:
         """Make the workspace; nothing is added afterwards."""
-        self.finish(self._tangent.part, rates=self.part, rates_at=self.rates)
-        self._c = core()
+        self.finish(rates=self.part, rates_at=self.rates)
+        self._c, self._derived = core(), False
         table = Table(self.address, self.n, 0, None, None, address_of("scene_rates"), None)
         self.equations = Equations(table, self, make=self.make)
 
     def products(self, t: float, y: Array, directions: Array) -> Array:
         """(k, n) changes of y' for changes of y in directions (k, n)."""
-        self.make("residual")
+        self._ready()
         out, n, by = np.empty((len(directions), self.n)), self.n, self._tangent.distance
         self.solved(t, y, np.empty(n))
         for i, direction in enumerate(directions):
@@ -77,6 +77,14 @@ class OrderedRates(Workspace):
             self._c.scene_part(self.address, ctypes.byref(self.scene.residual), t, self._at_y, None)
             out[i] = self.W[by + self.rates : by + self.rates + n]
         return out
+
+    def _ready(self) -> None:
+        """Compile the operations of the derivative, which explicit methods do not need."""
+        if not self._derived:
+            self._parts["residual"], self._derived = self._tangent.part, True
+            self._x = np.zeros(self._tangent.part.widest + 1)
+            self.scene.x = self._x.ctypes.data
+            self.make("residual")
 
     def right_hand_side(self, t: float, y: Array, out: Array) -> int:
         """out[:] = y'; the number of a velocity without inertia, or -1."""
