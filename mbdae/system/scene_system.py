@@ -12,8 +12,8 @@ from mbdae.native.equations import Equations
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
-from mbdae.system.assembled.ordered_assembly import OrderedAssembly
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import OrderedAssembly
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
 from mbdae.system.base import Array, Kept, Numbers, System

@@ -72,7 +72,7 @@ class LinkProgram(PieceProgram):
     def outward(self, quaternion: bool) -> Entries:
         """Motion of the body; X, S and the rest c of its acceleration; inertia M (lower triangle) and forces p of its laws."""
         child = self.nodes[1]
-        found = [(("x", name), e) for name, e in zip(motion_names(child.kind, quaternion), numbers_of(child, quaternion),
+        found: Entries = [(("x", name), e) for name, e in zip(motion_names(child.kind, quaternion), numbers_of(child, quaternion),
                                                      strict=True)]  # fmt: skip
         found += self.slopes("X", self.reached, self._accelerations(0)) + self.slopes("S", self.reached, self.freedoms)
         found += [(("c", i), e) for i, e in enumerate(self.reached)]
@@ -103,7 +103,7 @@ class RootProgram(PieceProgram):
         """Motion of the body, S and the rest c of its acceleration by its unknowns; no inertia: that is part of other laws."""
         root = self.nodes[0]
         reached = along(root.kind, root.a, root.al)
-        found = [(("x", name), e) for name, e in zip(motion_names(root.kind, quaternion), numbers_of(root, quaternion),
+        found: Entries = [(("x", name), e) for name, e in zip(motion_names(root.kind, quaternion), numbers_of(root, quaternion),
                                                      strict=True)]  # fmt: skip
         found += self.slopes("S", reached, self._symbols("up")) + [(("c", i), e) for i, e in enumerate(reached)]
         n, zero = len(reached), se.Integer(0)

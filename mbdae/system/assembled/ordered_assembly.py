@@ -119,7 +119,8 @@ class OrderedAssembly(Assembly):
 
     def products(self, t: float, y: Array, directions: Array) -> Array:
         """(k, n) changes of y' for changes of y in directions (k, n)."""
-        return self.evaluation.products(t, y, directions)
+        found: Any = self.evaluation
+        return np.asarray(found.products(t, y, directions))
 
     def jacobian_parts(self, t: float, y: Array, yp: Array) -> tuple[Array, Array]:
         return -self.rate_jacobian(t, y), np.eye(self.n)

@@ -16,6 +16,7 @@ from mbdae.kernels import links
 from mbdae.kernels.links import BodyKernels, ProgramKernel
 from mbdae.native.program import Operations
 from mbdae.symbolic.frames import NodeKind
+from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.tree_structure import Member
 from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.numbering import Numbering
@@ -32,6 +33,14 @@ class Own(NamedTuple):
     kernels: BodyKernels
     parent: int
     members: tuple[int, ...]
+
+
+def ordered_size(moved: MovedBodies, numbering: Numbering, tree: Tree) -> tuple[int, int]:
+    """Number of kernels that serve the joints of a tree, and of the operations that all joints together take."""
+    every = [own.kernels for own in OrderedTree(moved, numbering, tree).bodies.values()]
+    kernels = {id(kernel): kernel for own in every for kernel in (own.outward, *own.passes[:2])}
+    sizes = {key: kernel.operations for key, kernel in kernels.items()}
+    return len(kernels), sum(sizes[id(kernel)] for own in every for kernel in (own.outward, *own.passes[:2]))
 
 
 class OrderedTree:
@@ -179,7 +188,7 @@ class OrderedTree:
         if head == "x":
             return self.at(j, ("x", name))
         first, kernel = self._accelerations[j]
-        directions = links.directions(self._kind(j))
+        directions = directions(self._kind(j))
         return first + kernel.column["a", directions.index(name)]
 
     def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int]) -> None:

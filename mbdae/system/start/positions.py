@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.errors import StartError
 from mbdae.inputs import timed
-from mbdae.scene.components import Body, Connection
+from mbdae.scene.components import Connection
 from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind

@@ -23,7 +23,6 @@ from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
 
-
 ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss those of its joints by
 
 
