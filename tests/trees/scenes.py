@@ -55,8 +55,8 @@ def of_every_joint(root_free=False):
     add("i", lambda n, k, l, at, z: s.weld(n, k, l, at))
     last = add("j", lambda n, k, l, at, z: s.joint(Crooked, n, k, l, at=at, axis=z, model=R, height=0.1))
     add("k", lambda n, k, l, at, z: s.revolute(n, k, l, at, z, model=R, limits=(-0.2, 0.4), stop=mb.Stop(3e2, 0.1)), parent=4)
-    add("l", lambda n, k, l, at, z: s.revolute(n, k, l, at, z, model=R, normal_force=3.0, radius=0.1,
-                                               friction=mb.LuGre(mu_k=0.2, mu_s=0.3, v_s=0.1, sigma0=100.0, sigma1=1.0, sigma2=0.1)), parent=4)  # fmt: skip
+    rubbing = mb.LuGre(mu_k=0.2, mu_s=0.3, v_s=0.1, sigma0=100.0, sigma1=1.0, sigma2=0.1)
+    add("l", lambda n, k, l, at, z: s.revolute(n, k, l, at, z, model=R, normal_force=3.0, radius=0.1, friction=rubbing), parent=4)
     at = rng.normal(size=3)
     s.prismatic("Jp", last, s.point_mass("p", 0.7, at=at), at, rng.normal(size=3), model=R)
     s.add(Cubic("between", bodies[3], last, rng.normal(size=3), stiffness=2.0))

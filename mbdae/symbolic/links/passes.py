@@ -37,7 +37,7 @@ class Pass:
     """A program of a pass: the meaning of its inputs and of its outputs.
 
     inputs: ("M", i, j), ("p", i) with all that the body carries, ("X", i, j), ("S", i, k), ("c", i), ("tau", k), ("C", k, l) own
-    inertia of the freedoms, ("a0", i) acceleration of the carrying body, and what the inward pass leaves: ("K", k, i), ("K0", k)"""
+    inertia of the freedoms, ("a0", i) acceleration of the carrying body, ("K", k, i), ("K0", k) of the inward pass."""
 
     shape: Shape
     program: Program = field(default_factory=Program)
@@ -72,7 +72,8 @@ def inward(shape: Shape) -> Pass:
     let, n, f = made.program.let, shape.body, shape.freedoms
     A, p, S, c = made.symmetric("M", n), made.vector("p", n), made.matrix("S", n, f), made.vector("c", n)
     U = [[let(_dot(A[i], [S[j][k] for j in range(n)])) for k in range(f)] for i in range(n)]
-    D = {(k, l): let(_dot([S[i][k] for i in range(n)], [U[i][l] for i in range(n)]) + (made.number("C", k, l) if shape.heavy else 0))
+    own = {(k, l): made.number("C", k, l) for k in range(f) for l in range(k + 1)} if shape.heavy else {}
+    D = {(k, l): let(_dot([row[k] for row in S], [row[l] for row in U]) + own.get((k, l), 0))
          for k in range(f) for l in range(k + 1)}  # fmt: skip
     left = [let(made.number("tau", k) - _dot([S[i][k] for i in range(n)], p)) for k in range(f)]
     K0, pivots = made.program.solved(D, left) if f else ([], [])

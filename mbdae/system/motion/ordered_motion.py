@@ -23,6 +23,7 @@ from mbdae.system.model.trees import Tree
 from mbdae.system.motion.all_bodies import AllBodies, TreeMechanics
 from mbdae.system.motion.ordered_tree import OrderedTree
 from mbdae.system.motion.reaction_friction import Solve
+from mbdae.system.motion.states import blocks
 from mbdae.system.motion.workspace import Workspace
 
 NOTHING = 1e-13  #: pivot of the mass matrix over the inertia of the body with all it carries, below which a motion has none
@@ -98,6 +99,15 @@ class OrderedBodies(AllBodies):
     @cached_property
     def _by_order(self) -> OrderedMotion:
         return OrderedMotion(self.model, self.moved, self.numbering)
+
+    def states(self, t: Array, y: Array) -> tuple[Array, Array]:
+        parts = blocks(len(t), self.numbering.width)
+        found = [AllBodies.states(self, t[part], y[part]) for part in parts]
+        return np.concatenate([q for q, _ in found]), np.concatenate([u for _, u in found])
+
+    def accelerations(self, t: Array, q: Array, u: Array, up: Array) -> Array:
+        parts = blocks(len(t), self.numbering.width)
+        return np.concatenate([AllBodies.accelerations(self, t[part], q[part], u[part], up[part]) for part in parts])
 
     def _motion(self, W: Array, up: Array | None) -> tuple[Array, Array, Array]:
         return self._by_order.of_all(W)
@@ -189,7 +199,8 @@ class OrderedMechanics(TreeMechanics):
         qr, ur = e.reduced(q, u)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            up = self._by_order.values(e.workspace(t, qr, ur), (self._by_order.force, f))
+            up = np.concatenate([self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
+                                 for part in blocks(len(t), e.numbering.width)])  # fmt: skip
             acceleration = e.accelerations(t, qr, ur, up)
             multipliers = np.zeros((len(t), self.m))
             self._joint_by_joint(t, q, f - acceleration @ self.mass, multipliers)
@@ -227,9 +238,9 @@ class OrderedMechanics(TreeMechanics):
                     continue
                 targets, values = entries[g]
                 columns = [self.numbering.velocity(("u", *target[2:]), g, i) for target in targets]
-                G = {(target[1], column): values[:, i, o] for o, (target, column) in enumerate(zip(targets, columns, strict=True))}
-                self._one(tree, j, {r: numbers[g, i, r] for r in range(len(names))}, G,
-                          {r: drives[j, name] for r, name in enumerate(names) if (j, name) in drives}, left, multipliers)  # fmt: skip
+                G = {(target[1], columns[o]): values[:, i, o] for o, target in enumerate(targets)}
+                rows, driven = {r: numbers[g, i, r] for r in range(len(names))}, {r: (j, name) for r, name in enumerate(names)}
+                self._one(tree, j, rows, G, {r: drives[key] for r, key in driven.items() if key in drives}, left, multipliers)
 
     def _one(self, tree: Tree, j: int, rows: dict[int, int], G: dict[tuple[int, int], Array], drives: dict[int, int],
              left: Array, multipliers: Array) -> None:  # fmt: skip

@@ -188,8 +188,7 @@ class OrderedTree:
         if head == "x":
             return self.at(j, ("x", name))
         first, kernel = self._accelerations[j]
-        directions = directions(self._kind(j))
-        return first + kernel.column["a", directions.index(name)]
+        return first + kernel.column["a", directions(self._kind(j)).index(name)]
 
     def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int]) -> None:
         """Adds forces of laws outside of the tree, whose rows stand at the slots row(body, i)."""
@@ -218,7 +217,8 @@ class OrderedTree:
             read = self._inner(part, force)
             sums = [t for t in kernel.targets if t[0] in ("M0", "p0")]
             to = [[self.at(self.bodies[j].parent, (t[0][0], *t[1:])) for t in sums] for j in back]
-            part.hand_on(kernel, self._table(back, kernel, read), np.array(to, dtype=np.intp).reshape(len(back), len(sums)), first)
+            sums_of = np.array(to, dtype=np.intp).reshape(len(back), len(sums))
+            part.hand_on(kernel, self._table(back, kernel, read), sums_of, first)
             pivots += [(self._kept[j][0] + kernel.column["pivot", k], self.unknown(j, place)) for j in back
                        for k, place in enumerate(own.freedoms)]  # fmt: skip
         return pivots

@@ -24,6 +24,13 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.rotations import quaternion_product, turned
 
 Index = NDArray[np.intp]
+AT_ONCE = 4_000_000  #: numbers of states that are evaluated at once: bounded memory
+
+
+def blocks(count: int, width: int) -> list[slice]:
+    """States one after the other, so many at once that their rows of numbers take a bounded memory."""
+    size = max(1, AT_ONCE // max(width, 1))
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
 
 
 class States:
@@ -80,6 +87,11 @@ class States:
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip
         """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
+        parts = blocks(len(t), self.numbering.width)
+        if len(parts) > 1:
+            given = [[None if x is None else x[part] for x in (t, q, u, s, multipliers)] for part in parts]
+            found = [self.evaluate(outputs, *some, groups) for some in given]  # type: ignore[arg-type]
+            return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
         out = []
         for g in range(len(self.model.groups)) if groups is None else groups:
