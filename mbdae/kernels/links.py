@@ -101,10 +101,10 @@ def member_kernel(kinds: tuple[NodeKind, ...], member: Member) -> ProgramKernel:
 
 
 @lru_cache(maxsize=16)
-def node_motion(kind: NodeKind, accelerations: bool) -> ProgramKernel:
-    """q and u of a body, on request u' too, from the numbers of its motion."""
+def node_motion(kind: NodeKind, heads: tuple[str, ...]) -> ProgramKernel:
+    """Those of q, u and u' ("up") of a body that are asked for, from the numbers of its motion."""
     found = NodeProgram(kind)
-    entries = found.motion(accelerations)
+    entries = found.motion(heads)
     return ProgramKernel(found.program, found.inputs, entries)
 
 

@@ -132,9 +132,9 @@ class NodeProgram(PieceProgram):
         self.inputs = {}
         self.nodes = [self._given(0, kind)]
 
-    def motion(self, accelerations: bool) -> Entries:
-        """q and u of the body, on request u' too."""
-        return [((t[0], t[2]), e) for t, e in self.states((0,), accelerations)]
+    def motion(self, heads: Sequence[str]) -> Entries:
+        """Those of q, u and u' ("up") of the body that are asked for."""
+        return [((t[0], t[2]), e) for t, e in self.states((0,)) if t[0] in heads]
 
     def load(self) -> Entries:
         """Force and moment of rows of laws outside of the tree, ("wu", 0, i)."""

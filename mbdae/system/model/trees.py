@@ -215,7 +215,7 @@ def _rounded(numbers: dict[str, float], length: float) -> Numbers:
     out: list[tuple[str, int | None]] = []
     for name, value in numbers.items():
         small = ROUND_OFF * (length if "_p" in name else 1.0)
-        whole = 0 if abs(value) <= small else int(np.sign(value)) if abs(abs(value) - 1) <= ROUND_OFF else None
+        whole = 0 if abs(value) <= small else (1 if value > 0 else -1) if abs(abs(value) - 1) <= ROUND_OFF else None
         out.append((name, whole))
     return tuple(out)
 

@@ -76,7 +76,7 @@ class OrderedMotion(_AtStates):
             ordered = OrderedTree(moved, numbering, tree, quaternion=True)
             ordered.outwards(part)
             ordered.accelerations(part, lambda k: numbering.n + numbering.nq + k, given=True)
-            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), accelerations=True)
+            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, place), tuple(starts))
             driven = [(place(tree.node(-c), head, 0), moved.slot(numbering, tree, ("clock", c, order)))
                       for _, c, _ in tree.driven for order, head in enumerate(starts)]  # fmt: skip
             part.set([to for to, _ in driven], [slot for _, slot in driven])
@@ -126,13 +126,13 @@ class OrderedBodies(AllBodies):
 
 
 class _Accelerations(_AtStates):
-    """u' of the unknowns from forces on all nodes, which stand in slots behind the numbers of a state."""
+    """u' of all nodes from forces on them, which stand in slots behind the numbers of a state."""
 
     def __init__(self, model: Model, moved: MovedBodies, numbering: Numbering, mass: dict[tuple[int, int], float]) -> None:
         super().__init__(numbering)
         nb, part = numbering, self.part
         self.force = self.operations.slots(model.nu)
-        rates, own = part.slots(nb.nu), nb.of_velocities
+        rates, own, every = part.slots(nb.nu), nb.of_velocities, part.zeros(model.nu)
         left = part.zeros(model.nu)
         part.add(left + np.arange(model.nu), self.force + np.arange(model.nu), -1.0)
         part.set(rates + np.arange(nb.nu), self.force + own)
@@ -140,8 +140,12 @@ class _Accelerations(_AtStates):
         for tree in moved.trees:
             ordered = OrderedTree(moved, nb, _bare(model, tree), inertia=mass)
             self.pivots += self._solve(part, ordered, tree, left, rates)
+            ordered.write_motion(part, [j for j in ordered.bodies if j], _to(tree, lambda n, _, i: every + n.u + i), ("up",))
+            driven = [(every + tree.node(-c).u, moved.slot(nb, tree, ("clock", c, 2))) for _, c, _ in tree.driven]
+            part.set([to for to, _ in driven], [slot for _, slot in driven])
         self._alone(part, mass, rates, {k for _, k in self.pivots})
-        self.ready(rates, nb.nu)
+        part.set(every + own, rates + np.arange(nb.nu))
+        self.ready(every, model.nu)
 
     def _solve(self, part: Operations, ordered: OrderedTree, tree: Tree, left: int, rates: int) -> list[tuple[int, int]]:
         ordered.outwards(part)
@@ -199,9 +203,9 @@ class OrderedMechanics(TreeMechanics):
         qr, ur = e.reduced(q, u)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
-            up = np.concatenate([self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
-                                 for part in blocks(len(t), e.numbering.width)])  # fmt: skip
-            acceleration = e.accelerations(t, qr, ur, up)
+            acceleration = np.concatenate([
+                self._by_order.values(e.workspace(t[part], qr[part], ur[part]), (self._by_order.force, f[part]))
+                for part in blocks(len(t), e.numbering.width)])  # fmt: skip
             multipliers = np.zeros((len(t), self.m))
             self._joint_by_joint(t, q, f - acceleration @ self.mass, multipliers)
             return acceleration, multipliers

@@ -176,10 +176,10 @@ class OrderedTree:
         return np.array(table, dtype=np.intp).reshape(len(run), len(kernel.inputs))
 
     def write_motion(self, part: Operations, nodes: Sequence[int], to: Callable[[int, str, int], int],
-                     accelerations: bool = False) -> None:  # fmt: skip
-        """q and u of some bodies (on request u') to the slots to(body, "q" | "u" | "up", i)."""
+                     heads: tuple[str, ...] = ("q", "u")) -> None:  # fmt: skip
+        """Those of q, u and u' ("up") of some bodies that are asked for, to the slots to(body, head, i)."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
-            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_motion(kind, accelerations)
+            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_motion(kind, heads)
             values = kernel.emit(part, self._table(alike, kernel, self._moved_at))
             part.set([[to(j, head, i) for head, i in kernel.targets] for j in alike], values)
 
