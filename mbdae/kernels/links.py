@@ -14,12 +14,13 @@ import symengine as se
 
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.frames import NodeKind
-from mbdae.symbolic.links.passes import Pass, Shape, inward, outward
+from mbdae.symbolic.links.passes import Pass, Shape, inward, outward, projected
 from mbdae.symbolic.links.programs import LinkProgram, MemberProgram, NodeProgram, RootProgram
 from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.program import Program
+from mbdae.symbolic.quaternions import rate_from_body_spin
 from mbdae.symbolic.tree_structure import Link, Member
-from mbdae.symbolic.vectors import Expr
+from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
 OPTIMISED = 1500  #: steps up to which LLVM optimises a kernel: it runs for every body, and is compiled once
@@ -70,6 +71,19 @@ class BodyKernels:
 
 
 @lru_cache(maxsize=256)
+def projection(shape: Shape) -> ProgramKernel:
+    """Of forces on the freedoms of a body, and on the body that carries it."""
+    return _kernel(projected(shape))
+
+
+@lru_cache(maxsize=1)
+def quaternion_rate() -> Kernel:
+    """P' of a quaternion P and an angular velocity in body components."""
+    symbols = se.symbols("P0:4 w1:4")
+    return Kernel(list(symbols), rate_from_body_spin(symbols[:4], Vec(*symbols[4:])))
+
+
+@lru_cache(maxsize=256)
 def _passes(shape: Shape) -> tuple[ProgramKernel, ProgramKernel, ProgramKernel]:
     made = inward(shape), outward(shape), outward(shape, True)
     return _kernel(made[0]), _kernel(made[1]), _kernel(made[2])
@@ -109,10 +123,10 @@ def node_motion(kind: NodeKind, heads: tuple[str, ...]) -> ProgramKernel:
 
 
 @lru_cache(maxsize=8)
-def node_load(kind: NodeKind) -> ProgramKernel:
+def node_load(kind: NodeKind, role: str) -> ProgramKernel:
     """Force and moment on a body from its rows of laws outside of the tree."""
     found = NodeProgram(kind)
-    entries = found.load()
+    entries = found.load(role)
     return ProgramKernel(found.program, found.inputs, entries)
 
 

@@ -15,6 +15,7 @@ from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.vectors import Expr, Vec
 
 _ZERO = se.Integer(0)
+STEPPED = ("floor", "ceiling")  #: functions that do not change but where they jump
 
 
 class Program:
@@ -44,6 +45,8 @@ class Program:
             return self.let(args[0])
         if isinstance(e, se.Mul):
             args = [self._named(a) if isinstance(a, se.Add) else a for a in args]
+        if type(e).__name__ in STEPPED:
+            return self._named(e.func(*args))
         if isinstance(e, se.Piecewise):
             return se.Piecewise(*zip(args[::2], args[1::2], strict=True))
         return e.func(*args) if hasattr(e, "func") else e.subs(dict(zip(e.args, args, strict=True)))  # a comparison
@@ -87,6 +90,8 @@ class Program:
         return [self._tangent(e, tangent).get(one, _ZERO) for e in outputs]
 
     def _tangent(self, e: Expr, tangent: dict[Expr, dict[Expr, Expr]]) -> dict[Expr, Expr]:
+        if type(e).__name__ in STEPPED:
+            return {}
         total: dict[Expr, Expr] = {}
         for x in sorted(e.free_symbols & tangent.keys(), key=str):
             slope = se.diff(e, x) if tangent[x] else _ZERO

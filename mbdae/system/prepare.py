@@ -105,7 +105,7 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
         raise SceneError([f"scene '{scene.name}': every joint is recursive and prescribed, so there is nothing to solve for; use "
                           f"model=mb.Kinematic() for one of them"])  # fmt: skip
     rows = constraint_rows(model)
-    all_rows = mechanics_of(model, rows, all_bodies) if moved.ordered else Mechanics(model, rows)
+    all_rows = mechanics_of(model, rows, all_bodies) if moved.alone else Mechanics(model, rows)
     loose = start is None and any(c.loose for c in scene.joints)
     ideal = ideal_start(scene, model.stay_kinematic, t0) if loose else None
     starter = Starter(all_rows, start.t if start is not None else t0, changes=ideal.changes if ideal else None)
@@ -113,15 +113,15 @@ def prepare(scene: SceneData, start: Start | None = None, t0: float = 0.0, t_end
     problems = _not_finite(all_rows, starter.t, q)
     if problems:
         raise SceneError(problems)
-    if start is None and not ideal and not (moved.ordered and _closed(all_rows, starter.t, q)):
+    if start is None and not ideal and not (moved.alone and _closed(all_rows, starter.t, q)):
         q = starter.close_or_bend(q)
     always = {row for row in all_rows.rows if not moved.keeps(row)}
-    rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.ordered else
+    rank = (RankReport(list(all_rows.rows), degrees_of_freedom=all_rows.nu - all_rows.m) if moved.alone else
             analyse(all_rows, starter, q, always))  # fmt: skip
     problems = _massless(all_rows, all_bodies, rank, starter, q) + undecided(all_rows, rank, starter.t, q)
     if problems:
         raise SceneError(problems)
-    mechanics = all_rows if moved.ordered else mechanics_of(model, rank.kept, all_bodies)
+    mechanics = all_rows if moved.alone else mechanics_of(model, rank.kept, all_bodies)
     begin = (_continued(mechanics, start) if start is not None else
              Starter(mechanics, t0, changes=starter.changes).run(q, ideal.u if ideal else None))  # fmt: skip
     problems = _contradictions(all_rows, rank, begin)
@@ -164,7 +164,7 @@ def _massless(all_rows: Mechanics, all_bodies: AllBodies, rank: RankReport, star
 
 def mechanics_of(model: Model, rows: list[Row], all_bodies: AllBodies, redundant: int = 0) -> Mechanics:
     """The mechanics of all nodes with some rows, of which so many are redundant."""
-    if all_bodies.moved.ordered:
+    if all_bodies.moved.alone:
         return OrderedMechanics(model, rows, all_bodies)
     reduced = all_bodies.moved.trees and not model.lines  # with beams the constrained equations are sparse, these are not
     return TreeMechanics(model, rows, all_bodies, redundant) if reduced else Mechanics(model, rows, redundant)

@@ -109,5 +109,15 @@ def outward(shape: Shape, given: bool = False) -> Pass:
     return made
 
 
+def projected(shape: Shape) -> Pass:
+    """A force ("w", i) on a body: along the freedoms ("row", k), and on the body that carries it ("w0", i)."""
+    made = Pass(shape)
+    n, w, S = shape.body, made.vector("w", shape.body), made.matrix("S", shape.body, shape.freedoms)
+    X = made.matrix("X", n, shape.parent)
+    made.outputs += [(("w0", j), _dot([X[i][j] for i in range(n)], w)) for j in range(shape.parent)]
+    made.outputs += [(("row", k), _dot([S[i][k] for i in range(n)], w)) for k in range(shape.freedoms)]
+    return made
+
+
 def _dot(a: list[Expr], b: list[Expr]) -> Expr:
     return sum((x * y for x, y in zip(a, b, strict=True)), _ZERO)

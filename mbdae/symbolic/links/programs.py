@@ -136,6 +136,6 @@ class NodeProgram(PieceProgram):
         """Those of q, u and u' ("up") of the body that are asked for."""
         return [((t[0], t[2]), e) for t, e in self.states((0,)) if t[0] in heads]
 
-    def load(self) -> Entries:
-        """Force and moment of rows of laws outside of the tree, ("wu", 0, i)."""
-        return [(("p", i), e) for i, e in enumerate(along(self.nodes[0].kind, *self._load("wu", 0)))]
+    def load(self, role: str) -> Entries:
+        """Force and moment of rows of laws outside of the tree, (role, 0, i): of forces "wu", or corrections of rates "wq"."""
+        return [(("p", i), e) for i, e in enumerate(along(self.nodes[0].kind, *self._load(role, 0)))]

@@ -23,6 +23,9 @@ from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
 
+MOST_FULL = 600  #: unknowns up to which a full Jacobian costs less than the sparse one of kinematic joints
+
+
 def acting_on(instance: Instance) -> list[Node]:
     """The moving nodes a law reads and acts on: a spring on a joint's own coordinate touches that alone."""
     own = instance.law.own_coordinates and not isinstance(instance.law, Joint)
@@ -32,7 +35,7 @@ def acting_on(instance: Instance) -> list[Node]:
 class MovedBodies:
     """The trees of a model: the nodes they move, the laws that their kernels replace, loaded nodes, nodes that share unknowns.
 
-    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree."""
+    ordered: the trees are evaluated joint by joint, not by a kernel of the whole tree; alone: so, and no constraint is left."""
 
     def __init__(self, model: Model, trees: Sequence[Tree], share: bool = True, ordered: bool = False) -> None:
         self.ordered = ordered
@@ -44,6 +47,7 @@ class MovedBodies:
         loaded = {n for g, i, nodes in outside if (g, i) not in idle for n in nodes if n in moved}
         loaded |= {n for line in model.lines for n in line.nodes if n in moved}
         self.replaced = frozenset(inside | idle)
+        self.alone = ordered and not _rows_left(model, self.replaced)
         self.loaded = tuple(n for n in self.nodes if n in loaded)
         self.trees = [tree.loaded(loaded) for tree in trees]
         not_shared = moved | {n for tree in trees for n in tree.nodes[1:] if n}
@@ -95,12 +99,22 @@ class MovedBodies:
 
 
 def by_order(model: Model, moved: MovedBodies) -> bool:
-    """Whether trees are evaluated joint by joint: they are large, nothing but their joints constrains the scene, and no other
-    law reads a coordinate that is prescribed."""
-    large = any(sum(n.kind.sizes[1] for n in tree.coordinates) > MOST_SOLVED for tree in moved.trees) or too_large(moved)
-    if not large or model.lines or acted_on_while_prescribed(moved):
+    """Whether trees are evaluated joint by joint: they are large, without beams, and no other law reads a coordinate that is
+    prescribed. Beside constraints only where a kernel of the whole tree is too large, and the Jacobian, which is full, is not."""
+    many = any(sum(n.kind.sizes[1] for n in tree.coordinates) > MOST_SOLVED for tree in moved.trees)
+    if model.lines or acted_on_while_prescribed(moved):
         return False
-    return all((g, i) in moved.replaced for g, i, _ in model.instances() if model.groups[g].derived.rows)
+    left = _rows_left(model, moved.replaced)
+    if left:
+        carried = set(moved.nodes)
+        unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
+        return unknowns <= MOST_FULL and bool(too_large(moved))
+    return many or bool(too_large(moved))
+
+
+def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
+    """Number of constraint rows of laws that no tree replaces."""
+    return sum(len(model.groups[g].derived.rows) for g, i, _ in model.instances() if (g, i) not in replaced)
 
 
 def too_large(moved: MovedBodies) -> dict[str, str]:

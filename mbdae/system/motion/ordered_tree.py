@@ -190,16 +190,37 @@ class OrderedTree:
         first, kernel = self._accelerations[j]
         return first + kernel.column["a", directions(self._kind(j)).index(name)]
 
-    def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int]) -> None:
-        """Adds forces of laws outside of the tree, whose rows stand at the slots row(body, i)."""
+    def loads(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int], role: str = "wu",
+              to: Callable[[int, int], int] | None = None) -> None:  # fmt: skip
+        """Adds forces of laws outside of the tree, whose rows (of a role) stand at the slots row(body, i), to slots to(body, i),
+        by default the forces of the bodies."""
         for kind in dict.fromkeys(map(self._kind, nodes)):
-            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_load(kind)
+            alike, kernel = [j for j in nodes if self._kind(j) is kind], links.node_load(kind, role)
 
             def read(j: int, place: Place) -> int:
-                return row(j, place[2]) if place[0] == "wu" else self.at(j, ("x", place[2]))
+                return row(j, place[2]) if place[0] == role else self.at(j, ("x", place[2]))
 
             values = kernel.emit(part, self._table(alike, kernel, read))
-            part.add([[self.at(j, target) for target in kernel.targets] for j in alike], values)
+            part.add([[self.at(j, t) if to is None else to(j, t[1]) for t in kernel.targets] for j in alike], values)
+
+    def corrections(self, part: Operations, nodes: Sequence[int], row: Callable[[int, int], int],
+                    F: Callable[[int, Place], int]) -> None:  # fmt: skip
+        """Corrections of the rates of positions: rows of loaded bodies, row(body, i), along the freedoms ("up", node, i) of all
+        that carry them, added at slots F(body, freedom)."""
+        first: dict[int, int] = {j: part.zeros(own.kernels.shape.body) for j, own in self.bodies.items()}
+        self.loads(part, nodes, row, "wq", lambda j, i: first[j] + i)
+        for run in reversed(self._runs):
+            own, back = self.bodies[run[0]].kernels, run[::-1]
+            kernel = links.projection(own.shape)
+
+            def read(j: int, place: Place) -> int:
+                return first[j] + place[1] if place[0] == "w" else self.at(j, place)
+
+            if kernel.targets:
+                to = [[first[self.bodies[j].parent] + i for i in range(own.shape.parent)] for j in back]
+                sums = np.array(to, dtype=np.intp).reshape(len(back), -1)
+                found = part.hand_on(kernel, self._table(back, kernel, read), sums)[:, own.shape.parent :]
+                part.add([[F(j, place) for place in own.freedoms] for j in back], found)
 
     # -- inwards, and the accelerations outwards again
 
