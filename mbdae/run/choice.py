@@ -24,6 +24,7 @@ from mbdae.scene.scene import SceneData
 from mbdae.scene.variants import with_open_tree
 from mbdae.system.assembled.assembly import SPARSE_FROM
 from mbdae.system.base import System
+from mbdae.system.model.moved_bodies import MOST_FULL
 from mbdae.system.prepare import Prepared, prepare
 
 TIGHT = 3e-6  #: accuracy below which multipliers are eliminated: joints then drift as far as the accuracy allows
@@ -66,14 +67,17 @@ def prepared_from(scene: SceneData, start: Result | None = None, t_end: float | 
 
 
 def with_recursive_joints(scene: SceneData, start: Result | None = None, t_end: float | None = None) -> Prepared | None:
-    """The scene with recursive joints, where its joints form a tree that can be compiled and the user left their model open; None
-    elsewhere: then it is taken as stated."""
+    """The scene with recursive joints, where its joints form a tree and the user left their model open; None elsewhere, and where
+    a large tree is stiff, whose Jacobian is full: then it is taken as stated."""
     variant = with_open_tree(scene)
     try:
         found = prepared_from(variant, start, t_end) if variant is not None else None
     except MbdaeError:  # preparing the scene as stated raises what is wrong with it
         return None
-    return None if found is None or found.model.stay_kinematic else found
+    if found is None or found.model.stay_kinematic:
+        return None
+    full = found.all_bodies.moved.ordered and unknowns(found, ODE(), 0) > MOST_FULL  # implicit methods would pay for it
+    return None if full and (Rates(found).decay > STIFF or Rates(found).oscillation > STIFF) else found
 
 
 def choose(prepared: Prepared, stated: SceneData, accuracy: float, form: Form | None = None) -> Choice:

@@ -24,6 +24,7 @@ from mbdae.system.model.trees import Place, Tree
 
 
 MOST_FULL = 600  #: unknowns up to which a full Jacobian costs less than the sparse one of kinematic joints
+SURELY = 64  #: rates of a tree from which a kernel of the whole of it is not tried
 
 
 def acting_on(instance: Instance) -> list[Node]:
@@ -101,7 +102,7 @@ class MovedBodies:
 def by_order(model: Model, moved: MovedBodies) -> bool:
     """Whether trees are evaluated joint by joint: they are large, without beams, and no other law reads a coordinate that is
     prescribed. Beside constraints only where a kernel of the whole tree is too large, and the Jacobian, which is full, is not."""
-    many = any(sum(n.kind.sizes[1] for n in tree.coordinates) > MOST_SOLVED for tree in moved.trees)
+    many = any(_freedoms(tree) > MOST_SOLVED for tree in moved.trees)
     if model.lines or acted_on_while_prescribed(moved):
         return False
     left = _rows_left(model, moved.replaced)
@@ -110,6 +111,10 @@ def by_order(model: Model, moved: MovedBodies) -> bool:
         unknowns = 2 * left + sum(sum(n.kind.sizes) for n in model.nodes if n not in carried)
         return unknowns <= MOST_FULL and bool(too_large(moved))
     return many or bool(too_large(moved))
+
+
+def _freedoms(tree: Tree) -> int:
+    return sum(n.kind.sizes[1] for n in tree.coordinates)
 
 
 def _rows_left(model: Model, replaced: frozenset[Place]) -> int:
@@ -122,6 +127,8 @@ def too_large(moved: MovedBodies) -> dict[str, str]:
     found: dict[str, str] = {}
     for tree in moved.trees:
         try:
+            if _freedoms(tree) > SURELY:
+                raise OverflowError
             tree_plan(tree.structure)
         except OverflowError:
             why = (f"the equations of its tree of {len(tree.joints)} recursive joints take more than {OPERATIONS} operations, "
