@@ -3,7 +3,7 @@
     python benchmarks/trees.py [--sizes 16 64 100 500 2000] [--pinocchio PYTHON] [--mujoco PYTHON]
 
 PYTHON: an interpreter in whose environment pinocchio (package `pin`) or MuJoCo (package `mujoco`) is installed. CPU time of one
-thread, the smallest of several repeats; loops over evaluations are those of Python on all sides, an empty call costs 0.1 to 0.6 us.
+thread, the smallest of several repeats; loops over evaluations are those of Python on all sides, a call costs 0.1 to 0.6 us.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def tree(n: int, branching: int, name: str) -> mb.Scene:
     for i in range(n):
         parent, at = made[(i - 1) // branching + 1 if i else 0]
         side = (i % branching - (branching - 1) / 2) * 0.03
-        end = at + (LENGTH, side, 0)
+        end = at + np.array([LENGTH, side, 0])
         body = s.rigid_body(f"b{i}", 1.0, INERTIA, at=(at + end) / 2)
         s.revolute(f"j{i}", parent, body, at=at, axis=(0, 0, 1) if i % 2 else SLANTED, model=R)
         made.append((body, end))
@@ -63,7 +63,7 @@ def humanoid() -> mb.Scene:
 
     chest, top = limb(s.ground, np.zeros(3), np.array([0, 0, 0.15]), 4, "spine")
     for side in (-1, 1):
-        limb(chest, top + (0, 0.2 * side, 0), np.array([0, 0.08 * side, -0.02]), 9, f"arm{side}")
+        limb(chest, top + np.array([0, 0.2 * side, 0]), np.array([0, 0.08 * side, -0.02]), 9, f"arm{side}")
         limb(_body(s, "spine0"), np.array([0, 0.1 * side, 0.0]), np.array([0, 0, -0.1]), 9,
              f"leg{side}")  # fmt: skip
     return s
@@ -184,7 +184,8 @@ def beside_pinocchio(python: str, n: int) -> str:
     q, v = rng.normal(size=(2, n))
     out = np.empty(system.n)
     rhs(np.r_[q, v], out)
-    theirs, a, version = other(python, PINOCCHIO, {"gravity": [0, -9.81, 0], "links": links(scene), "state": [q.tolist(), v.tolist()]})
+    given = {"gravity": [0, -9.81, 0], "links": links(scene), "state": [q.tolist(), v.tolist()]}
+    theirs, a, version = other(python, PINOCCHIO, given)
     apart = np.max(np.abs(out[n:] - a)) / np.max(np.abs(a))
     return f"| {n} | {us:.1f} | {theirs:.1f} ({version}) | {us / theirs:.2f} | {apart:.1e} |"
 
@@ -205,7 +206,8 @@ def xml(scene: mb.Scene) -> str:
         return (f'<body pos="{words(at)}"><joint type="hinge" axis="{words(axis)}" name="j{i}"/><inertial pos="{words(com)}" '
                 f'mass="{mass:.17g}" diaginertia="{words(J)}"/>{inner}</body>')  # fmt: skip
 
-    return ('<mujoco><compiler angle="radian" inertiafromgeom="false"/><option gravity="0 0 -9.81"><flag contact="disable"/></option>'
+    return ('<mujoco><compiler angle="radian" inertiafromgeom="false"/>'
+            '<option gravity="0 0 -9.81"><flag contact="disable"/></option>'
             f'<worldbody>{"".join(map(body, children[0]))}</worldbody></mujoco>')  # fmt: skip
 
 
@@ -239,7 +241,7 @@ def beside_mujoco(python: str, end: float = 1.0) -> list[str]:
              "start": [begin[:n].tolist(), begin[n:].tolist()], "steps": [500, 1000, 2000, 4000, 8000, 16000]}  # fmt: skip
     theirs, a, version, runs = other(python, MUJOCO, given)
     apart = np.max(np.abs(out[n:][order] - a)) / np.max(np.abs(a))
-    lines = [f"| mj_forward, MuJoCo {version}; right-hand side | {theirs:.1f} us | {us:.1f} us | {us / theirs:.2f} | {apart:.1e} |"]
+    lines = [f"| mj_forward ({version}), right-hand side | {theirs:.1f} us | {us:.1f} us | {us / theirs:.2f} | {apart:.1e} |"]
     started = system.starting(0.0, begin, np.zeros(system.n))
     exact = mb.DOP853(rtol=1e-12).solve(started, end).y[-1][:n]
     own = []
@@ -271,8 +273,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     for name in SCENES:
         for n in given.sizes:  # each in a process of its own, whose memory is its own
-            line = subprocess.run([sys.executable, __file__, "--row", name, str(n)], capture_output=True, text=True,
-                                  check=True)  # fmt: skip
+            command = [sys.executable, __file__, "--row", name, str(n)]
+            line = subprocess.run(command, capture_output=True, text=True, check=True)
             print(line.stdout.strip().splitlines()[-1], flush=True)
     if given.pinocchio:
         print("\n| spatial chain | right-hand side, us | aba of pinocchio, us | ratio | apart |\n|---|---|---|---|---|")

@@ -172,7 +172,8 @@ class Rates:
             return np.array([complex(-np.inf, np.inf)])
         pattern = system.pattern
         values = (system.jacobian_parts if pattern is None else system.jacobian_values)(system.t0, system.y0, system.yp0)
-        fy, fyp = values if pattern is None else (csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
+        fy, fyp = values if pattern is None else (
+            csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
         finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
         if not finite.all():
             worst = system.equations[int(np.argmin(finite))]

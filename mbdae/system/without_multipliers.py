@@ -22,9 +22,9 @@ from mbdae.errors import AccuracyWarning
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
 from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared

@@ -22,7 +22,6 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.shared_nodes import Sharing, shared_displacements
 from mbdae.system.model.trees import Place, Tree
 
-
 MOST_FULL = 600  #: unknowns up to which a full Jacobian costs less than the sparse one of kinematic joints
 SURELY = 64  #: rates of a tree from which a kernel of the whole of it is not tried
 

@@ -89,8 +89,8 @@ class States:
         """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
         parts = blocks(len(t), self.numbering.width)
         if len(parts) > 1:
-            given = [[None if x is None else x[part] for x in (t, q, u, s, multipliers)] for part in parts]
-            found = [self.evaluate(outputs, *some, groups) for some in given]  # type: ignore[arg-type]
+            found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
+                                   None if multipliers is None else multipliers[part], groups) for part in parts]  # fmt: skip
             return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
         out = []
