@@ -77,3 +77,33 @@ def test_runs_agree_with_kinematic_joints(scene, solver):
         np.testing.assert_allclose(runs[0][name].position, runs[1][name].position, atol=3e-6)
     forces = [r["held"].force for r in runs]
     assert np.max(np.abs(forces[0] - forces[1])) < 1e-4 * np.max(np.abs(forces[1]))
+
+
+def small():
+    """A free body, a spherical joint, a slider and a hinge behind each other, held by constraints at both ends."""
+    rng, s = np.random.default_rng(2), mb.Scene("small", gravity=(0.2, -9.81, 1))
+    bodies = [s.rigid_body(f"b{i}", 1.0 + 0.2 * i, rng.uniform(0.2, 0.3, 3), at=rng.normal(size=3)) for i in range(4)]
+    at, axis = rng.normal(size=(5, 3)), rng.normal(size=(3, 3))
+    s.spherical("a", bodies[0], bodies[1], at=at[0], model=R)
+    s.prismatic("b", bodies[2], bodies[1], at=at[1], axis=axis[0], model=R, spring=3.0)
+    s.revolute("c", bodies[2], bodies[3], at=at[2], axis=axis[1], model=R, torque=0.3)
+    s.point_on_plane("first", bodies[0], s.ground, at=at[3], axis=axis[2], model=mb.Kinematic())
+    s.point_on_line("last", s.ground, bodies[3], at=at[4], axis=axis[2], model=mb.Kinematic())
+    return s
+
+
+def test_all_rows_are_those_of_the_kernel_of_the_whole_tree(monkeypatch):
+    """At any y and y', stabilising multipliers included: the rows of velocities are those of the kernel over the mass matrix."""
+    whole = small().system(GGL())
+    monkeypatch.setattr("mbdae.system.prepare.by_order", lambda model, moved: True)
+    ordered = small().system(GGL())
+    assert (whole.assembly.moved.ordered, ordered.assembly.moved.ordered) == (False, True)
+    rng, (F, H), nb = np.random.default_rng(3), np.empty((2, whole.n)), whole.numbering
+    for _ in range(3):
+        y, yp = whole.y0 + 0.2 * rng.normal(size=whole.n), rng.normal(size=whole.n)
+        whole.residual(0.0, y, yp, F)
+        ordered.residual(0.0, y, yp, H)
+        M = whole.jacobian_parts(0.0, y, yp)[1]
+        u = slice(nb.nq, nb.nq + nb.nu)
+        H[u] = M[u, u] @ H[u]
+        assert np.max(np.abs(F - H)) < 1e-11 * np.max(np.abs(F))
