@@ -238,7 +238,7 @@ def beside_mujoco(python: str, end: float = 1.0) -> list[str]:
     rhs(np.r_[q, v], out)
     begin = np.r_[0.05 * np.ones(n), np.zeros(n)]
     given = {"xml": xml(scene), "state": [q[order].tolist(), v[order].tolist()], "end": end,
-             "start": [begin[:n].tolist(), begin[n:].tolist()], "steps": [500, 1000, 2000, 4000, 8000, 16000]}  # fmt: skip
+             "start": [begin[:n].tolist(), begin[n:].tolist()], "steps": [500, 1000, 2000, 4000, 8000]}  # fmt: skip
     theirs, a, version, runs = other(python, MUJOCO, given)
     apart = np.max(np.abs(out[n:][order] - a)) / np.max(np.abs(a))
     lines = [f"| mj_forward ({version}), right-hand side | {theirs:.1f} us | {us:.1f} us | {us / theirs:.2f} | {apart:.1e} |"]
