@@ -64,3 +64,16 @@ def test_a_motion_without_inertia_is_named():
     s.revolute("idle", s.bodies[-1], s.rigid_body("nothing", 0.0, (0, 0, 0), at=(2, 0, 0)), at=(2, 0, 0), model=mb.Recursive())
     with pytest.raises(mb.SceneError, match="joint 'idle' cannot be recursive"):
         prepare(s)
+
+
+def test_a_long_chain_hangs_at_rest_and_vibrates_as_with_kinematic_joints():
+    found = []
+    for model in (mb.Recursive(), mb.Kinematic()):
+        s = mb.Scene("hanging", gravity=(0, -9.81, 0))
+        last = s.ground
+        for i in range(18):
+            rod = s.link(f"b{i}", (0, -0.1 * i), (0, -0.1 * (i + 1)), mass=1.0)
+            s.revolute(f"j{i}", last, rod, at=(0, -0.1 * i), model=model)
+            last = rod
+        found.append(np.sort(np.abs(np.imag(s.linearize().eigenvalues)))[-6:])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-8)

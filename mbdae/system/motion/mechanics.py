@@ -56,6 +56,8 @@ class Mechanics(States):
     def weight(self) -> Any:
         """The mass matrix made positive definite by a millionth of its largest entries: the metric of projections."""
         M, rotational = self.mass, self.rotational
+        if sp.issparse(M) and not self.model.lines:
+            M = M.toarray()
         d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
         return M + (sp.diags(1e-6 * floor, format="csc") if self.model.lines else np.diag(1e-6 * floor))
