@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
+from mbdae.symbolic.program import Program
 from mbdae.symbolic.vectors import Expr
 
 #: LLVM optimises small kernels in milliseconds, large ones in seconds for a few per cent of speed.
@@ -39,6 +40,19 @@ class Kernel:
         if level is None:
             level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
         return se.Lambdify(self.symbols, self.expressions, backend="llvm", cse=True, opt_level=level)
+
+    @cached_property
+    def tangent(self) -> Kernel:
+        """Changes of the values by those of the inputs, which follow the inputs."""
+        program, outputs = self.straight()
+        changes = {s: se.Symbol(f"change_{s}") for s in self.symbols}
+        found = program.along(outputs, changes)
+        return Kernel([*self.symbols, *changes.values()], program.closed(found), self.level)
+
+    def straight(self) -> tuple[Program, list[Expr]]:
+        """The kernel as a program of small steps."""
+        program = Program()
+        return program, [program.let(e) for e in self.expressions]
 
     @cached_property
     def operations(self) -> int:

@@ -159,7 +159,7 @@ class Defect:
         """Change of the unknowns (m, k, n): - J^-1 right with J in the middle of a step."""
         k, h = len(times) // 2, float(self.widths[step])
         system = systems_at(self.run, times[k : k + 1], self.system)[0]
-        if system.pattern is None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
+        if system.pattern is None and system.rhs is not None:  # y' = f, eliminated multipliers, chosen where nothing is stiff
             return -h * right
         J = np.zeros((system.n,) * 2 if system.sparsity is None else system.sparsity.nnz)
         system.jacobian(float(times[k]), y[k], yp[k], 1 / h, J)

@@ -106,6 +106,7 @@ class System:
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
+    rate_products: Any = None  #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where that is cheaper than dy'/dy
     partition: Any = None
     #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
     native: Any = None

@@ -24,8 +24,8 @@ from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
-from mbdae.system.assembled.workspace import Workspace, narrow_order
 from mbdae.system.base import Array
+from mbdae.system.motion.workspace import Workspace, narrow_order
 
 VELOCITY, POSITION = "baumgarte_velocity", "baumgarte_position"  #: factors of G u + g_t (1/s) and of g (1/s^2) in the rows
 SPREAD = 1e-5  #: squared independent part of a row of G M^-1/2 below which S has lost too many digits

@@ -22,7 +22,6 @@ from mbdae.symbolic.outputs import Target
 from mbdae.system.assembled.evaluation import EquationsOfScene, Scatter
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.jacobian_entries import Entries, Pattern
-from mbdae.system.assembled.workspace import Loaded
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, Line, batches
 from mbdae.system.model.model import Model
@@ -30,6 +29,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
+from mbdae.system.motion.workspace import Loaded
 
 #: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
 #: of nearly rigid strains, and their errors are weighed like those

@@ -12,9 +12,9 @@ import scipy.sparse as sp
 from mbdae.native.equations import Equations, Table
 from mbdae.native.program import Operations, address_of, core
 from mbdae.system.assembled.jacobian_entries import Pattern
-from mbdae.system.assembled.workspace import Index, Loaded, Workspace, narrow_order
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.workspace import Index, Loaded, Workspace, narrow_order
 
 
 class Scatter:

@@ -8,11 +8,11 @@ import numpy as np
 
 from mbdae.kernels import plan
 from mbdae.symbolic.switches import Switch, known_switches, switch_outputs
-from mbdae.system.assembled.workspace import Loaded, Values
 from mbdae.system.base import Array, Switches
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.moved_bodies import MovedBodies
 from mbdae.system.model.numbering import Numbering
+from mbdae.system.motion.workspace import Loaded, Values
 
 
 def switches_of_model(model: Model, moved: MovedBodies) -> Switches | None:
