@@ -16,7 +16,7 @@ from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.rebuild import substituted
 from mbdae.symbolic.tree import tree_program
-from mbdae.symbolic.tree_structure import Link, TreeStructure
+from mbdae.symbolic.tree_motion import Link, TreeStructure
 
 _AXES = (Axes.GENERAL, Axes.GENERAL)
 

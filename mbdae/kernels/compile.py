@@ -10,6 +10,9 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.disk.entries import keep, key_of, recall
+from mbdae.disk.exact import Digests
+from mbdae.disk.store import store
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.vectors import Expr
@@ -19,22 +22,35 @@ _OPTIMISE_BELOW = 400
 
 
 class Kernel:
-    """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous."""
+    """Evaluates `expressions` of `symbols` at N points at once: x (N, inputs) -> out (N, outputs), both C-contiguous.
 
-    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None = None) -> None:
-        self.symbols, self.expressions, self.level = list(symbols), list(expressions), level
+    width: the number of expressions, where these are given by a function that finds them when they are first needed; key: that of
+    the machine code on disk, where it follows from what the expressions were derived from; else it follows from them."""
 
-    @property
-    def width(self) -> int:
-        """Number of outputs."""
-        return len(self.expressions)
+    def __init__(self, symbols: Sequence[Expr], expressions: Sequence[Expr] | Callable[[], Sequence[Expr]],
+                 level: int | None = None, width: int | None = None, key: str | None = None) -> None:  # fmt: skip
+        self.symbols, self._stated, self.level, self._key = list(symbols), expressions, level, key
+        self.width = len(self.expressions) if width is None else width  #: number of outputs
+
+    @cached_property
+    def expressions(self) -> list[Expr]:
+        """What it evaluates."""
+        return list(self._stated() if callable(self._stated) else self._stated)
 
     @cached_property
     def compiled(self) -> Any:
-        """The LLVM function, compiled on first use; without inputs (a tree that is prescribed throughout) the constants."""
+        """The LLVM function, from disk or compiled on first use; without inputs (a tree that is prescribed throughout) the
+        constants."""
         if not self.symbols:
             constants = np.array([float(e) for e in self.expressions])
             return lambda x, out: np.copyto(out, constants)
+        key = self._key or code_key(self.symbols, self.expressions, self.level)
+        found = recall(key)
+        if found is None:
+            keep(key, found := self._compiled_now())
+        return found
+
+    def _compiled_now(self) -> Any:
         level = self.level
         if level is None:
             level = 2 if len(self.expressions) < 60 and self.operations < _OPTIMISE_BELOW else 0
@@ -67,17 +83,17 @@ class Kernel:
         if not self.symbols:
             return self.once(x)
         x = np.ascontiguousarray(x, dtype=float)
-        out = np.empty((*x.shape[:-1], len(self.expressions)))
+        out = np.empty((*x.shape[:-1], self.width))
         if out.size:
             self(x.reshape(-1, x.shape[-1]), out.reshape(-1, out.shape[-1]))
         return out
 
     def once(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Like `values`, interpreted: for constants that are evaluated once."""
-        if not self.expressions:
+        if not self.width:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:
-            return np.broadcast_to([float(e) for e in self.expressions], (*x.shape[:-1], len(self.expressions)))
+            return np.broadcast_to([float(e) for e in self.expressions], (*x.shape[:-1], self.width))
         interpreted = se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
         return np.asarray(interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
 
@@ -85,3 +101,13 @@ class Kernel:
     def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:
         """The same kernel in NumPy, in complex numbers too (complex step): slow, for tests and `selftest`."""
         return numpy_function(self.symbols, self.expressions)
+
+
+def code_key(symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None) -> str | None:
+    """The key of compiled expressions by the expressions themselves; None where nothing is kept."""
+    if not store().used:
+        return None
+    try:
+        return key_of("code", Digests().of([list(symbols), list(expressions), level]))
+    except Exception:  # of a part without a digest: it is compiled every time
+        return None

@@ -11,7 +11,7 @@ import symengine as se
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree import OPERATIONS, tree_program
-from mbdae.symbolic.tree_structure import TreeStructure
+from mbdae.symbolic.tree_motion import TreeStructure
 from mbdae.symbolic.vectors import Expr
 
 CHUNK = 3000  #: steps of one kernel: LLVM compiles 3000 in 0.1 to 0.2 s, 10000 in seconds
