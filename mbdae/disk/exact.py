@@ -1,18 +1,21 @@
 """A digest of what a law states: the same for the same expressions in every process, another one for any other.
 
-Numbers enter bit by bit, symbols by their names, functions by their kinds. What is not known to be covered completely by its digest
-(functions of SymPy's own, objects of a user's own) has none.
+Numbers enter bit by bit, symbols by their names, functions by their kinds. What is not known to be covered
+completely by its digest (functions of SymPy's own, objects of a user's own) has none.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
 
 import symengine as se
+
+from mbdae.disk.entries import key_of
+from mbdae.disk.store import store
 
 PLAIN = ("Zero", "One", "NegativeOne", "Half", "Integer", "Rational", "Pi", "Exp1", "BooleanTrue", "BooleanFalse", "Infinity",
          "NegativeInfinity", "NaN", "GoldenRatio", "EulerGamma", "Catalan", "ImaginaryUnit")  #: told by their text  # fmt: skip
@@ -85,3 +88,12 @@ class Digests:
 
 def _short(text: str) -> str:
     return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
+
+def code_key(symbols: Sequence[Any], expressions: Sequence[Any], level: int | None) -> str | None:
+    """The key of compiled expressions by the expressions themselves; None where nothing is kept."""
+    if not store().used:
+        return None
+    try:
+        return key_of("code", Digests().of([list(symbols), list(expressions), level]))
+    except Exception:  # of a part without a digest: it is compiled every time
+        return None

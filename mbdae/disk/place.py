@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import sys
@@ -36,10 +37,8 @@ def made(folder: Path) -> str:
     """Make the folder for this user alone where it is missing; "" where it may be used, else the reason why not."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        except FileExistsError:
-            pass
         return unsafe(os.lstat(folder), is_folder=True)
     except (OSError, ValueError) as error:
         return f"it cannot be made ({getattr(error, 'strerror', None) or error})"

@@ -57,7 +57,8 @@ class Store:
         return not self.why
 
     def _path(self, key: str) -> Path:
-        assert self.folder is not None and key.isalnum(), key
+        assert self.folder is not None
+        assert key.isalnum(), key
         return self.folder / (key + SUFFIX)
 
     def read(self, key: str) -> bytes | None:

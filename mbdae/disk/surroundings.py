@@ -26,15 +26,13 @@ def surroundings() -> str:
 
 
 def releases() -> list[str]:
-    """Releases of mbdae, symengine (with the size of its library, in which LLVM is), NumPy and Python."""
+    """Releases of symengine (with the size of its library, in which LLVM is), NumPy and Python; mbdae's is in its sources."""
     import numpy
     import symengine
     from symengine.lib import symengine_wrapper
 
-    import mbdae
-
     library = str(symengine_wrapper.__file__)
-    return [mbdae.__version__, symengine.__version__, str(os.stat(library).st_size), numpy.__version__, sys.version,
+    return [symengine.__version__, str(os.stat(library).st_size), numpy.__version__, sys.version,
             sys.implementation.name]  # fmt: skip
 
 

@@ -10,9 +10,8 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
-from mbdae.disk.entries import keep, key_of, recall
-from mbdae.disk.exact import Digests
-from mbdae.disk.store import store
+from mbdae.disk.entries import keep, recall
+from mbdae.disk.exact import code_key
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.vectors import Expr
@@ -42,13 +41,20 @@ class Kernel:
         """The LLVM function, from disk or compiled on first use; without inputs (a tree that is prescribed throughout) the
         constants."""
         if not self.symbols:
-            constants = np.array([float(e) for e in self.expressions])
-            return lambda x, out: np.copyto(out, constants)
+            return lambda x, out: np.copyto(out, self._fixed)
         key = self._key or code_key(self.symbols, self.expressions, self.level)
         found = recall(key)
         if found is None:
             keep(key, found := self._compiled_now())
         return found
+
+    @cached_property
+    def _fixed(self) -> NDArray[np.float64]:
+        """The values of a kernel without inputs."""
+        found = recall(self._key)
+        if found is None:
+            keep(self._key, found := tuple(float(e) for e in self.expressions))
+        return np.array(found, dtype=float)
 
     def _compiled_now(self) -> Any:
         level = self.level
@@ -75,7 +81,7 @@ class Kernel:
         if self.symbols:
             return part.call(self, gather, first)
         first = part.slots(len(gather) * self.width) if first is None else first
-        part.load(first, np.tile([float(e) for e in self.expressions], len(gather)))  # LLVM takes no function without arguments
+        part.load(first, np.tile(self._fixed, len(gather)))  # LLVM takes no function without arguments
         return block(first, len(gather), self.width)
 
     def values(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -93,7 +99,7 @@ class Kernel:
         if not self.width:
             return np.empty((*x.shape[:-1], 0))
         if not self.symbols:
-            return np.broadcast_to([float(e) for e in self.expressions], (*x.shape[:-1], self.width))
+            return np.broadcast_to(self._fixed, (*x.shape[:-1], self.width))
         interpreted = se.Lambdify(self.symbols, self.expressions, backend="lambda", cse=True)
         return np.asarray(interpreted(np.ascontiguousarray(x, dtype=float))).reshape(*x.shape[:-1], -1)
 
@@ -101,13 +107,3 @@ class Kernel:
     def oracle(self) -> Callable[[NDArray[Any]], NDArray[Any]]:
         """The same kernel in NumPy, in complex numbers too (complex step): slow, for tests and `selftest`."""
         return numpy_function(self.symbols, self.expressions)
-
-
-def code_key(symbols: Sequence[Expr], expressions: Sequence[Expr], level: int | None) -> str | None:
-    """The key of compiled expressions by the expressions themselves; None where nothing is kept."""
-    if not store().used:
-        return None
-    try:
-        return key_of("code", Digests().of([list(symbols), list(expressions), level]))
-    except Exception:  # of a part without a digest: it is compiled every time
-        return None

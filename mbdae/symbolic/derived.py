@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import symengine as se
 
-from mbdae.disk.entries import keep, recall
+from mbdae.disk.entries import keep, key_of, recall
 from mbdae.symbolic.frames import Axes, Frame, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element
@@ -66,6 +66,14 @@ class Derived:
     @cached_property
     def _derivation(self) -> tuple[Facts, Terms, Variation]:
         return self._run()
+
+    def noted(self, what: str, find: Callable[[], Any]) -> Any:
+        """A plain fact that follows from the terms, found or recalled from disk. what: name of the question with its module."""
+        key = None if self.key is None else key_of("note", self.key, what)
+        found = recall(key)
+        if found is None:
+            keep(key, found := (find(),))
+        return found[0]
 
     @property
     def variation(self) -> Variation:

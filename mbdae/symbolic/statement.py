@@ -75,8 +75,8 @@ class Statement:
                            f"use s.rigid_body")  # fmt: skip
 
     def answers(self) -> dict[str, Any]:
-        """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for those
-        of forces that follow from a joint's own reactions."""
+        """All that the law says of itself and on its frames: two laws with the same answers have the same equations, but for
+        forces that follow from a joint's own reactions."""
         law, cls = self.law, type(self.law)
         plain = {name: getattr(cls, name) for name in dir(cls) if not name.startswith("_")}
         parameters = [{name: entry.unit for name, entry in table.items()}

@@ -1,5 +1,5 @@
-"""What distinguishes two trees of joints apart from numbers; the motion of a body relative to the one before it in a tree, elementary
-motion by elementary motion, with its rates."""
+"""What distinguishes two trees of joints apart from numbers; the motion of a body relative to the one before it in a tree,
+elementary motion by elementary motion, with its rates."""
 
 from __future__ import annotations
 

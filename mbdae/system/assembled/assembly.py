@@ -65,7 +65,7 @@ class Assembly:
         live = {(row.group, row.instance) for row in rows}
         for g, group in enumerate(model.groups):
             d = group.derived
-            idle = d.rows and not (d.force or getattr(d.law, "penalty", None))  # a joint whose rows are all met
+            idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))  # a joint whose rows are all met
             active = [i for i in range(len(group.instances))
                       if (g, i) not in moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
             if active:
