@@ -6,7 +6,9 @@ import hashlib
 import os
 import sys
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from mbdae.disk.store import store
 
@@ -38,10 +40,9 @@ def releases() -> list[str]:
 
 def machine() -> list[str]:
     """System, kind of processor and its instructions."""
-    from numpy._core._multiarray_umath import __cpu_features__
-
+    features_of: Any = import_module("numpy._core._multiarray_umath")
     kind = os.uname().machine if hasattr(os, "uname") else os.environ.get("PROCESSOR_IDENTIFIER", "")
-    features = sorted(name for name, there in __cpu_features__.items() if there)
+    features = sorted(name for name, there in features_of.__cpu_features__.items() if there)
     return [sys.platform, sys.byteorder, str(sys.maxsize), kind, *features, *_processor()]
 
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import splu
 from mbdae.errors import SolverError
 from mbdae.integrators.matrices.iteration import as_csc
 from mbdae.integrators.solution import Solution, systems_at

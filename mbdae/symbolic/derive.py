@@ -103,7 +103,7 @@ class _Derivation(Statement):
             return None
         rows, vanished, _, _, G = self._constraints()
         force = reaction_on_l(law, self.frames, rows, G)
-        pressing = None if law.friction is None else law.pressing(*self.sides[:2], force)
+        pressing = None if law.friction is None else law.pressing(self.sides[0], self.sides[1], force)
         return [law.resistance(*self.sides, reactions(law, rows, vanished)), law.rubbing(force, *self.sides), pressing]
 
     def run(self) -> tuple[Facts, Terms]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class SceneSystem(System):
         made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
-        self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
+        self.label, self.sparsity = made.label, made.sparsity
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
@@ -64,6 +65,11 @@ class SceneSystem(System):
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
+
+    @cached_property
+    def pattern(self) -> Any:
+        """CSC pattern of the Jacobian."""
+        return self.assembly.pattern
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.assembly.residual(t, y, yp, out)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import symengine as se
-from scipy.linalg import eigh
 
+from mbdae.deferred import eigh
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
