@@ -3,8 +3,11 @@ more than the run of a pendulum."""
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from mbdae.threads import limit_what_was_loaded
 
 __all__ = ["bmat", "connected_components", "csc_matrix", "cython_lapack", "eigh", "eigvals", "identity", "issparse", "qr", "sp",
            "splu"]  # fmt: skip
@@ -25,7 +28,11 @@ else:
 
         def _found(self) -> Any:
             module, name = self._place
-            return getattr(import_module(module), name) if name else import_module(module)
+            known = "scipy.linalg" in sys.modules
+            found = import_module(module)
+            if not known and "scipy.linalg" in sys.modules:
+                limit_what_was_loaded()
+            return getattr(found, name) if name else found
 
         def __getattr__(self, name: str) -> Any:
             return getattr(self._found(), name)

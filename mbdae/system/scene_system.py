@@ -66,6 +66,10 @@ class SceneSystem(System):
             self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
 
+    @property
+    def has_pattern(self) -> bool:
+        return True
+
     @cached_property
     def pattern(self) -> Any:
         """CSC pattern of the Jacobian."""

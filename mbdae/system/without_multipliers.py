@@ -57,13 +57,14 @@ class WithoutMultipliers(SceneSystem):
     """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
 
     strict = False  #: whether a run stops at singular positions
+    pattern = None  #: dy'/dy is full
+    has_pattern = False
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
         model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
         self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
         super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
-        self.pattern = None  # dy'/dy is full
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)
