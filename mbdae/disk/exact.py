@@ -40,8 +40,8 @@ class Digests:
             return f"{type(value).__name__} {value!r}"
         if isinstance(value, float):
             return f"float {value.hex()}"
-        if isinstance(value, se.Basic):
-            return self._of_expression(value)
+        if isinstance(value, se.Basic) or hasattr(value, "_sympy_") or type(value).__module__.startswith("sympy."):
+            return self._of_expression(se.sympify(value))
         return _short(self._of_container(value))
 
     def _of_container(self, value: Any) -> str:
@@ -58,8 +58,6 @@ class Digests:
             return f"{kind} {[(f.name, self.of(getattr(value, f.name))) for f in fields(value)]}"
         if kind in ("Vec", "Motion") and type(value).__module__.startswith("mbdae.symbolic."):
             return f"{kind} {[self.of(v) for v in (value.c if kind == 'Vec' else value.steps)]}"
-        if hasattr(value, "free_symbols"):  # of SymPy
-            return self._of_expression(se.sympify(value))
         raise NoDigestError(kind)
 
     def _of_expression(self, e: Any) -> str:

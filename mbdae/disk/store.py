@@ -14,9 +14,9 @@ import hashlib
 import os
 import secrets
 import time
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from mbdae.disk.place import chosen_folder, made, unsafe
 
@@ -29,8 +29,7 @@ _READ = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 _WRITE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
 
-@dataclass(frozen=True)
-class Content:
+class Content(NamedTuple):
     """What a store holds: entries, their bytes, and how often entries were found and not found."""
 
     entries: int

@@ -86,6 +86,7 @@ class Statement:
             "declared": [list(map(list, table.items())) for table in parameters],
             "present": [name for name in law.params if getattr(law, name) is not None],
             "chosen": {name: _chosen(getattr(law, name)) for name in law.options},
+            "in time": [(p, rate) for p, rate in self.variation.clock.items()],
             "frames": [(f.side, f.kind.value, f.axes.value) for f in self.frames],
             "motion": symbolic_steps(law),
             **{name: getattr(law, name)(*self.sides) for name in QUESTIONS if hasattr(law, name)},
