@@ -45,7 +45,7 @@ r, names = s.simulate(0.5, accuracy=1e-3), ["A", "C"]
 """
 BEAM = """
 s = mb.Scene("beam", gravity=(0, -9.81, 0))
-beam = s.beam("beam", [(0, 0), (1, 0)], mb.Section.rectangular(0.02, 0.01, E=2e9, nu=0.3, rho=1e3), elements=2)
+beam = s.beam("beam", (0, 0), (1, 0), section=mb.Section.rectangular(0.02, 0.01, E=2e9, nu=0.3, rho=1e3), elements=2)
 s.revolute("hinge", s.ground, beam, at=(0, 0))
 r, names = s.simulate(0.5, accuracy=1e-2), ["hinge"]
 """
