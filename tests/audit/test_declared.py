@@ -10,7 +10,7 @@ from mbdae.audit import laws
 from mbdae.audit.motion import Motion
 from mbdae.audit.phrases import Env
 from mbdae.audit.reading import read
-from mbdae.audit.rules_joints import law
+from mbdae.audit.rules_laws import law
 from mbdae.laws import forces, joints
 
 SPRING = """
