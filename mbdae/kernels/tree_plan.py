@@ -60,18 +60,23 @@ class ProgrammedTree:
         return Piece(tuple(self.places[s] for s in symbols), tuple(t for t, _ in entries), Kernel(symbols, outputs, level))
 
     def residual(self) -> list[Piece]:
+        """The rows of the tree."""
         return [self._piece(self.rows)]
 
     def forward(self) -> list[Piece]:
+        """q, u and u' of the loaded nodes."""
         return [self._piece(self.motion)]
 
     def jacobian(self) -> list[Piece]:
+        """Derivatives of all of them."""
         return self._chunks([((target, place), e) for target, place, e in self.derivatives])
 
     def mass(self) -> list[Piece]:
+        """Derivatives of the rows by accelerations."""
         return self._chunks([((t, p), e) for t, p, e in self.derivatives if p[0] == "up" and t[0] == "u" and t[1] <= 0])
 
     def rates(self) -> list[Piece]:
+        """As `TreePlan.rates`; none where the program is long."""
         rows = {t: e for t, e in self.rows if t[0] == "u"}
         number = {t[1:]: i for i, t in enumerate(rows)}
         entries = {(number[t[1:]], number[p[1:]]): e for t, p, e in self.derivatives
@@ -91,9 +96,11 @@ class ProgrammedTree:
         return [Piece(tuple(self.places[s] for s in symbols), tuple(rows), Kernel([*symbols, *forces], outputs, 2))]
 
     def motion_of_all(self) -> list[Piece]:
+        """q, u and u' of every carried node."""
         return [self._piece(self.tree.states(carried_nodes(self.structure)))]
 
     def velocities(self) -> list[Piece]:
+        """Derivatives of the velocities of all carried nodes."""
         nodes = carried_nodes(self.structure)
         motion = [(t, e) for t, e in self.tree.states(nodes, accelerations=False) if t[0] == "u"]
         seeds = [s for s, place in self.places.items() if place[0] == "u"]
