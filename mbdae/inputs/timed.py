@@ -16,6 +16,8 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.disk.entries import keep, recall
+from mbdae.disk.exact import code_key
 from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import FUNCTIONS, canonical
 from mbdae.inputs.text import TIME as TIME
@@ -257,4 +259,8 @@ def rate_at(e: Any, t: float) -> float:
 
 @lru_cache(maxsize=256)
 def _compiled(e: Expr) -> Any:
-    return se.Lambdify([TIME, SIDE], [e], backend="llvm")
+    key = code_key([TIME, SIDE], [e], None)
+    found = recall(key)
+    if found is None:
+        keep(key, found := se.Lambdify([TIME, SIDE], [e], backend="llvm"))
+    return found

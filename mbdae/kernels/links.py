@@ -19,7 +19,7 @@ from mbdae.symbolic.links.programs import LinkProgram, MemberProgram, NodeProgra
 from mbdae.symbolic.links.state import directions
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.quaternions import rate_from_body_spin
-from mbdae.symbolic.tree_structure import Link, Member
+from mbdae.symbolic.tree_motion import Link, Member
 from mbdae.symbolic.vectors import Expr, Vec
 
 Place = tuple[Any, ...]
@@ -35,11 +35,11 @@ class ProgramKernel(Kernel):
         used = set().union(*(e.free_symbols for e in closed))
         symbols = [s for s in known if s in used]
         super().__init__(symbols, closed, 2 if len(program.needed(stated)) < OPTIMISED else 0)
-        self._stated = program, stated
+        self._program = program, stated
         self.inputs, self.targets = [known[s] for s in symbols], [target for target, _ in entries]
 
     def straight(self) -> tuple[Program, list[Expr]]:
-        return self._stated
+        return self._program
 
     @cached_property
     def column(self) -> dict[Place, int]:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
-from scipy.sparse import csc_matrix
 
+from mbdae.deferred import eigvals
 from mbdae.errors import MbdaeError, OptionError
 from mbdae.formulations import GGL, ODE, Form, Index1, default_form, system_for
 from mbdae.integrators.base import Solver
@@ -35,6 +34,7 @@ FRICTION = "friction, which is stiff where bodies stick"
 UNSAID = "internal states of '{}': bodies may stick by them, unless the class {} says sticks = False"
 LARGEST = 8  #: of their eigenvalues that are looked for
 EIGENVALUES = 300  #: unknowns up to which eigenvalues are computed
+WELL_CONDITIONED = 1e8  #: condition of a mass matrix up to which it is inverted
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _hard(prepared: Prepared) -> str:
 def _largest_eigenvalues(system: System) -> np.ndarray:
     """Of dy'/dy at the start: all of a small system, the largest of a large one, by products with it."""
     if system.n <= EIGENVALUES:
-        return np.asarray(scipy.linalg.eigvals(system.rate_jacobian(system.t0, system.y0)))
+        return np.asarray(eigvals(system.rate_jacobian(system.t0, system.y0)))
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs  # not needed by small scenes
 
     def product(v: np.ndarray) -> np.ndarray:
@@ -170,16 +170,15 @@ class Rates:
             return _largest_eigenvalues(system)
         if system.n > EIGENVALUES:
             return np.array([complex(-np.inf, np.inf)])
-        pattern = system.pattern
-        values = (system.jacobian_parts if pattern is None else system.jacobian_values)(system.t0, system.y0, system.yp0)
-        fy, fyp = values if pattern is None else (
-            csc_matrix((v, pattern.indices, pattern.indptr), shape=pattern.shape).toarray() for v in values)
+        fy, fyp = system.assembly.dense_jacobian(system.t0, system.y0, system.yp0)
         finite = np.isfinite(fy).all(axis=1) & np.isfinite(fyp).all(axis=1)
         if not finite.all():
             worst = system.equations[int(np.argmin(finite))]
             raise OptionError(f"the derivatives of equation {worst} are not finite at the start t = {system.t0:g} s: check the "
                               f"laws and parameters it contains")  # fmt: skip
-        return np.asarray(scipy.linalg.eigvals(-fy, fyp))
+        if not self._prepared.rows and np.linalg.cond(fyp) < WELL_CONDITIONED:
+            return np.linalg.eigvals(np.linalg.solve(fyp, -fy))
+        return np.asarray(eigvals(-fy, fyp))
 
     @property
     def decay(self) -> float:

@@ -54,7 +54,7 @@ def size_of(system: Assembly) -> Size:
     live = {(row.group, row.instance) for row in system.numbering.rows}
     for g, group in enumerate(system.model.groups):
         d = group.derived
-        idle = d.rows and not (d.force or getattr(d.law, "penalty", None))
+        idle = d.rows and not (d.forced or getattr(d.law, "penalty", None))
         active = [i for i in range(len(group.instances))
                   if (g, i) not in system.moved.replaced and not (idle and (g, i) not in live)]  # fmt: skip
         if active:

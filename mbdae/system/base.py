@@ -102,6 +102,12 @@ class System:
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
+    @property
+    def has_pattern(self) -> bool:
+        """Whether there is one."""
+        return self.pattern is not None
+
+
     kept: Kept | None = None  #: None: solvers keep nothing
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None

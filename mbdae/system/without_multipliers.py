@@ -58,6 +58,8 @@ class WithoutMultipliers(SceneSystem):
     """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
 
     strict = False  #: whether a run stops at singular positions
+    pattern = None  #: dy'/dy is full
+    has_pattern = False
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
@@ -65,7 +67,6 @@ class WithoutMultipliers(SceneSystem):
         kind = assembly_of(moved)
         self.full = kind(model, prepared.mechanics.rows, bare, sparse, moved)
         super().__init__(prepared, spec, sparse, others, kind(model, [], replace(bare, blocks=()), False, moved))
-        self.pattern = None  # dy'/dy is full
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)

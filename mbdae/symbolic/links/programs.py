@@ -17,8 +17,7 @@ from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.links.state import along, directions, motion_names, numbers_of, state_of
 from mbdae.symbolic.program import Program
 from mbdae.symbolic.tree import TreeProgram, Wrench
-from mbdae.symbolic.tree_motion import State
-from mbdae.symbolic.tree_structure import Link, Member, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Member, State, TreeStructure
 from mbdae.symbolic.vectors import ZERO, Expr
 
 Place = tuple[Any, ...]

@@ -201,6 +201,8 @@ class OrderedResidual(OrderedEquations):
 class OrderedAssembly(Assembly):
     """F = y' - f(t, y), or F(t, y, y') beside constraints, with its Jacobian, which is full."""
 
+    has_pattern = False
+
     def _finish(self, pattern: Pattern, sparse: bool) -> None:
         nb, n = self.numbering, self.n
         self.pattern = self.sparsity = None
@@ -255,6 +257,9 @@ class OrderedAssembly(Assembly):
         found: Any = self.evaluation
         fy, fyp = found.jacobian_parts(t, y, yp)
         return fy, fyp
+
+    def dense_jacobian(self, t: float, y: Array, yp: Array) -> Array:
+        return np.stack(self.jacobian_parts(t, y, yp))
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:
         fy, fyp = self.jacobian_parts(t, y, yp)

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp, splu
 from mbdae.errors import SolverError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -101,7 +100,7 @@ class Rates:
     def __init__(self, full: Assembly, differential: int, linear: bool) -> None:
         self.full, self.n, self.linear = full, differential, linear
         self.multipliers = np.zeros(full.n - differential)
-        self._columns = np.arange(full.n) if full.pattern is None else np.repeat(np.arange(full.n), np.diff(full.pattern.indptr))
+        self._columns = np.repeat(np.arange(full.n), np.diff(full.columns.first)) if full.has_pattern else np.arange(full.n)
         self._rate = self._columns < differential
         self._Y, self._Yp, self._R = np.zeros((3, full.n))
 

@@ -15,7 +15,7 @@ from mbdae.scene.topology import leader
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Force
-from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_motion import Link, Member, Numbers, TreeStructure
 from mbdae.system.model.beams import drawn_quaternion
 from mbdae.system.model.model import Instance, Model
 from mbdae.system.model.nodes import Node

@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp, splu
 from mbdae.kernels import linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
+from mbdae.deferred import sp
 from mbdae.native.program import Operations, core
 from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import jacobian_G

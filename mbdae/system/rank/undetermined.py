@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import symengine as se
-from scipy.linalg import eigh
 
+from mbdae.deferred import eigh
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
