@@ -15,7 +15,7 @@ from mbdae.errors import LawError, SceneError
 from mbdae.laws.elements import BeamNode, JointCoordinate, PointMass, RigidBody
 from mbdae.laws.forces import Gravity
 from mbdae.scene.beams import mesh_of
-from mbdae.scene.components import Beam, Body, Clearance, Connection, Station
+from mbdae.scene.components import Array, Beam, Body, Clearance, Connection, Station
 from mbdae.scene.scene import SceneData
 from mbdae.symbolic.derive import Derived, Side, derive
 from mbdae.symbolic.frames import Axes, NodeKind
@@ -58,6 +58,23 @@ class Group:
     def side_numbers(self) -> dict[str, int]:
         """Numbers of the frames among the nodes of an instance, by their names."""
         return {f.side: n for n, f in enumerate(self.derived.frames)}
+
+    @cached_property
+    def names_of_numbers(self) -> dict[str, int]:
+        """Names of the numbers of its laws, with their columns in `numbers`."""
+        return {name: n for n, name in enumerate(dict.fromkeys(name for i in self.instances for name in i.numbers))}
+
+    @cached_property
+    def numbers(self) -> Array:
+        """(instances, names) numbers of its laws; NaN where a law has none of that name."""
+        names = self.names_of_numbers
+        rows = [[i.numbers.get(name, nan) for name in names] for i in self.instances]
+        return np.array(rows, dtype=float).reshape(len(rows), len(names))
+
+    def side(self, name: str) -> list[Node]:
+        """The nodes of one frame of all its laws."""
+        n = self.side_numbers[name]
+        return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
 
 
 class ConditionTime:
@@ -105,12 +122,12 @@ class Model:
     undefined: list[str] = field(default_factory=list)  #: of the rows vanished those that need axes of a point mass
     conditions: ConditionTime = field(default_factory=ConditionTime)
 
-    @property
+    @cached_property
     def nq(self) -> int:
         """Number of position unknowns."""
         return sum(n.kind.sizes[0] for n in self.nodes)
 
-    @property
+    @cached_property
     def nu(self) -> int:
         """Number of velocity unknowns."""
         return sum(n.kind.sizes[1] for n in self.nodes)
@@ -128,14 +145,18 @@ class Model:
         """The nodes and elements of a beam."""
         return next((line for line in self.lines if line.beam is beam), None)
 
-    @property
+    @cached_property
     def joint_coordinates(self) -> list[Node]:
         """Coordinates of joints that keep them as unknowns."""
         return [n for n in self.nodes if n.body is None]
 
     def coordinate_node(self, joint: str, coordinate: str) -> Node | None:
         """A joint's coordinate that is an unknown of its own; None where it is not."""
-        return next((n for n in self.joint_coordinates if (n.joint, n.coordinate) == (joint, coordinate)), None)
+        return self._by_coordinate.get((joint, coordinate))
+
+    @cached_property
+    def _by_coordinate(self) -> dict[tuple[str, str], Node]:
+        return {(n.joint, n.coordinate): n for n in self.joint_coordinates}
 
     @property
     def recursive(self) -> list[Connection]:
@@ -150,7 +171,11 @@ class Model:
 
     def node(self, body: Body) -> Node | None:
         """The node of a body, None for the ground and for a beam as a whole."""
-        return next((n for n in self.nodes if n.body is body), None)
+        return self._by_body.get(body)
+
+    @cached_property
+    def _by_body(self) -> dict[Body, Node]:
+        return {n.body: n for n in self.nodes if n.body is not None}
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:

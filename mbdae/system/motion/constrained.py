@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
 
 from mbdae.system.base import Array
 
 AT_ONCE = 1_000_000  #: entries of matrices solved at once: bounded memory
+GIVE = 1e-10  #: compliance of sparse constraints, over that of a unit mass at a unit displacement, then corrected
+CORRECTIONS = 4  #: of it: each leaves this small a part of the error
 ROUND_OFF = 1e-12  #: length of a row in joint coordinates over that in all coordinates, below which it is rounding
 
 
-def row_lengths(B: Array) -> Array:
-    """(..., m, 1) lengths of rows (..., m, n); 1 where a row is zero."""
-    lengths = np.linalg.norm(B, axis=-1, keepdims=True)
+def row_lengths(B: Any) -> Array:
+    """(..., m, 1) lengths of rows (..., m, n), sparse ones too; 1 where a row is zero."""
+    if sp.issparse(B):
+        lengths = np.sqrt(np.asarray(B.multiply(B).sum(axis=1))).reshape(-1, 1)
+    else:
+        lengths = np.linalg.norm(B, axis=-1, keepdims=True)
     return np.where(lengths > 0, lengths, 1.0)
+
+
+def largest_entries(B: Any) -> Array:
+    """(m,) magnitude of the largest entry of every row of B (m, n), sparse or not."""
+    if sp.issparse(B) and B.shape[1]:
+        return np.asarray(abs(B).max(axis=1).toarray())[:, 0]
+    return np.zeros(B.shape[0]) if sp.issparse(B) else np.asarray(np.max(np.abs(B), axis=1, initial=0.0))
 
 
 def unique_multipliers(B: Array, redundant: int, mass: float, whole: Array) -> Array:
@@ -35,6 +52,26 @@ def least_norm(B: Array, force: Array) -> Array:
     lengths = row_lengths(B)
     found = [np.linalg.lstsq(b.T, f, rcond=1e-9)[0] for b, f in zip(B / lengths, force, strict=True)]
     return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
+
+
+def solver_of(M: Any, G: Any, give: Array | None = None, slope: Array | None = None,
+              ) -> Callable[[Array, Array], tuple[Array, Array]]:  # fmt: skip
+    """(f (nu,), gamma (m,)) -> u', lambda of one state, of the same equations with sparse M, G (m, nu).
+
+    give (m,): squared lengths of the rows over a mass where rows follow from others, by which their multipliers are the ones of
+    least norm; None: all rows are needed."""
+    nu, columns = M.shape[0], G.T if slope is None else G.T - sp.csc_matrix(slope)
+    corner = None if give is None else sp.diags(-GIVE * give)
+    K = sp.bmat([[M, columns], [G, corner]], format="csc") if G.shape[0] else sp.csc_matrix(M)
+    factors = splu(K)
+
+    def solve(f: Array, gamma: Array) -> tuple[Array, Array]:
+        x = factors.solve(np.r_[f, -gamma])
+        for _ in range(0 if give is None else CORRECTIONS):
+            x = x + factors.solve(np.r_[f - M @ x[:nu] - columns @ x[nu:], -gamma - G @ x[:nu]])
+        return x[:nu], x[nu:]
+
+    return solve
 
 
 def solve_constrained(M: Array, f: Array, G: Array, gamma: Array, units: Array, slope: Array | None = None,

@@ -8,16 +8,20 @@ in force are chosen from the geometry of the present position, and chosen again 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import qr
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths
-from mbdae.system.motion.mechanics import Mechanics
+from mbdae.system.motion.mechanics import Mechanics, in_units
 
 DEPENDENT = 2e-6  #: independent part of a row of unit length below which it counts as dependent on the rows before it
+SHIFT = 1e-12  #: added to B B^T of sparse rows where it is singular, below the square of `DEPENDENT`
 CLEAR = 0.1  #: the same, above which a row is taken in the order of the scene
 Rows = tuple[Row, ...]
 GOOD = 0.5  #: smallest singular value of an earlier choice over that of the best one, above which it is taken again
@@ -25,15 +29,33 @@ WORN = 0.2  #: smallest singular value of the rows in force over that of the bes
 SHARE = 0.5  #: distance moved, over the margin to `WORN` at the last look, at which the rows are looked at again
 
 
-def unit_rows(mechanics: Mechanics, G: Array) -> Array:
-    """G over unit displacements (the scene's length, 1 rad), with rows of unit length."""
-    B = G * mechanics.velocity_units
-    return np.asarray(B / row_lengths(B))
+def unit_rows(mechanics: Mechanics, G: Any) -> Any:
+    """G over unit displacements (the scene's length, 1 rad), with rows of unit length; sparse where G is."""
+    B = in_units(mechanics, G)
+    return sp.diags(1 / row_lengths(B)[:, 0]) @ B if sp.issparse(B) else np.asarray(B / row_lengths(B))
 
 
-def smallest(B: Array, rank: int) -> float:
+def smallest(B: Any, rank: int) -> float:
     """The smallest singular value that counts of rows of a given rank; 1 where there are none."""
+    if sp.issparse(B):
+        return smallest_value(B, rank < B.shape[0]) if rank else 1.0
     return float(np.linalg.svd(B, compute_uv=False)[rank - 1]) if rank else 1.0
+
+
+def smallest_value(B: Any, singular: bool) -> float:
+    """The smallest singular value of sparse rows B (m, n) of unit length; singular: the smallest that is not 0."""
+    m, n = B.shape
+    gram = sp.csc_matrix(B @ B.T)
+    shift = SHIFT if singular else 0.0
+    try:
+        factors = splu(gram + shift * sp.identity(m, format="csc"), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                       options={"SymmetricMode": True})  # fmt: skip
+    except RuntimeError:
+        return 0.0
+    operator = LinearOperator((n, n), matvec=lambda x: B.T @ factors.solve(factors.solve(B @ x)), dtype=float)
+    start = np.random.default_rng(3).normal(size=n)
+    (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=1e-4, return_eigenvectors=False)
+    return float(1 / np.sqrt(largest))
 
 
 def independent_parts(B: Array) -> Array:
