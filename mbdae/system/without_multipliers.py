@@ -50,7 +50,7 @@ class Accelerations(Rates):
     @cached_property
     def kernel(self) -> AccelerationKernel | None:
         """The kernel; None where the full equations are solved."""
-        return acceleration_kernel(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
+        return acceleration_kernel(self.full, self.full.constant_mass.toarray(), self.full.row_of, self._start) if self.linear else None
 
 
 class WithoutMultipliers(SceneSystem):

@@ -181,8 +181,8 @@ class Assembly:
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
-        found = [[self.numbering.place(t, g, i) for t in targets] for i in active]
-        return np.array(found, dtype=np.intp).reshape(len(found), len(targets))
+        found = [self.numbering.places(t, g, active) for t in targets]
+        return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
         """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
@@ -243,7 +243,7 @@ class Assembly:
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
             varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
-            light = not self._inert and not self.constant_mass.any()
+            light = not self._inert and not self.constant_mass.nnz
             made.with_rates(self._mass, None if varying else self.constant_mass, self.pattern, light)
         return made
 
@@ -264,15 +264,15 @@ class Assembly:
         self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
-    def constant_mass(self) -> Array:
+    def constant_mass(self) -> sp.csr_matrix:
         """(nu, nu) entries of the mass matrix that do not vary."""
         nq, nu = self.numbering.nq, self.numbering.nu
-        M = np.zeros((nu, nu))
         p, n = self._pattern, self.n
         rows, columns = p.fixed_cells % n, p.fixed_cells // n
         inside = p.fixed_dotted & (p.fixed_cells < n * n)
         inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
-        np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
+        M = sp.csr_matrix((p.fixed[inside], (rows[inside] - nq, columns[inside] - nq)), shape=(nu, nu))
+        M.eliminate_zeros()
         return M
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:

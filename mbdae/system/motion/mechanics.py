@@ -77,12 +77,26 @@ class Mechanics(States):
         """(m,) velocity of every row of G (m, nu), sparse or not, per impulse on it, by the metric of projections."""
         if not self.sparse:
             return np.asarray(np.einsum("ij,ji->i", G, np.linalg.solve(self.weight, G.T)))
+        if not self.model.lines:  # bodies by themselves
+            G = sp.csr_matrix(G)
+            return np.asarray((G @ self._inverse_weight).multiply(G).sum(axis=1))[:, 0]
         factors, parts = splu(self.weight), [np.zeros(0)]
         for first in range(0, G.shape[0], AT_ONCE):
             rows = G[first : first + AT_ONCE]
             rows = rows.toarray() if sp.issparse(rows) else rows
             parts.append(np.einsum("ij,ji->i", rows, factors.solve(rows.T.copy())))
         return np.concatenate(parts)
+
+    @cached_property
+    def _inverse_weight(self) -> Any:
+        """Inverse of the weight of bodies, node by node."""
+        parts = []
+        for _, _, by in self._kinds:
+            rows, columns = np.broadcast_arrays(by[:, :, None], by[:, None, :])
+            blocks = np.asarray(self.weight.tocsr()[rows.ravel(), columns.ravel()]).reshape(rows.shape)
+            parts.append((np.linalg.inv(blocks).ravel(), rows.ravel(), columns.ravel()))
+        values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return sp.csr_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
 
     def mobility_with_joints(self, t: float, q: Array, rows: Array) -> Array:
         """(k,) velocity along every row (k, nu) per impulse on it at positions q (nq,), with the constraints in force."""
