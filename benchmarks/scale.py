@@ -2,16 +2,18 @@
 
     python benchmarks/scale.py [SCENE ...] [--sizes N ...] [--exudyn PYTHON]
 
-Scenes: planar (a chain of rods), spatial (a chain with hinges about two axes in turn), tree (every rod carries three), grid (squares
-of hinged bars, N of them along each side), beam (a cantilever of N elements), contacts (N pendulums on pins with play). All joints
-are kinematic. Every size runs in a process of its own: CPU s of the statements, of `prepare`, of the equations with their first
-steps (orders of elimination are looked for there), and of a run by RadauIIA(3) at rtol 1e-6 with 201 outputs, per step and body; peak
-of the memory of the process, that of Python with mbdae alone about 100 MB. An exponent is the slope of log cost over log bodies, from
-the second smallest size on, where there are more than two.
+Scenes: planar (a chain of rods), spatial (a chain with hinges about two axes in turn), tree (every rod carries three), grid
+(squares of hinged bars, N of them along each side), beam (a cantilever of N elements), contacts (N pendulums on pins with play).
+All joints are kinematic. Every size runs in a process of its own: CPU s of the statements, of `prepare`, of the equations with
+their first steps (orders of elimination are looked for there), and of a run by RadauIIA(3) at rtol 1e-6 with 201 outputs, per step
+and body; peak of the memory of the process, that of Python with mbdae alone about 100 MB. An exponent is the slope of log cost over
+log bodies, without the smallest size where there are more than two.
 
-exudyn runs the planar scenes with 20 steps of generalised-alpha and its sparse linear solver (EigenSparse), which factorises in every
-step here as Radau does; it is looked for in the interpreter given by --exudyn or the environment variable EXUDYN_PYTHON.
-"""  # noqa: E501
+exudyn runs the planar scenes with 20 steps of generalised-alpha and its sparse linear solver (EigenSparse), with a factorisation in
+every Newton iteration; it is looked for in the interpreter given by --exudyn or the environment variable EXUDYN_PYTHON.
+"""
+
+# ruff: noqa: E402
 
 from __future__ import annotations
 
@@ -181,7 +183,8 @@ def theirs(name: str, n: int, t_end: float, python: str) -> float:
     bodies = []
     for (x, y), (a, b) in rods:
         length = math.hypot(a - x, b - y)
-        bodies.append({"mass": 1.0, "inertia": length**2 / 12, "at": [(x + a) / 2, (y + b) / 2], "angle": math.atan2(b - y, a - x)})
+        bodies.append({"mass": 1.0, "inertia": length**2 / 12, "at": [(x + a) / 2, (y + b) / 2],
+                       "angle": math.atan2(b - y, a - x)})  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         given, out = Path(folder) / "in.json", Path(folder) / "out.json"
         options = {"bodies": bodies, "hinges": hinges, "springs": [], "torques": [], "gravity": 9.81}
@@ -207,7 +210,8 @@ def exponent(rows: list[Row], column: str) -> float:
     return float(np.polyfit(np.log([r["bodies"] for r in used]), np.log([r[column] for r in used]), 1)[0])
 
 
-COLUMNS = ("size", "bodies", "unknowns", "state, s", "prepare, s", "begin, s", "steps", "step, ms", "per body, us", "memory, MB", "exudyn, ms")
+COLUMNS = ("size", "bodies", "unknowns", "state, s", "prepare, s", "begin, s", "steps", "step, ms", "per body, us", "memory, MB",
+           "exudyn, ms")  # fmt: skip
 
 
 def table(rows: list[Row]) -> Iterator[str]:

@@ -1,16 +1,18 @@
 """The steps of a run as they are made, row by row: in memory, and on disk where they are many.
 
-What does not fit into `IN_MEMORY` bytes goes to a folder for temporary files (TMPDIR says where), in files 000001.npy, 000002.npy and
-so on, each of which is there as a whole or not at all. In the end they become one file that is mapped into memory, so that a result
-reads from disk what is asked of it; the folder is removed when Python ends, on most systems as soon as the file is mapped.
+What does not fit into `IN_MEMORY` bytes goes to a folder for temporary files (TMPDIR says where), in files 000001.npy, 000002.npy
+and so on, each of which is there as a whole or not at all. In the end they become one file that is mapped into memory, so that a
+result reads from disk what is asked of it; the folder is removed when Python ends, on most systems as soon as the file is mapped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 
@@ -33,7 +35,8 @@ class Rows:
         self._blocks: list[Any] = []  # arrays, or lists where a row is no array
         self.tail: list[Any] = list(first)  #: rows in no block yet, the last of all among them
         self._chunks: list[tuple[Path, tuple[int, ...]]] = []
-        self._folder: TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
+        self._remove: Callable[[], Any] = _nothing
 
     def append(self, row: Any) -> None:
         """Add a row."""
@@ -67,8 +70,9 @@ class Rows:
 
     def _write(self, rows: Array) -> None:
         if self._folder is None:
-            self._folder = TemporaryDirectory(prefix=f"mbdae-{self.name}-", ignore_cleanup_errors=True)
-        path = Path(self._folder.name) / f"{len(self._chunks) + 1:06d}.npy"
+            self._folder = Path(mkdtemp(prefix=f"mbdae-{self.name}-"))
+            self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
+        path = self._folder / f"{len(self._chunks) + 1:06d}.npy"
         with replacing(path) as part, part.open("wb") as file:
             np.save(file, rows)
         self._chunks.append((path, rows.shape))
@@ -96,7 +100,7 @@ class Rows:
         assert self._folder is not None
         parts = [*self._blocks, *last]
         rows = sum(shape[0] for _, shape in self._chunks) + sum(map(len, parts))
-        whole, shape = Path(self._folder.name) / "all.npy", (rows, *self._chunks[0][1][1:])
+        whole, shape = self._folder / "all.npy", (rows, *self._chunks[0][1][1:])
         head = {"descr": np.lib.format.dtype_to_descr(np.dtype(float)), "fortran_order": False, "shape": shape}
         with whole.open("wb") as file:
             np.lib.format.write_array_header_2_0(file, head)
@@ -106,9 +110,13 @@ class Rows:
             for part in parts:
                 np.ascontiguousarray(part, dtype=float).tofile(file)
         found = np.load(whole, mmap_mode="c")
-        self._folder.cleanup()  # what is mapped stays
+        self._remove()  # what is mapped stays
         self._chunks, self._folder = [], None
         return np.asarray(found)
+
+
+def _nothing() -> None:
+    """No folder is to be removed."""
 
 
 def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:
@@ -116,9 +124,9 @@ def read_chunk(path: Path, shape: tuple[int, ...]) -> Array:
     try:
         found = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise SolverError(f"the file '{path}' with steps of the run cannot be read: {error}; leave the folder for temporary files "
-                          f"alone while a run is made, and see that its disk is not full", 0.0) from error  # fmt: skip
+        raise SolverError(f"the file '{path}' with steps of the run cannot be read: {error}; leave the folder for temporary "
+                          f"files alone while a run is made, and see that its disk is not full", 0.0) from error  # fmt: skip
     if found.shape != shape or found.dtype != float:
-        raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} {found.shape} instead of {shape}: another "
-                          f"program changed it", 0.0)  # fmt: skip
+        raise SolverError(f"the file '{path}' with steps of the run holds {found.dtype} {found.shape} instead of {shape}: "
+                          f"another program changed it", 0.0)  # fmt: skip
     return np.asarray(found)

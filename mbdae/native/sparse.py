@@ -142,8 +142,8 @@ class Order:
 
 
 def filled(n: int, i: Index, j: Index) -> tuple[Index, Index, Index]:
-    """Where the rows of L + U begin (n + 1,), the columns of their entries, rising, and the places of the diagonals (n,), of a matrix
-    with entries i, j."""
+    """Where the rows of L + U begin (n + 1,), the columns of their entries, rising, and the places of the diagonals (n,), of a
+    matrix with entries i, j."""
     cells = np.unique(np.r_[i * n + j, np.arange(n) * (n + 1)])
     rows, columns = whole(np.searchsorted(cells, np.arange(n + 1) * n)), whole(cells % n)
     ptr, diag, work = np.zeros(n + 1, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n + 2, dtype=np.int64)

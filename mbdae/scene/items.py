@@ -48,7 +48,8 @@ class SceneItems:
     @property
     def _by_name(self) -> dict[str, Any]:
         """Items by name; of equal names the one stated first."""
-        for n, items in enumerate((self.bodies, self.connections, self.line_loads)):
+        lists: tuple[list[Any], ...] = self.bodies, self.connections, self.line_loads
+        for n, items in enumerate(lists):
             for item in items[self._read[n] :]:
                 self._known.setdefault(item.name, item)
             self._read[n] = len(items)

@@ -50,7 +50,9 @@ class Accelerations(Rates):
     @cached_property
     def kernel(self) -> AccelerationKernel | None:
         """The kernel; None where the full equations are solved."""
-        return acceleration_kernel(self.full, self.full.constant_mass.toarray(), self.full.row_of, self._start) if self.linear else None
+        if not self.linear:
+            return None
+        return acceleration_kernel(self.full, self.full.constant_mass.toarray(), self.full.row_of, self._start)
 
 
 class WithoutMultipliers(SceneSystem):

@@ -15,11 +15,11 @@ from mbdae.native.sparse import Entries, Order, Searches
 
 #: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u
 FIRST = ("z", "q")
-#: unknowns up to which two orders of a matrix with stresses may be compared (the largest pivots fill it), and multiplications of a
-#: factorisation for which one is not sought further
+#: unknowns up to which two orders of a matrix with stresses may be compared (the largest pivots fill it), and multiplications of
+#: a factorisation for which one is not sought further
 FEW, CHEAP = 600, 15_000
-COUPLED = 10  #: entries of the inverse of the positions' own block, over those of the matrix, above which they are not eliminated
-#: first: in space the positions of all bodies that joints connect are one block
+COUPLED = 2  #: entries of the inverse of the block of the positions, over those of a larger matrix, above which they are not
+#: eliminated first: in space the positions of all bodies that joints connect are one block
 LARGE = 0.1  #: pivots on the diagonal above this part of the largest fill a third to a half of what the largest ones fill
 THRESHOLD = 1e-8  #: a pivot stays on the diagonal unless it is smaller than this times the largest: others fill the factors of a
 #: stiff beam (0.24 s instead of 0.007 s for 1000 elements), because its compliances are small beside its strains
@@ -79,7 +79,7 @@ def elimination_order(matrix: csc_matrix, kinds: Sequence[str]) -> NDArray[np.in
     def block(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Any:
         return pattern[rows][:, columns]
 
-    closure = _closure(block(q, q), COUPLED * matrix.nnz)
+    closure = _closure(block(q, q), COUPLED * matrix.nnz if matrix.shape[0] > FEW else matrix.shape[0] ** 2)
     if closure is None:
         return None
     by_rest = closure @ block(q, rest)  # positions in terms of the rest

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import inf, isnan, nan
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from mbdae.symbolic.frames import Axes, NodeKind
 from mbdae.symbolic.joint import Joint
 from mbdae.symbolic.law import Element, Structure
 from mbdae.system.model.beams import Line, meshed
+from mbdae.system.model.condition_time import ConditionTime
 from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.rotations import rotation_matrices
@@ -75,34 +76,6 @@ class Group:
         """The nodes of one frame of all its laws."""
         n = self.side_numbers[name]
         return [i.nodes[n] for i in self.instances]  # type: ignore[misc]
-
-
-class ConditionTime:
-    """Time at which conditions of inputs (t < 1 and the like) are evaluated: `time`, inside the part of a run between two breaks;
-    None: just after the time of every evaluation, but before `end`, the end of the run."""
-
-    def __init__(self) -> None:
-        self.read = np.array([nan, inf])  #: both, as the native evaluation reads them; NaN for None
-
-    @property
-    def time(self) -> float | None:
-        """The time in the present part of a run, s."""
-        return None if isnan(self.read[0]) else float(self.read[0])
-
-    @time.setter
-    def time(self, value: float | None) -> None:
-        """Set it, s."""
-        self.read[0] = nan if value is None else value
-
-    @property
-    def end(self) -> float:
-        """The end of the run, s."""
-        return float(self.read[1])
-
-    @end.setter
-    def end(self, value: float) -> None:
-        """Set it, s."""
-        self.read[1] = value
 
 
 @dataclass(frozen=True)

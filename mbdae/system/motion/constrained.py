@@ -54,21 +54,32 @@ def least_norm(B: Array, force: Array) -> Array:
     return np.asarray(np.array(found).reshape(lengths.shape[:2]) / lengths[:, :, 0])
 
 
-def solver_of(M: Any, G: Any, give: Array | None = None, slope: Array | None = None,
-              ) -> Callable[[Array, Array], tuple[Array, Array]]:  # fmt: skip
-    """(f (nu,), gamma (m,)) -> u', lambda of one state, of the same equations with sparse M, G (m, nu).
+Solver = Callable[[Array, Array], tuple[Array, Array]]  #: (f (nu,), gamma (m,)) -> u', lambda of one state
 
-    give (m,): squared lengths of the rows over a mass where rows follow from others, by which their multipliers are the ones of
-    least norm; None: all rows are needed."""
+
+def solver_of(M: Any, G: Any, give: Array, redundant: bool = False, slope: Array | None = None) -> Solver:
+    """Solves the same equations at one state with sparse M, G (m, nu).
+
+    redundant: rows follow from others; then, and where K is singular, multipliers are those of least norm, every row in the unit
+    of its work in a unit displacement. give (m,): squared lengths of the rows over unit displacements, over a mass."""
     nu, columns = M.shape[0], G.T if slope is None else G.T - sp.csc_matrix(slope)
-    corner = None if give is None else sp.diags(-GIVE * give)
-    K = sp.bmat([[M, columns], [G, corner]], format="csc") if G.shape[0] else sp.csc_matrix(M)
-    factors = splu(K)
+    K = sp.bmat([[M, columns], [G, sp.csc_matrix((len(give),) * 2)]], format="csc")
+    try:
+        exact = None if redundant else splu(K)
+    except RuntimeError:  # a singular position
+        exact = None
+
+    def nearest(right: Array) -> Array:
+        factors, x = splu(sp.csc_matrix(K - sp.diags(np.r_[np.zeros(nu), GIVE * give]))), np.zeros(len(right))
+        for _ in range(CORRECTIONS):
+            x = x + factors.solve(right - K @ x)
+        return x
 
     def solve(f: Array, gamma: Array) -> tuple[Array, Array]:
-        x = factors.solve(np.r_[f, -gamma])
-        for _ in range(0 if give is None else CORRECTIONS):
-            x = x + factors.solve(np.r_[f - M @ x[:nu] - columns @ x[nu:], -gamma - G @ x[:nu]])
+        right = np.r_[f, -gamma]
+        x = None if exact is None else exact.solve(right)
+        if x is None or not np.linalg.norm(K @ x - right) <= 1e-8 * (np.linalg.norm(right) + 1e-300):
+            x = nearest(right)
         return x[:nu], x[nu:]
 
     return solve

@@ -20,7 +20,6 @@ from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
 
-
 AT_ONCE = 100  #: rows whose mobility is computed together
 LARGE = 400  #: velocities from which on matrices of bodies are sparse
 
@@ -59,7 +58,8 @@ class Mechanics(States):
                 if target[0] == "up":
                     entries.append((value, self.numbering.velocities(p.targets[row], g), self.numbering.velocities(target, g)))
         none = np.zeros(0, dtype=np.intp)
-        values, rows, columns = (np.concatenate([none, *parts]) for parts in (zip(*entries, strict=True) if entries else [()] * 3))
+        pairs = zip(*entries, strict=True) if entries else [()] * 3
+        values, rows, columns = (np.concatenate([none, *parts]) for parts in pairs)
         M = sp.csc_matrix((values, (rows, columns)), shape=(self.nu, self.nu))
         if self.model.lines:
             return M + sparse_mass(self.model.lines, self.nu)
@@ -111,7 +111,7 @@ class Mechanics(States):
     def _sparse_mobility(self, t: float, q: Array, rows: Array) -> Array:
         """`mobility_with_joints` by one factorisation."""
         (G,) = self.sparse_constraint_jacobian(np.array([t]), q[None])
-        solve = solver_of(self.mass, G, self._give(G))
+        solve = solver_of(self.mass, G, self._give(G), self.redundant > 0)
         return np.array([row @ solve(row, np.zeros(self.m))[0] for row in rows])
 
     def load(self, t: Array, q: Array, u: Array, s: Array | None = None, z: Array | None = None) -> Array:
@@ -120,7 +120,7 @@ class Mechanics(States):
         f = np.zeros((len(t), self.nu))
         for g, p, values in self.evaluate(loads, t, q, u, s):
             for o, target in enumerate(p.targets):
-                np.subtract.at(f, (slice(None), self.numbering.velocities(target, g)), values[:, :, o])
+                np.subtract.at(f.T, self.numbering.velocities(target, g), values[:, :, o].T)
         return f + self._of_beams(t, q, u, z) if self.model.lines else f
 
     @cached_property
@@ -205,17 +205,15 @@ class Mechanics(States):
             a, multipliers = np.empty((len(t), self.nu)), np.empty((len(t), self.m))
             for i, G in enumerate(matrices):
                 own = None if slope is None else slope[i]
-                a[i], multipliers[i] = solver_of(self.mass, G, self._give(G), own)(f[i], gamma[i])
+                a[i], multipliers[i] = solver_of(self.mass, G, self._give(G), self.redundant > 0, own)(f[i], gamma[i])
             return a, multipliers
 
         return solve
 
-    def _give(self, G: Any) -> Array | None:
+    def _give(self, G: Any) -> Array:
         """(m,) see `solver_of`."""
-        if not self.redundant:
-            return None
         mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
-        return row_lengths(in_units(self, G))[:, 0] ** 2 / mass
+        return np.asarray(row_lengths(in_units(self, G))[:, 0] ** 2 / mass)
 
 
 def in_units(mechanics: States, G: Any) -> Any:

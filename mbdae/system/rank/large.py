@@ -1,7 +1,7 @@
 """Rank of many constraint rows by sparse elimination: which rows follow from others, and what motions all rows leave.
 
-Rows B of unit length are eliminated in an order of little fill: the pivots of B B^T are squared distances of rows from the span of
-those before. Rows that are not clearly new are left aside, and what is new of them beside the others is computed by repeated
+Rows B of unit length are eliminated in an order of little fill: the pivots of B B^T are squared distances of rows from the span
+of those before. Rows that are not clearly new are left aside, and what is new of them beside the others is computed by repeated
 projection, which loses no digits; among these few the newest are taken first, as in a small scene. Where the projections do not
 converge the rows are too nearly dependent for this, and dense matrices decide (`DENSE` rows at most).
 """
@@ -173,7 +173,8 @@ def _pieces(count: int) -> list[slice]:
 def _newest(rows: Array) -> Whole:
     """Numbers of rows (k, n) that span all of them, the newest first."""
     R, order = qr(rows.T, mode="r", pivoting=True)
-    return order[: int(np.sum(np.abs(np.diag(R)) > DEPENDENT))]
+    found: Whole = order[: int(np.sum(np.abs(np.diag(R)) > DEPENDENT))]
+    return found
 
 
 class NotResolvedError(Exception):
@@ -183,5 +184,5 @@ class NotResolvedError(Exception):
 def too_many(m: int) -> SceneError:
     """The refusal where neither sparse nor dense matrices decide."""
     return SceneError([f"the {m} constraint rows of the scene depend on each other too nearly to tell their rank, and more than "
-                       f"{DENSE} are too many for dense matrices: align the joints of its loops exactly, or leave out joints that "
-                       f"other joints make superfluous"])  # fmt: skip
+                       f"{DENSE} are too many for dense matrices: align the joints of its loops exactly, or leave out joints "
+                       f"that other joints make superfluous"])  # fmt: skip

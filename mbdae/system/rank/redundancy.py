@@ -110,7 +110,7 @@ def _analysed_sparse(mechanics: Mechanics, starter: Starter, q: Array, always: C
     dropped = [row for i, row in enumerate(rows) if i not in kept]
     return RankReport([row for i, row in enumerate(rows) if i in kept], dropped, [(rows[i], part) for i, part in doubtful],
                       [rows[i] for i in singular], [rows[i] for i in here.dependent] if dropped else [], mechanics.nu - rank,
-                      smallest(here.B, here.rank))  # fmt: skip
+                      smallest(here.B, rank) if here.rank == rank else 0.0)  # fmt: skip
 
 
 def _nearly_redundant(rows: list[Row], chosen: list[int], singular: set[int], places: list[Array]) -> list[tuple[Row, float]]:
@@ -134,7 +134,7 @@ def _dependent_on_others(B: Array) -> list[int]:
 
 
 def _rows_at(mechanics: Mechanics, t: Array, q: Array) -> Array:
-    return unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0])
+    return np.asarray(unit_rows(mechanics, mechanics.constraint_jacobian(t, q[None])[0]))
 
 
 def _rank_lost_here(mechanics: Mechanics, t: Array, q: Array, rank: int) -> tuple[int, Array]:

@@ -4,8 +4,8 @@ share."""
 from __future__ import annotations
 
 import numpy as np
-import symengine as se
 import scipy.sparse as sp
+import symengine as se
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 

@@ -148,14 +148,14 @@ class ConsistentPositions:
                             f"them closes the loops")  # fmt: skip
         return found
 
-    def _cannot_close(self, worst: int, g: Array, A: Array) -> str:
+    def _cannot_close(self, worst: int, g: Array, A: Any) -> str:
         if worst >= self.mechanics.m:
             joint, c, value = self._held(self.held_values)[worst - self.mechanics.m]
             return (f"the held value {value:.6g} of '{joint.name}' cannot be reached: the loop stays off by "
                     f"{abs(g[worst]):.3g} {joint.unit(c)}; change it, or the lengths of the loop")  # fmt: skip
         name = self.mechanics.rows[worst].name
         joint_name = name.rsplit(".", 1)[0]
-        row = A[[worst]].toarray()[0] if sp.issparse(A) else A[worst]
+        row = A[[worst]].toarray()[0] if self.mechanics.large else A[worst]
         unit = "m" if np.any(row[~self.mechanics.rotational]) else "rad"
         return (f"the loop through joint '{joint_name}' cannot close: row {name} stays off by {abs(g[worst]):.3g} "
                 f"{unit}; check the points of the bodies it connects")  # fmt: skip

@@ -33,8 +33,8 @@ class RigidMotions:
         return np.r_[mask, np.zeros(self.size - len(mask), dtype=bool)].astype(bool)
 
     def given(self, q: Array) -> list[tuple[Body, Any, Any]]:
-        """Bodies whose velocity the user states, with sparse rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the centre
-        of mass and the angular velocity per coordinate."""
+        """Bodies whose velocity the user states, with sparse rows (2 or 3, size) and (0, 1 or 3, size): the velocity of the
+        centre of mass and the angular velocity per coordinate."""
         moving: list[tuple[Node, Body | None, Array]] = [(n, n.body, np.zeros(3)) for n in self.single]
         for nodes in self.beams:
             own = nodes[0].body

@@ -1,4 +1,4 @@
-"""Changes of a motion that satisfy linear conditions at least cost, with sparse matrices: of many bodies, and of beams that bend."""
+"""Changes of a motion that satisfy linear conditions at least cost, by sparse matrices: of many bodies, and of bent beams."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ STATED = 1e-5  #: the same, of stated velocities: they give way to the condition
 
 
 def cheapest(W: Any, units: Array, A: Any, right: Array, pull: Array, give: Array | None = None) -> Array:
-    """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number; W (nu, nu) is positive definite.
+    """x (nu,) with A x = right that makes x^T W x / 2 - pull^T x least, rows of A (m, nu) in any number.
+
+    W (nu, nu) is positive definite.
 
     units (nu,): unit displacements; give (m,): compliances of the conditions, all `GIVEN` by default: where conditions contradict
     each other those with the larger one are violated."""
