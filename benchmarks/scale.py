@@ -3,14 +3,15 @@
     python benchmarks/scale.py [SCENE ...] [--sizes N ...] [--exudyn PYTHON]
 
 Scenes: planar (a chain of rods), spatial (a chain with hinges about two axes in turn), tree (every rod carries three), grid
-(squares of hinged bars, N of them along each side), beam (a cantilever of N elements), contacts (N pendulums on pins with play).
-All joints are kinematic. Every size runs in a process of its own: CPU s of the statements, of `prepare`, of the equations with
-their first steps (orders of elimination are looked for there), and of a run by RadauIIA(3) at rtol 1e-6 with 201 outputs, per step
-and body; peak of the memory of the process, that of Python with mbdae alone about 100 MB. An exponent is the slope of log cost over
-log bodies, without the smallest size where there are more than two.
+(squares of hinged bars, N of them along each side), beam (a cantilever of N elements), contacts (N pendulums on pins with
+play). All joints are kinematic. Every size runs in a process of its own: CPU s of the statements, of `prepare`, of the equations
+with their first steps (orders of elimination are looked for there), and of a run by RadauIIA(3) at rtol 1e-6 with 201 outputs,
+per step and body; peak of the memory of the process, that of Python with mbdae alone about 100 MB. An exponent is the slope of
+log cost over log bodies, without the smallest size where there are more than two.
 
-exudyn runs the planar scenes with 20 steps of generalised-alpha and its sparse linear solver (EigenSparse), with a factorisation in
-every Newton iteration; it is looked for in the interpreter given by --exudyn or the environment variable EXUDYN_PYTHON.
+exudyn runs the planar scenes with 20 steps of generalised-alpha and its sparse linear solver (EigenSparse), with a
+factorisation in every Newton iteration; it is looked for in the interpreter given by --exudyn or the environment variable
+EXUDYN_PYTHON.
 """
 
 # ruff: noqa: E402
