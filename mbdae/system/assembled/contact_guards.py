@@ -98,15 +98,15 @@ class ContactGuards:
         """The unit of every gap, m or rad."""
         return tuple(place.law.gap_unit for place in self.places)
 
-    def gaps(self, t: float, y: Array) -> Array:
-        """Gap (m or rad) at every place (places,)."""
-        return self._gaps.at_states(np.array([t]), y[None]).reshape(-1, 2)[:, 0]
-
     def __call__(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         """Gap (m or rad), its rate and the duration (s) of an impact at that rate, (places,) each."""
         if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], y):
             self._last = t, y.copy(), self._evaluated(t, y)
         return self._last[2]
+
+    def gaps(self, t: float, y: Array) -> Array:
+        """Gap (places,) alone, without the durations of impacts, which cost ten times as much."""
+        return self._gaps.at_states(np.array([t]), y[None])[0, ::2]
 
     def _evaluated(self, t: float, y: Array) -> tuple[Array, Array, Array]:
         pairs = self._gaps.at_states(np.array([t]), y[None]).reshape(-1, 2)
