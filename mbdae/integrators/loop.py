@@ -11,42 +11,13 @@ from typing import Any, Self
 import numpy as np
 
 from mbdae.errors import SolverError, WallClockError, interrupted
-from mbdae.integrators.dense import BLOCK, joined
+from mbdae.integrators.dense import joined
+from mbdae.integrators.kept_rows import Rows
 from mbdae.integrators.solution import Interpolant, Method, Outputs, Solution, Stats
 from mbdae.system.base import Array, System
 from mbdae.threads import one_thread
 
 PROGRESS_PERIOD = 0.1
-FEW = 8  #: rows that are kept one by one, not as a block of their own
-
-
-class _Rows:
-    """Arrays (n,) one behind the other, in blocks: a small array of its own takes many times the memory of its numbers."""
-
-    def __init__(self, first: Array) -> None:
-        self._blocks: list[Array] = []
-        self.tail = [first]  #: rows in no block yet, the last of all among them
-
-    def append(self, row: Array) -> None:
-        """Add a row."""
-        if len(self.tail) == BLOCK:
-            self._blocks.append(np.array(self.tail))
-            self.tail = []
-        self.tail.append(row)
-
-    def extend(self, rows: Array) -> None:
-        """Add rows (m, n)."""
-        if len(rows) <= FEW:
-            for row in rows:
-                self.append(row)
-            return
-        self._blocks, self.tail = [*self._blocks, np.array(self.tail), rows[:-1]], [rows[-1]]
-
-    def array(self, count: int) -> Array:
-        """The first `count` rows (count, n)."""
-        rows = np.concatenate([*self._blocks, np.array(self.tail)])
-        self._blocks, self.tail = [rows[:-1]], [rows[-1]]  # not kept twice
-        return rows[:count]
 
 
 class StepLoop:
@@ -75,9 +46,9 @@ class StepLoop:
         self._progress = progress
         self._next_progress = 0.0
         self._t = array("d", [float(system.t0)])
-        self._y = _Rows(np.array(system.y0, dtype=float))
-        self._yp = _Rows(np.array(system.yp0, dtype=float))
-        self._pieces: list[Any] = []
+        self._y = Rows("y", np.array(system.y0, dtype=float))
+        self._yp = Rows("yp", np.array(system.yp0, dtype=float))
+        self._pieces = Rows("inner")
         self._renewed: System | None = None  # the system to continue with
         self._systems: list[tuple[float, System]] = [(float(system.t0), system)]
         self._breaks: dict[int, tuple[Array, Array]] = {}  # number of a step -> y and yp before the run was restarted there
@@ -151,7 +122,7 @@ class StepLoop:
         self._t.frombytes(t.tobytes())
         self._y.extend(y)
         self._yp.extend(yp)
-        self._pieces += pieces
+        self._pieces.extend(pieces)
         self.guard()
         return self.t < self.t_end
 
@@ -203,7 +174,7 @@ class StepLoop:
         """The steps accepted so far."""
         t = np.array(self._t)
         y, yp = self._y.array(len(t)), self._yp.array(len(t))
-        interpolant = self._interpolant(t, y, yp)
+        interpolant = self._interpolant(t, y, yp, self._pieces.array(len(t) - 1))
         outputs = None
         if self._output_times is not None:
             times = self._output_times[self._output_times <= t[-1]]
@@ -212,7 +183,7 @@ class StepLoop:
         names = tuple(self._systems[0][1].names)
         return Solution(t, y, yp, outputs, self.stats, self.solver, names, complete, interpolant, tuple(self._systems))
 
-    def _interpolant(self, t: Array, y: Array, yp: Array) -> Interpolant:
+    def _interpolant(self, t: Array, y: Array, yp: Array, pieces: Any) -> Interpolant:
         """The polynomials of all steps; those before a break end with the values from before it."""
         ends = [*self._breaks, len(t) - 1]
         parts, first = [], 0
@@ -222,6 +193,6 @@ class StepLoop:
             if last in self._breaks:
                 own_y, own_yp = own_y.copy(), own_yp.copy()
                 own_y[-1], own_yp[-1] = self._breaks[last]
-            parts.append(self.solver.dense(t[piece], own_y, own_yp, self._pieces[first:last]))
+            parts.append(self.solver.dense(t[piece], own_y, own_yp, pieces[first:last]))
             first = last
         return parts[0] if len(parts) == 1 else joined(parts)

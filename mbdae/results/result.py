@@ -179,7 +179,8 @@ class Result(RunStates, ListsAttributes):
         """(nt,) smallest singular value of all constraint rows, each scaled to unit length; the zeros that redundant rows cause
         do not count. Near zero, the position is singular and reactions are uncertain."""
         m, rank = self.prepared.with_all_rows, len(self.prepared.rank.kept)
-        return np.array([smallest(unit_rows(m, g), rank) for g in m.constraint_jacobian(self.t, self.q)])
+        matrices = m.sparse_constraint_jacobian(self.t, self.q) if m.large else m.constraint_jacobian(self.t, self.q)
+        return np.array([smallest(unit_rows(m, g), rank) for g in matrices])
 
     # -- pictures and files (see `ATTACHED`)
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import symengine as se
 
@@ -71,12 +72,12 @@ class NodeKind(Enum):
         """Whether the node has axes: all but mass points."""
         return self not in (NodeKind.POINT, NodeKind.PLANAR_POINT)
 
-    @property
+    @cached_property
     def translations(self) -> int:
         """Number of unknowns before those of rotation (the one unknown of a joint coordinate is counted here)."""
         return {(7, 6): 3, (4, 3): 0, (3, 3): 2 if self is NodeKind.PLANAR else 3}.get(self.sizes, self.sizes[0])
 
-    @property
+    @cached_property
     def sizes(self) -> tuple[int, int]:
         """Number of position and velocity unknowns."""
         return SIZES[self._value_]

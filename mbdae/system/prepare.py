@@ -61,7 +61,8 @@ class Prepared:
 
     def with_rows(self, rows: list[Row], start: Start) -> Prepared:
         """The same from another state, with other rows in force."""
-        dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in set(rows)]
+        kept = set(rows)
+        dropped = [row for row in (*self.rank.kept, *self.rank.dropped) if row not in kept]
         rank = replace(self.rank, kept=rows, dropped=dropped)
         return replace(self, mechanics=self.mechanics_with(rows), rank=rank, start=start)
 
@@ -192,7 +193,7 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
     if not rank.dropped:
         return []
     rate = all_rows.velocity_residual(t, q, u)[0]
-    bias = (all_rows.constraint_jacobian(t, q)[0] @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0])
+    bias = all_rows.constraint_matrix(t, start.q) @ start.acceleration + all_rows.acceleration_bias(t, q, u)[0]
     size = 1.0 + float(np.max(np.abs(start.u), initial=0.0)) ** 2 + float(np.max(np.abs(start.acceleration), initial=0.0))
     dropped = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}
     found = []
@@ -206,12 +207,13 @@ def _contradictions(all_rows: Mechanics, rank: RankReport, start: Start) -> list
 def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankReport, start: Start, end: float) -> list[str]:
     """The same at later times, followed in short steps: positions where the rows in force can be satisfied, but not all rows."""
     timed = any(i.timed for group in all_rows.model.groups if group.derived.rows for i in group.instances)
-    if not timed or not rank.dropped:
-        return []
     dropped, q, t = {row.name for row in rank.dropped} - {row.name for row, _ in rank.doubtful}, start.q, start.t
-    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in rank.kept or row.name in dropped])
+    if not (timed and dropped):
+        return []
+    kept = set(rank.kept)
+    together = Mechanics(all_rows.model, [row for row in all_rows.rows if row in kept or row.name in dropped])
     step = 0.01 * (end - start.t)
-    for _ in range(FOLLOWED if dropped else 0):
+    for _ in range(FOLLOWED):
         step = min(2 * step, 0.5 * (end - start.t) - (t - start.t))
         while step > 0 and Starter(together, t + step, holding=False).closing_error(q) > NEAR:
             step /= 2
@@ -225,10 +227,10 @@ def _later_contradictions(all_rows: Mechanics, mechanics: Mechanics, rank: RankR
             q = Starter(mechanics, t, holding=False).close(q)
         except StartError:
             break  # too far for one step
-        B = unit_rows(mechanics, mechanics.constraint_jacobian(np.array([t]), q[None])[0])
+        B = unit_rows(mechanics, mechanics.constraint_matrix(np.array([t]), q))
         off = all_rows.position_residual(np.array([t]), q[None])[0]
         for row, g in zip(all_rows.rows, off, strict=True):
-            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, len(B)) > SOUND:
+            if row.name in dropped and abs(g) > 1e-7 * max(1.0, all_rows.model.length) and smallest(B, B.shape[0]) > SOUND:
                 return [f"prescribed motions contradict: row {row.name} depends on the other rows, but at t = "
                         f"{t:.4g} s they leave it off by {g:.4g} (m or rad); release one of them"]  # fmt: skip
     return []

@@ -22,7 +22,8 @@ from mbdae.system.model.inputs import timeline
 from mbdae.system.motion.displacements import Displacements
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.prepare import Prepared
-from mbdae.system.rank.rows import Rows, RowsInForce
+from mbdae.system.rank.rows import Rows
+from mbdae.system.rank.rows_in_force import RowsInForce
 from mbdae.system.start.start import Start
 from mbdae.system.start.typical_sizes import multiplier_scales, state_scale, stress_scale
 from mbdae.threads import single_threaded

@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from mbdae.deferred import as_full
 from mbdae.errors import AccuracyWarning
 from mbdae.native.equations import Equations
 from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, acceleration_kernel
@@ -51,7 +52,9 @@ class Accelerations(Rates):
     @cached_property
     def kernel(self) -> AccelerationKernel | None:
         """The kernel; None where the full equations are solved."""
-        return acceleration_kernel(self.full, self.full.constant_mass, self.full.row_of, self._start) if self.linear else None
+        if not self.linear:
+            return None
+        return acceleration_kernel(self.full, as_full(self.full.constant_mass), self.full.row_of, self._start)
 
 
 class WithoutMultipliers(SceneSystem):

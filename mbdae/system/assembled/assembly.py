@@ -29,6 +29,7 @@ from mbdae.system.model.moved_bodies import MovedBodies, slot_of
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.numbering import Row
 from mbdae.system.model.trees import Tree
+from mbdae.system.motion.mechanics import LARGE
 from mbdae.system.motion.workspace import Columns, Loaded
 
 #: index of unknowns where stresses are unknowns: velocities of stiff modes and stresses are the derivatives of multipliers
@@ -183,8 +184,8 @@ class Assembly:
 
     def _columns(self, g: int, active: list[int], targets: list[Target]) -> NDArray[np.intp]:
         """(instances, targets) slots of unknowns: columns of F_y below n, of F_y' below 2 n, then loaded nodes."""
-        found = [[self.numbering.place(t, g, i) for t in targets] for i in active]
-        return np.array(found, dtype=np.intp).reshape(len(found), len(targets))
+        found = [self.numbering.places(t, g, active) for t in targets]
+        return np.stack(found, axis=1) if found else np.zeros((len(active), 0), dtype=np.intp)
 
     def _add_tree(self, plan: TreePlan, trees: list[Tree], entries: Entries) -> None:
         """Without laws outside that act on it, the kernels of a tree are evaluated like those of any law."""
@@ -250,7 +251,7 @@ class Assembly:
                                 self._place, self._c)  # fmt: skip
         if not self.numbering.m:
             varying = self._open or (bool(self.moved.trees) and bool(self.model.lines))
-            light = not self._inert and not self.constant_mass.any()
+            light = not self._inert and not (self.constant_mass != 0).sum()
             made.with_rates(self._mass, None if varying else self.constant_mass, self.columns, light)
         return made
 
@@ -271,15 +272,18 @@ class Assembly:
         self.evaluation.residual_stages(t, y, yp, out)
 
     @cached_property
-    def constant_mass(self) -> Array:
-        """(nu, nu) entries of the mass matrix that do not vary."""
+    def constant_mass(self) -> Any:
+        """(nu, nu) entries of the mass matrix that do not vary; sparse where there are many."""
         nq, nu = self.numbering.nq, self.numbering.nu
-        M = np.zeros((nu, nu))
         p, n = self._pattern, self.n
         rows, columns = p.fixed_cells % n, p.fixed_cells // n
         inside = p.fixed_dotted & (p.fixed_cells < n * n)
         inside &= (rows >= nq) & (rows < nq + nu) & (columns >= nq) & (columns < nq + nu)
-        np.add.at(M, (rows[inside] - nq, columns[inside] - nq), p.fixed[inside])
+        i, j, values = rows[inside] - nq, columns[inside] - nq, p.fixed[inside]
+        if nu > LARGE:
+            return sp.csr_matrix((values, (i, j)), shape=(nu, nu))
+        M = np.zeros((nu, nu))
+        np.add.at(M, (i, j), values)
         return M
 
     def jacobian(self, t: float, y: Array, yp: Array, cj: float, out: Array) -> None:

@@ -123,7 +123,7 @@ class EquationsOfScene(Workspace):
         part.multiply(at, factors[pattern.left[kept]], middle[pattern.value[kept]])
         part.multiply(to[kept], at, factors[pattern.right[kept]])
 
-    def with_rates(self, mass: Scatter, constant: Array | None, pattern: Columns, light: bool) -> None:
+    def with_rates(self, mass: Scatter, constant: Any | None, pattern: Columns, light: bool) -> None:
         """y' = f(t, y) too: F at y' = 0, then the mass matrix, which stands in the rows and columns of the velocities.
 
         constant (nu, nu): its entries that do not vary, mass: those that do; None: it is read from the Jacobian with respect
@@ -155,7 +155,7 @@ class EquationsOfScene(Workspace):
         part.positive(np.concatenate(pivots))
         self.order, self.rates_part = np.concatenate(rows) - self.numbering.nq, part
 
-    def _solve_mass(self, part: Operations, mass: Scatter, constant: Array | None, pattern: Columns, nu: int,
+    def _solve_mass(self, part: Operations, mass: Scatter, constant: Any | None, pattern: Columns, nu: int,
                     nq: int) -> None:  # fmt: skip
         operations, first = self.operations, self.rates
         rows, columns = pattern.rows, np.repeat(np.arange(self.n), np.diff(pattern.first))
@@ -170,7 +170,7 @@ class EquationsOfScene(Workspace):
         values = np.zeros(nu * width)
         lower = place[i] >= place[j]
         if constant is not None:
-            np.add.at(values, cell(i, j)[lower], constant[i[lower], j[lower]])
+            np.add.at(values, cell(i, j)[lower], np.asarray(constant[i[lower], j[lower]]).ravel())
         steady = constant is not None and not mass.kernels
         matrix, right = operations.constant(values) if steady else operations.slots(nu * width), operations.slots(nu)
         if not steady:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.kernels import plan
 from mbdae.kernels.plan import Outputs
 from mbdae.symbolic.derive import Derived
@@ -41,7 +41,8 @@ class States:
         self.model, self.rows, self.redundant = model, rows, redundant
         self.numbering = Numbering(model, rows, ("lambda",))
         self.nq, self.nu, self.m = model.nq, model.nu, len(rows)
-        self._places: dict[int, tuple[Index, Index, Index]] = {}
+        self._in_G: dict[int, tuple[Index, Index, Index]] = {}
+        self._of_row: dict[tuple[int, int], Index] = {}
 
     @cached_property
     def reactive(self) -> list[int]:
@@ -115,11 +116,25 @@ class States:
     def constraint_jacobian(self, t: Array, q: Array) -> Array:
         """G (nt, m, nu)."""
         G = np.zeros((len(t), self.m, self.nu))
+        for values, rows, columns in self._entries_of_G(t, q):
+            places: Any = slice(None), rows, columns
+            np.add.at(G, places, values)
+        return G
+
+    def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
+        """G (m, nu) of every state."""
+        parts = self._entries_of_G(t, q)
+        rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
+        values = np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1)
+        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+
+    def _entries_of_G(self, t: Array, q: Array) -> list[tuple[Array, Index, Index]]:
+        """Values (nt, k) of the entries of G, group by group, with their rows and columns (k,)."""
+        found = []
         for g, p, values in self.evaluate(jacobian_G, t, q, np.zeros((len(t), self.nu))):
             taken, rows, columns = self._places_in_G(g, p)
-            places: Any = slice(None), rows, columns
-            np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
-        return G
+            found.append((values.reshape(len(t), -1)[:, taken], rows, columns))
+        return found
 
     def rows_without_slope(self, t: Array, q: Array) -> Any:
         """(m,) bool: rows of which an entry of G is not finite at positions q (nq,)."""
@@ -131,33 +146,37 @@ class States:
 
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
         """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""
-        if g not in self._places:
-            found = []
-            for n, (i, (_, r, side, column)) in enumerate(product(range(len(self.model.groups[g].instances)), p.targets)):
-                row = self.numbering.row(g, i, r)
-                if row is not None:
-                    found.append((n, row, self.numbering.velocity(("u", side, column), g, i)))
-            self._places[g] = tuple(np.array(found, dtype=np.intp).reshape(-1, 3).T)  # type: ignore[assignment]
-        return self._places[g]
+        if g not in self._in_G:
+            nb = self.numbering
+            rows = np.stack([self._rows_of(g, target[1]) for target in p.targets], axis=1).ravel()
+            columns = np.stack([nb.velocities(("u", *target[2:]), g) for target in p.targets], axis=1).ravel()
+            taken = np.flatnonzero(rows >= 0)
+            self._in_G[g] = taken, rows[taken], columns[taken]
+        return self._in_G[g]
 
     def _rows(self, outputs: Outputs, t: Array, q: Array, u: Array) -> Array:
         out = np.zeros((len(t), self.m))
         for g, p, values in self.evaluate(outputs, t, q, u):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    row = self.numbering.row(g, i, target[1])
-                    if row is not None:
-                        out[:, row] = values[:, i, o]
+            for o, target in enumerate(p.targets):
+                rows = self._rows_of(g, target[1])
+                kept = rows >= 0
+                out[:, rows[kept]] = values[:, kept, o]
         return out
+
+    def _rows_of(self, g: int, r: int) -> Index:
+        """(instances,) numbers of a row of a law, -1 where it is dropped."""
+        key = g, r
+        if key not in self._of_row:
+            self._of_row[key] = self.numbering.row_numbers(g, r)
+        return self._of_row[key]
 
     def of_states(self, outputs: Outputs, t: Array, q: Array, u: Array, s: Array | None = None) -> Array:
         """(nt, ns) outputs that belong to internal states: their start values, or their rates."""
         nb = self.numbering
         out = np.zeros((len(t), len(nb.states)))
         for g, p, values in self.evaluate(outputs, t, q, u, s):
-            for i in range(values.shape[1]):
-                for o, target in enumerate(p.targets):
-                    out[:, nb.place(target, g, i) - nb.start["s"]] = values[:, i, o]
+            for o, target in enumerate(p.targets):
+                out[:, nb.places(target, g) - nb.start["s"]] = values[:, :, o]
         return out
 
     def position_residual(self, t: Array, q: Array) -> Array:

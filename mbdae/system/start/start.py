@@ -7,9 +7,11 @@ at relative rest; loops close by the smallest mass-weighted change of what is no
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from mbdae.deferred import sp
 from mbdae.errors import StartError
 from mbdae.scene.components import Body, Connection
 from mbdae.symbolic.derive import Derived
@@ -18,7 +20,6 @@ from mbdae.symbolic.law import Element
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
-from mbdae.system.model.joint_motion import JointMotion
 from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
@@ -91,7 +92,7 @@ class Starter(ConsistentPositions):
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
         if not (v.any() or w.any() or child.angular_velocity.any() or self.held_rates(joint)):
             return child.velocity, child.angular_velocity
-        motion, outwards = JointMotion(joint, self.t[0]), joint.l is child
+        motion, outwards = self._motion(joint), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
         to_now = Rk @ joint.k.rotation.T  # the joint's motion is known in axes fixed to k, as drawn
@@ -101,6 +102,8 @@ class Starter(ConsistentPositions):
         turning = w + sign * to_now @ spin
         if np.any(child.angular_velocity):
             turning = child.angular_velocity
+        if not (w.any() or turning.any() or slide.any()):
+            return (child.velocity if np.any(child.velocity) else v), turning
         carried = v + np.cross(w, point - r) + sign * to_now @ slide + np.cross(turning, rc - point)
         return (child.velocity if np.any(child.velocity) else carried), turning
 
@@ -142,14 +145,15 @@ class Starter(ConsistentPositions):
         speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0))
         return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
 
-    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
+    def _projected(self, q: Array, u: Array, given: list[tuple[Body, Any, Any]]) -> tuple[Array, Array]:
         """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
         velocities first, then of all."""
         held = self._held(self.held_rates)
         _, _, C = self._coordinates(q, u, held)
-        A = np.vstack([self.mechanics.constraint_jacobian(self.t, q[None])[0], C])
+        A = self.with_rows(q, C)
         wanted = np.array([rate for _, _, rate in held], dtype=float)
-        stated = np.vstack([np.zeros((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
+        stated: Any = sp.vstack([sp.csr_array((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
+        stated = stated.tocsr() if self.mechanics.large and not self.model.lines else stated.toarray()
 
         def off(u: Array) -> Array:
             return np.concatenate([self.mechanics.velocity_residual(self.t, q[None], u[None])[0], C @ u - wanted])
@@ -183,7 +187,7 @@ class Starter(ConsistentPositions):
         return np.asarray(self.mechanics.of_states(state_start_outputs, self.t, q[None], u[None])[0])
 
 
-def _stated(given: tuple[Body, Array, Array]) -> tuple[Array, Array]:
+def _stated(given: tuple[Body, Any, Any]) -> tuple[Any, Any]:
     """The rows of the velocity and of the angular velocity of a body that the user states: those that are not zero."""
     body, moves, turns = given
     return moves[: None if np.any(body.velocity) else 0], turns[: None if np.any(body.angular_velocity) else 0]
