@@ -152,8 +152,7 @@ class Starter(ConsistentPositions):
         _, _, C = self._coordinates(q, u, held)
         A = self.with_rows(q, C)
         wanted = np.array([rate for _, _, rate in held], dtype=float)
-        stated: Any = sp.vstack([sp.csr_array((0, self.rigid.size)), *(rows for item in given for rows in _stated(item))])
-        stated = stated.tocsr() if self.mechanics.large and not self.model.lines else stated.toarray()
+        stated = self._rows_of([rows for item in given for rows in _stated(item)])
 
         def off(u: Array) -> Array:
             return np.concatenate([self.mechanics.velocity_residual(self.t, q[None], u[None])[0], C @ u - wanted])
@@ -176,6 +175,12 @@ class Starter(ConsistentPositions):
         name = self.mechanics.rows[worst].name if worst < m else f"rate of {held[worst - m][0].name}"
         raise StartError([f"the start velocities contradict the joints: {name} stays off by {left[worst]:.3g}; "
                           f"release one of the prescribed or held rates"])  # fmt: skip
+
+    def _rows_of(self, parts: list[Any]) -> Any:
+        """Sparse rows one below the other; full where the mechanics is not large."""
+        if self.mechanics.large and not self.model.lines:
+            return sp.vstack([sp.csr_array((0, self.rigid.size)), *parts], format="csr")
+        return np.vstack([np.zeros((0, self.rigid.size)), *(rows.toarray() for rows in parts)])
 
     def _far(self, left: Array, u: Array) -> bool:
         """Whether velocities u violate the constraints by more than rounding."""
