@@ -16,6 +16,7 @@ from mbdae.errors import (
     SolverError,
     StartError,
     SteadyError,
+    StoppedError,
 )
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ __all__ = [
     "Coupling", "Cylindrical", "Distance", "EquilibriumError", "Export", "FixedOrientation", "Force", "Free", "Friction",
     "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError", "Normal",
     "OneStep", "OptionError", "Planar", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA", "Recursive", "Revolute", "Run",
-    "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop", "Switches",
+    "Scene", "SceneError", "Screw", "Section", "SolverError", "Spherical", "StartError", "SteadyError", "Stop",
+    "StoppedError", "Switches",
     "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order", "params", "report", "selftest",
     "sweep", "t",
 ]  # fmt: skip

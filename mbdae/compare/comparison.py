@@ -8,7 +8,6 @@ from typing import Any
 
 from mbdae.compare.checkpoint import Checkpoint
 from mbdae.compare.data import ComparisonData
-from mbdae.compare.environment import environment
 from mbdae.compare.execution import Execution
 from mbdae.compare.identity import identity
 from mbdae.compare.page import page
@@ -21,6 +20,7 @@ from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
 from mbdae.compare.table import table
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
+from mbdae.run.environment import environment
 from mbdae.show.plots import checked
 from mbdae.sweep.resume import resume_path
 from mbdae.sweep.writing import written

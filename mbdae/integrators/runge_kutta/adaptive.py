@@ -38,6 +38,7 @@ class Adaptive:
         demand = Demand(rtol, atol, target, 7 + 2 * (stages - 2))
         self.step = CollocationStep(system, table, loop.stats, demand, estimate=True)
         self.system, self.loop, self.rtol, self.control = system, loop, rtol, self.step.run.table
+        self.solved = False  # whether the stages of the next step are
         self.warned, self.failures, self.resist = False, 0, SOON if system.n <= FEW_UNKNOWNS else RESIST
         self.watch = StepWatch.of(loop, lambda y: rtol * np.abs(y) + atol)
         if system.longest_step is not None:
@@ -52,10 +53,11 @@ class Adaptive:
         """Step until the end, or until the loop stops the run."""
         self.control.h = self.first_step() if h0 is None else h0
         self.control.smallest = 1e-12 * self.control.h
+        self.loop.goes_on(self)
         with self.step.run:
-            solved = False
-            while (ended := self._advance(solved)) is not None:
-                solved = self._solved(ended)
+            while (ended := self._advance(self.solved)) is not None:
+                self.solved = self._solved(ended)
+                self.loop.keep(self)
 
     def _advance(self, solved: bool) -> int | None:
         """Make steps and keep those that hide nothing; what ended them, None where the loop ends."""

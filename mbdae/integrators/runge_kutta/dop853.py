@@ -42,6 +42,7 @@ class DOP853(Solver):
     error_fall: ClassVar[float] = 0.6
     tightest: ClassVar[dict[str, float]] = {"": 1e-14}
     highest_index: ClassVar[int] = 0
+    restarts: ClassVar[bool] = False
     alternative: ClassVar[str] = ", or use RadauIIA(3)"
 
     def __post_init__(self) -> None:
@@ -73,6 +74,7 @@ class _Run:
         self.equations = rates_of(self.system)
         self.method = Explicit(self.equations, METHOD, radau_table(NODES).c[:-1], rtol, self.atol)
         self.h0 = h0
+        self.rows, self.landing = 1, inf  # most steps of the next call, and the longest (s) of them because of what one hid
 
     def _start(self) -> None:
         loop = self.loop
@@ -89,13 +91,15 @@ class _Run:
         if self.system.longest_step is not None:
             self.method.bound(*self.system.longest_step)
         most = 1 if self.system.looks_at_steps or (watch is not None and watch.contacts is not None) else ROWS
-        rows, landing, going = most if watch is None else min(most, FEW), inf, True
+        self.rows, going = most if watch is None else min(most, FEW), True
+        loop.goes_on(self)
         while going:
-            made = self._made(rows, landing if watch is None else min(watch.bound(), landing))
+            rows = self.rows
+            made = self._made(rows, self.landing if watch is None else min(watch.bound(), self.landing))
             kept = count = len(made.t)
             if watch is not None and count:
-                kept, landing = self._looked_at(watch, made, closely=rows == 1)
-                rows = min(max(2 * rows, FEW), most) if kept == count else 1
+                kept, self.landing = self._looked_at(watch, made, closely=rows == 1)
+                self.rows = min(max(2 * rows, FEW), most) if kept == count else 1
             if kept == 1:
                 going = loop.accept(float(made.t[0]), made.y[0], made.yp[0], made.inner[0])
             elif kept:
@@ -107,6 +111,8 @@ class _Run:
                 raise self._failed()
             if kept < count:
                 self.method.begin(*loop.state, float(made.t[kept] - loop.t))
+            if going:
+                loop.keep(self)
 
     def _made(self, rows: int, longest: float) -> Steps:
         """Steps of the method; what they cost is counted."""
