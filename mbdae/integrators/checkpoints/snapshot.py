@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import is_dataclass
+from inspect import isroutine
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,7 @@ def _like(value: Tree, there: Any) -> Any:
 def _is_object(value: Any) -> bool:
     kind = type(value)
     constant = isinstance(value, CONSTANT) or (is_dataclass(value) and kind.__dataclass_params__.frozen)
-    named = isinstance(value, tuple | type) or callable(value)
+    named = isinstance(value, tuple | type) or isroutine(value)
     return kind.__module__.startswith(OWN) and not constant and not named and not _is_loop(value)
 
 

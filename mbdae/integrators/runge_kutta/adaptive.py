@@ -66,8 +66,7 @@ class Adaptive:
             control.bound = watch.bound() if closely else watch.bound_of_switches()
             step.run.watch(None if closely or watch.contacts is None else watch.contacts.given())
         before = None if watch is None else step.run.control()
-        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
-        step.count()
+        made = self._made(solved)
         self._warn()
         count = len(made.t)
         kept = self._kept(watch, made, before) if watch is not None and before is not None and count else count
@@ -85,6 +84,20 @@ class Adaptive:
         if not going:
             return None
         return made.code if kept == count else DONE
+
+    def _made(self, solved: bool) -> Made:
+        """Steps of the method. Where something is watched they are as many as asked for, however long they take: what bounds them
+        is looked at between calls, and may not depend on the clock."""
+        step, loop = self.step, self.loop
+        made = step.run.steps(step.t, loop.t_end, solved, loop.evaluations_left, self.rows)
+        step.count()
+        while self.watch is not None and made.code == DONE and 0 < len(made.t) < self.rows and made.t[-1] < loop.t_end \
+                and loop.evaluations_left >= 0:  # fmt: skip
+            loop.guard()
+            more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, self.rows - len(made.t))
+            step.count()
+            made = Made(*(np.concatenate(both) for both in zip(made[:-1], more[:-1], strict=True)), more.code)
+        return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:
         """How many steps may be kept; before the others the run is where it was."""

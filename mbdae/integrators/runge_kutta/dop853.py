@@ -115,10 +115,22 @@ class _Run:
                 loop.keep(self)
 
     def _made(self, rows: int, longest: float) -> Steps:
-        """Steps of the method; what they cost is counted."""
+        """Steps of the method; what they cost is counted. Where something is watched they are as many as asked for, however long
+        they take: what bounds them is looked at between calls, and may not depend on the clock."""
+        loop = self.loop
+        made = self._advanced(loop.t, rows, longest)
+        while self.watch is not None and not made.code and len(made.t) < rows and made.t[-1] < loop.t_end \
+                and loop.evaluations_left >= 0:  # fmt: skip
+            loop.guard()
+            more = self._advanced(float(made.t[-1]), rows - len(made.t), longest)
+            made = Steps(*(np.concatenate(both) for both in zip(made[:-1], more[:-1], strict=True)), more.code)
+        return made
+
+    def _advanced(self, t: float, rows: int, longest: float) -> Steps:
+        """One call of the method."""
         table, stats = self.method.table, self.loop.stats
         before = table.evaluations, table.rejected
-        made = self.method.advance(self.loop.t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
+        made = self.method.advance(t, self.loop.t_end, self.loop.evaluations_left, rows, longest)
         stats.residuals += table.evaluations - before[0]
         stats.rejected += table.rejected - before[1]
         return made
