@@ -71,6 +71,10 @@ class OptionError(MbdaeError, ValueError):
     """An option has a value that cannot be used."""
 
 
+class NotReadError(OptionError):
+    """A number of a law is not read where the equations are evaluated: it has no effect, or is compiled in."""
+
+
 class ExpressionError(OptionError, TypeError):
     """An expression of time was used where only a number has a meaning."""
 

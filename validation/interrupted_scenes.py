@@ -1,4 +1,4 @@
-"""Runs that are killed and go on: one for each family of solvers and for each thing that a run remembers, and how to kill them."""
+"""Runs that are killed and go on: one for each family of solvers and each thing that a run remembers, and how to kill them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-
-import mbdae as mb
 from clearance_scenes import free_pair, slider_crank
-from mbdae.integrators.checkpoints import keeper
 from overconstrained_scenes import MECHANISMS
 from own_methods import Gauss, Midpoint
+
+import mbdae as mb
+from mbdae.integrators.checkpoints import keeper
 
 EVERY, ANEW = 10, 200  #: steps between two checkpoints; of methods that begin anew there
 SEED = 3

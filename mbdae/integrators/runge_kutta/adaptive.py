@@ -96,7 +96,7 @@ class Adaptive:
             loop.guard()
             more = step.run.steps(float(made.t[-1]), loop.t_end, False, loop.evaluations_left, self.rows - len(made.t))
             step.count()
-            made = Made(*(np.concatenate(both) for both in zip(made[:-1], more[:-1], strict=True)), more.code)
+            made = made.then(more)
         return made
 
     def _kept(self, watch: StepWatch, made: Made, before: Any) -> int:

@@ -123,7 +123,7 @@ class _Run:
                 and loop.evaluations_left >= 0:  # fmt: skip
             loop.guard()
             more = self._advanced(float(made.t[-1]), rows - len(made.t), longest)
-            made = Steps(*(np.concatenate(both) for both in zip(made[:-1], more[:-1], strict=True)), more.code)
+            made = made.then(more)
         return made
 
     def _advanced(self, t: float, rows: int, longest: float) -> Steps:
