@@ -10,6 +10,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.costs import spends
 from mbdae.kernels.oracle import numpy_function
 from mbdae.native.program import Operations, block
 from mbdae.symbolic.vectors import Expr
@@ -30,6 +31,7 @@ class Kernel:
         return len(self.expressions)
 
     @cached_property
+    @spends("compile")
     def compiled(self) -> Any:
         """The LLVM function, compiled on first use; without inputs (a tree that is prescribed throughout) the constants."""
         if not self.symbols:

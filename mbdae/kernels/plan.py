@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target, derivatives, input_symbols, insert
@@ -104,13 +105,13 @@ class LinearisedPlan(Plan):
         return Kernel(inputs.symbols, expressions), inputs
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def plan(d: Derived, outputs: Outputs) -> Plan:
     """The plan of a derived law for some outputs; made once per process."""
     return Plan(d, outputs)
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
     """The plan with derivatives; made once per process."""
     return LinearisedPlan(d, outputs, sort)

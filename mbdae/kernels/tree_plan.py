@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.outputs import Target
 from mbdae.symbolic.tree import OPERATIONS, tree_program
@@ -133,7 +134,7 @@ class TreePlan:
         return [self._piece(piece) for piece in pieces]
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def tree_plan(structure: TreeStructure) -> TreePlan:
     """The plan of a tree; made once per process and structure."""
     return TreePlan(structure)

@@ -8,11 +8,12 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.errors import LawError
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, make_frame
 from mbdae.symbolic.joint import Joint
@@ -116,7 +117,7 @@ class Derived:
         return [se.Symbol(f"mu_{row}") for row in self.rows]
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     law = cls.symbolic(structure)
