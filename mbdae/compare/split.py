@@ -20,6 +20,7 @@ from mbdae.integrators.solution import Solution
 from mbdae.run.control import Controlled, companions_of
 from mbdae.run.job import Job
 from mbdae.system.prepare import prepare
+from mbdae.system.scene_system import SceneSystem
 
 OUTPUTS = 201  #: times of a result, as `simulate` has by default
 
@@ -47,7 +48,7 @@ class Split:
         """CPU s from the scene to equations that are ready, where nothing is made yet."""
         with cold(), measured() as spent:
             scene = with_models(self.problem.scene, run)
-            warm(system_for(prepare(scene, t_end=self.problem.t_end), form, solver.highest_index))
+            warm(system_for(prepare(scene, t_end=self.problem.t_end), form))
         return {"derive_s": spent.get("derive", 0.0), "compile_s": spent.get("compile", 0.0), "start_s": spent["other"]}
 
     def _after(self, form: Form, solver: Solver, solution: Solution, equations: Equations) -> tuple[float | None, float | None]:
@@ -63,7 +64,10 @@ class Split:
                     companions = companions_of(equations.for_solver(form, solver), solver, asked)[0].cpu_s
                 except MbdaeError:
                     companions = None
-            job = Job(prepared, form, 1e-6, asked, np.linspace(float(solution.t[0]), end, OUTPUTS))
+            system = equations.for_solver(form, solver)
+            assert isinstance(system, SceneSystem)
+            times = np.linspace(float(solution.t[0]), end, OUTPUTS)
+            job = Job(prepared, form, 1e-6, asked, times, _systems={(form, solver.highest_index): system})
             begin = time.process_time()
             try:
                 job.result(Controlled(solution, solver, math.nan, 1, 0.0))

@@ -33,7 +33,7 @@ def write_tree(path: Path, tree: Tree) -> None:
 def read_tree(path: Path) -> Tree:
     """The tree in a file; OptionError where it is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return unpacked(json.loads(stored[TEXT].tobytes().decode()), stored)
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise OptionError(f"checkpoint file '{path}' is damaged ({error}): delete its folder, or name another one") from error
