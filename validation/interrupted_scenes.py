@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import signal
@@ -19,8 +20,9 @@ from own_methods import Gauss, Midpoint
 
 import mbdae as mb
 from mbdae.integrators.checkpoints import keeper
+from mbdae.integrators.runge_kutta import adaptive, dop853
 
-EVERY, ANEW = 10, 200  #: steps between two checkpoints; of methods that begin anew there
+EVERY, ANEW, CALL = 10, 200, 16  #: steps between two checkpoints; of methods that begin anew there; of one call of C, at most
 SEED = 3
 
 
@@ -57,6 +59,15 @@ def stick_slip() -> mb.Scene:
     return s
 
 
+def limited() -> mb.Scene:
+    """Two rods whose joints hit stops: the mass that hits depends on the other joint."""
+    s = mb.Scene("two rods with stops", gravity=(0, -9.81, 0))
+    a, b, stop = s.link("a", (0, 0), (1, 0), mass=1.0), s.link("b", (1, 0), (2, 0.1), mass=0.7), mb.Stop(3e3, 0.1)
+    s.revolute("A", s.ground, a, at=(0, 0), limits=(-1.2, 1.2), stop=stop)
+    s.revolute("B", a, b, at=(1, 0), limits=(-0.8, 0.8), stop=stop)
+    return s
+
+
 def swinging_beam() -> mb.Scene:
     """A flexible pendulum."""
     s = mb.Scene("flexible pendulum", gravity=(0, -9.81, 0))
@@ -81,6 +92,7 @@ RUNS: dict[str, tuple[Callable[[], mb.Scene], float, dict[str, Any]]] = {
     "Radau IIA, constant steps": (chain, 1.0, {"solver": mb.RadauIIA(2, step=2e-3)}),
     "Radau IIA, clearance": (lambda: slider_crank("B"), 0.02, {"solver": mb.RadauIIA(3), "accuracy": 1e-4}),
     "Radau IIA, impacts": (free_pair, 0.05, {"solver": mb.RadauIIA(2), "accuracy": 1e-4}),
+    "Radau IIA, stops": (limited, 1.0, {"solver": mb.RadauIIA(3), "accuracy": 1e-4}),
     "Radau IIA, breaks and friction": (pushed, 2.0, {"solver": mb.RadauIIA(3)}),
     "Radau IIA, rows in force": (redundant, 4.0, {"solver": mb.RadauIIA(3), "accuracy": 1e-5}),
     "Radau IIA, beam": (swinging_beam, 0.5, {"solver": mb.RadauIIA(3), "accuracy": 1e-4}),
@@ -114,30 +126,33 @@ def bits(r: mb.Result) -> str:
 
 
 def run(name: str, folder: Path) -> str:
-    """The bits of a run that is kept in a folder; written to the disk at every checkpoint."""
+    """The bits of a run that is kept in a folder; written to the disk at every checkpoint, and looked at after few steps."""
     make, end, options = RUNS[name]
-    before, keeper.PAUSE = keeper.PAUSE, 0.0
+    before = keeper.PAUSE, adaptive.ROWS, dop853.ROWS
+    keeper.PAUSE, adaptive.ROWS, dop853.ROWS = 0.0, CALL, CALL
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             every = ANEW if "solver" in options and options["solver"].restarts else EVERY
             return bits(make().simulate(end, checkpoint=folder, every=every, **options))
     finally:
-        keeper.PAUSE = before
+        keeper.PAUSE, adaptive.ROWS, dop853.ROWS = before
 
 
 def killed(name: str, folder: Path, kills: int, how: int = signal.SIGKILL) -> tuple[int, str]:
-    """How many of the kills hit the run in a folder at random times, and its bits in the end."""
-    begin = time.perf_counter()
-    run(name, folder.with_name(folder.name + " timed"))
-    whole, rng, hits = time.perf_counter() - begin, np.random.default_rng(SEED), 0
+    """How many of the signals came before the end of the run in a folder, each after a random number of files and a random time,
+    and its bits in the end."""
+    rng, hits = np.random.default_rng(SEED), 0
+    whole = folder.with_name(folder.name + " counted")
+    run(name, whole)
+    files = 2 * len(list(whole.iterdir()))  # about: every file of steps has its state
     for _ in range(kills):
-        hits += _killed_after(rng.uniform(0, 1.5 * whole / kills + 0.03), name, folder, how)
+        hits += _killed_after(int(rng.integers(0, 2 + files // kills)), rng.exponential(0.002), name, folder, how)
     return hits, run(name, folder)
 
 
-def _killed_after(seconds: float, name: str, folder: Path, how: int) -> bool:
-    """Whether a process that goes on with the run was ended after a time, before its own end."""
+def _killed_after(changes: int, seconds: float, name: str, folder: Path, how: int) -> bool:
+    """Whether a process that goes on with the run was ended before its own end, after so many files and a time."""
     child = os.fork()
     if child == 0:
         try:
@@ -147,9 +162,25 @@ def _killed_after(seconds: float, name: str, folder: Path, how: int) -> bool:
             os._exit(3)
         finally:
             os._exit(1)
+    seen, status = _signature(folder), 0
+    while changes > 0 and (status := os.waitpid(child, os.WNOHANG)[0]) == 0:
+        now = _signature(folder)
+        changes, seen = changes - (now != seen), now
+        time.sleep(1e-4)
+    if status:
+        return False
     time.sleep(seconds)
     os.kill(child, how)
-    status = os.waitpid(child, 0)[1]
-    if os.WIFEXITED(status) and os.WEXITSTATUS(status) == 1:
+    ended = os.waitpid(child, 0)[1]
+    if os.WIFEXITED(ended) and os.WEXITSTATUS(ended) == 1:
         raise RuntimeError(f"the run '{name}' failed")
-    return os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 3
+    return os.WIFSIGNALED(ended) or os.WEXITSTATUS(ended) == 3
+
+
+def _signature(folder: Path) -> tuple[int, int]:
+    """Changes with every file that is written."""
+    times = []
+    for entry in os.scandir(folder) if folder.exists() else ():
+        with contextlib.suppress(FileNotFoundError):
+            times.append(entry.stat().st_mtime_ns)
+    return len(times), max(times, default=0)

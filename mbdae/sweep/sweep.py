@@ -109,13 +109,15 @@ class Sweep(ListsAttributes):
 @overload
 def sweep(job: SceneData, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False, progress: Progress | None = None, t_end: float,
-          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep: ...  # fmt: skip
+          accuracy: float = 1e-6, outputs: Any = None) -> SceneSweep:  # fmt: skip
+    """Runs of a scene."""
 
 
 @overload
 def sweep(job: Job, grid: Mapping[str, Iterable[Any]] | Sequence[Mapping[str, Any]], executor: Executor | None = None, *,
           workers: int | None = None, resume: Any = None, again: bool = False,
-          progress: Progress | None = None) -> Sweep: ...  # fmt: skip
+          progress: Progress | None = None) -> Sweep:  # fmt: skip
+    """A function of the user's."""
 
 
 def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int | None = None, resume: Any = None,
