@@ -147,7 +147,7 @@ def killed(name: str, folder: Path, kills: int, how: int = signal.SIGKILL) -> tu
     run(name, whole)
     files = 2 * len(list(whole.iterdir()))  # about: every file of steps has its state
     for _ in range(kills):
-        hits += _killed_after(int(rng.integers(0, 2 + files // kills)), rng.exponential(0.002), name, folder, how)
+        hits += _killed_after(int(rng.integers(0, 2 + 2 * files // kills)), rng.exponential(0.002), name, folder, how)
     return hits, run(name, folder)
 
 
