@@ -16,6 +16,7 @@ from mbdae.errors import (
     SolverError,
     StartError,
     SteadyError,
+    StoppedError,
 )
 
 if TYPE_CHECKING:
@@ -93,8 +94,8 @@ __all__ = [
     "Friction", "GeneralizedAlpha", "Hertz", "Index1", "Index3", "Joint", "Kinematic", "LawError", "LuGre", "MbdaeError",
     "Normal", "OneStep", "OptionError", "Planar", "Plane", "Point", "PointOnLine", "PointOnPlane", "Prismatic", "RadauIIA",
     "Recursive", "Revolute", "Run", "Scene", "SceneError", "Screw", "Section", "SolverError", "Sphere", "Spherical", "StartError",
-    "SteadyError", "Stop", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load", "measure_order",
-    "params", "report", "selftest", "sweep", "t",
+    "SteadyError", "Stop", "StoppedError", "Switches", "Universal", "Weld", "audit", "compare", "export", "extremes", "load",
+    "measure_order", "params", "report", "selftest", "sweep", "t",
 ]  # fmt: skip
 
 

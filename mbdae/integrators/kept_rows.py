@@ -86,6 +86,20 @@ class Rows:
         self._blocks, self.tail = [found[:-1]], [found[-1]]  # not kept twice
         return found[:count]
 
+    def since(self, first: int) -> list[Any]:
+        """The rows from number `first` on."""
+        parts: list[Any] = [self.tail]
+        begin = len(self) - len(self.tail)
+        for block in reversed(self._blocks):
+            if begin <= first:
+                break
+            parts, begin = [block, *parts], begin - len(block)
+        for path, shape in reversed(self._chunks):
+            if begin <= first:
+                break
+            parts, begin = [read_chunk(path, shape), *parts], begin - shape[0]
+        return [row for part in parts for row in part][first - begin :]
+
     @property
     def _of_arrays(self) -> bool:
         """Whether there are rows, all of them arrays."""

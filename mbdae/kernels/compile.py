@@ -10,6 +10,7 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.costs import spends
 from mbdae.disk.entries import keep, recall
 from mbdae.disk.exact import code_key
 from mbdae.kernels.oracle import numpy_function
@@ -38,6 +39,7 @@ class Kernel:
         return list(self._stated() if callable(self._stated) else self._stated)
 
     @cached_property
+    @spends("compile")
     def compiled(self) -> Any:
         """The LLVM function, from disk or compiled on first use; without inputs (a tree that is prescribed throughout) the
         constants."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.disk.entries import keep, key_of, recall
 from mbdae.kernels.compile import Kernel
 from mbdae.symbolic.derive import Derived
@@ -185,13 +186,13 @@ def _inputs(unknowns: tuple[Target, ...], parameters: tuple[str, ...], symbols: 
     return Inputs(unknowns, parameters, tuple(map(se.Symbol, symbols)))
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def plan(d: Derived, outputs: Outputs) -> Plan:
     """The plan of a derived law for some outputs; made once per process."""
     return Plan(d, outputs)
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def linearised_plan(d: Derived, outputs: Outputs, sort: bool = True) -> LinearisedPlan:
     """The plan with derivatives; made once per process."""
     return LinearisedPlan(d, outputs, sort)

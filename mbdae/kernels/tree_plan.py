@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.disk.entries import keep, key_of, recall
 from mbdae.disk.exact import Digests
 from mbdae.disk.store import store
@@ -235,7 +236,7 @@ def _link(link: Link) -> list[Any]:
     return [stated, units, list(link.law.params), symbolic_steps(law)]
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def tree_plan(structure: TreeStructure) -> TreePlan:
     """The plan of a tree; made once per process and structure."""
     return TreePlan(structure)

@@ -237,6 +237,26 @@ class Factors:
         out[order.columns] = self._lu[order.diag] == 0
         return out
 
+    def snapshot(self) -> dict[str, Any]:
+        """The factors, and the order in which others are sought next, as plain values."""
+        arrays = (self.values, self._lu, self._swaps)
+        return {"begun": bool(self.table.lu), "own": _pivots(self.order),
+                "shared": _pivots(self.orders.present), "arrays": [array.copy() for array in arrays]}  # fmt: skip
+
+    def go_back(self, kept: dict[str, Any]) -> None:
+        """Have the factors of a snapshot."""
+        orders = self.orders
+        if _differ(_pivots(orders.present), kept["shared"]):
+            orders.present = Order(orders.entries, *kept["shared"]) if kept["shared"] else None
+        if not kept["begun"]:
+            return
+        if kept["own"] is None or not _differ(_pivots(orders.present), kept["own"]):
+            self._take(None if kept["own"] is None else orders.present)
+        else:
+            self._take(Order(orders.entries, *kept["own"]))
+        for array, values in zip((self.values, self._lu, self._swaps), kept["arrays"], strict=True):
+            array[:] = values
+
     def solve(self, b: NDArray[Any]) -> NDArray[Any]:
         """Solution (n,) for a right-hand side (n,)."""
         if not self.table.lu:
@@ -246,6 +266,16 @@ class Factors:
             raise ValueError(f"a right-hand side of shape {x.shape} for {self.orders.entries.n} unknowns")
         functions().lu_solve(self._at, address(x))
         return x
+
+
+def _pivots(order: Order | None) -> list[Index] | None:
+    return None if order is None else [order.rows, order.columns]
+
+
+def _differ(some: list[Index] | None, others: list[Index] | None) -> bool:
+    if some is None or others is None:
+        return some is not others
+    return not all(np.array_equal(a, b) for a, b in zip(some, others, strict=True))
 
 
 class Matrix:

@@ -123,7 +123,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     limit = solver.tightest.get(system.label, solver.tightest[""])
     tight = solver.at_accuracy(accuracy, system.label)
     tight = _with_rtol(tight, min(tight.tolerance, LOOSEST / 2, max(ceiling, limit)))
-    best, made = _companions_of(system, tight, asked)
+    best, made = companions_of(system, tight, asked)
     most, estimates, count, kept = ATTEMPTS - 1 + best.runs, list[float](), len(made), len(companions(system, solver))
     while best.runs < most:
         loose, coarse = made[-1]
@@ -163,7 +163,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     return best
 
 
-def _companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
+def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:
     """The companions of the first run at a tolerance: the last of them, and all with their tolerances, the loosest first. One
     that fails is left out, unless it is the last."""
     rtols = [min(tight.tolerance * multiple, LOOSEST) for multiple in companions(system, tight)]

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.disk.entries import key_of
 from mbdae.disk.exact import Digests
 from mbdae.disk.store import store
@@ -31,7 +31,7 @@ from mbdae.symbolic.vectors import ZERO, Expr, Vec
 _ZERO = se.Integer(0)
 
 
-@lru_cache(maxsize=512)
+@made_once("derive", 512)
 def derive(cls: type[Law], structure: Structure, sides: tuple[Side, ...]) -> Derived:
     """Derive a law class for the kinds of its nodes (one side for an element, else k and l)."""
     law = cls.symbolic(structure)

@@ -10,12 +10,12 @@ geometric stiffness (paper Eqs. 24-33).
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from itertools import count
 from typing import Any
 
 import symengine as se
 
+from mbdae.costs import made_once
 from mbdae.symbolic.derive import Derived, derive
 from mbdae.symbolic.frames import Axes, Frame, NodeKind, axes_pattern
 from mbdae.symbolic.motion import Motion, Rotation, Step, half_turn, motion_of, refuse_amounts
@@ -323,7 +323,7 @@ def _sum(a: Wrench | None, b: Wrench) -> Wrench:
     return b if a is None else (a[0] + b[0], a[1] + b[1])
 
 
-@lru_cache(maxsize=64)
+@made_once("derive", 64)
 def tree_program(structure: TreeStructure) -> TreeProgram:
     """The program of a tree; made once per process and structure."""
     return TreeProgram(structure)

@@ -151,6 +151,16 @@ class System:
         other; None: go on with this one. Asked after every accepted step."""
         return None
 
+    def memory(self) -> dict[str, Any]:
+        """What these equations remember of a run beside its state, as plain values and arrays of their own."""
+        return {}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Remember what `memory` told."""
+
+    def forget(self) -> None:
+        """Have `renewed` look at the next position whatever it saw before."""
+
     @property
     def looks_at_steps(self) -> bool:
         """Whether `accept` or `renewed` is more than here: steps that are made many at a time are then made one by one."""

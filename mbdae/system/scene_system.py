@@ -39,6 +39,8 @@ class SceneSystem(System):
     others: equations with other rows in force that a run had before, which it takes again where these rows are good;
     assembly: the equations, by default those of the rows in force."""
 
+    guards: ContactGuards | None = None
+
     @single_threaded
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None, assembly: Assembly | None = None) -> None:  # fmt: skip
@@ -143,6 +145,28 @@ class SceneSystem(System):
             state = self._state(self._prepared.mechanics_with(list(rows)), t, y)
             self._others[rows] = type(self)(self._prepared.with_rows(list(rows), state), *self._asked, self._others)
         return self._others[rows].taking_over(self, t, y)
+
+    def memory(self) -> dict[str, Any]:
+        return {"systems": [system._own_memory() for system in (self, *self._others.values())]}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        for system, own in zip((self, *self._others.values()), memory["systems"], strict=False):
+            system._remember_own(own)
+
+    def forget(self) -> None:
+        if self._choice is not None:
+            self._choice.seen = None
+
+    def _own_memory(self) -> dict[str, Any]:
+        """What these equations, without those with other rows in force, remember."""
+        return {"seen": None if self._choice is None else self._choice.seen,
+                "masses": None if self.guards is None else self.guards.memory()}  # fmt: skip
+
+    def _remember_own(self, memory: dict[str, Any]) -> None:
+        if self._choice is not None:
+            self._choice.seen = memory["seen"]
+        if self.guards is not None:
+            self.guards.remember(memory["masses"])
 
     @property
     def looks_at_steps(self) -> bool:

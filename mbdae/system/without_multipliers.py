@@ -139,6 +139,15 @@ class WithoutMultipliers(SceneSystem):
                     f"index-1 form may go on in another branch without a sign: compare with mb.GGL()")  # fmt: skip
             warnings.warn(text, AccuracyWarning, stacklevel=4)
 
+    def _own_memory(self) -> dict[str, Any]:
+        own = {"shares": self._seen, "warned": self._warned, "multipliers": self._rates.multipliers.copy()}
+        return super()._own_memory() | own
+
+    def _remember_own(self, memory: dict[str, Any]) -> None:
+        super()._remember_own(memory)
+        self._seen, self._warned = memory["shares"], memory["warned"]
+        self._rates.multipliers = memory["multipliers"].copy()
+
     def _determined(self, t: float, y: Array) -> bool:
         """Whether the rows that were left out determine the motion where those in force are about to fail."""
         here, at_start = self.smallest(t, y), self.smallest(self.t0, self.y0)

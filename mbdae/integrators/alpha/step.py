@@ -96,6 +96,11 @@ class AlphaStep:
         self._old: tuple[float, Array] | None = None
         self._states, self._straight = ns > 0, np.arange(system.n) >= ends[2]
 
+    def revive(self, kept: dict[str, Any]) -> None:
+        """Have factors where a state that was kept has some."""
+        if kept["_factors"] is not None:
+            self._factors = Factors(Orders(*self._pattern()), float)
+
     # -- the equations of a step
 
     def _begin(self, h: float) -> None:

@@ -52,6 +52,19 @@ class IterationMatrix(Matrix):
         self.fy[:], self.fyp[:] = (part.ravel(order="F") for part in values(t, y, yp))
 
 
+def kept_order(system: System) -> list[NDArray[np.int64]] | None:
+    """Rows and columns of the pivots of the order that `system` keeps; None where it keeps none."""
+    order = None if system.kept is None else system.kept.get("order")
+    return None if order is None else [order.rows, order.columns]
+
+
+def keep_order(system: System, pivots: list[NDArray[np.int64]] | None) -> None:
+    """Have a system keep an order, unless it has one already."""
+    pattern = system.sparsity if system.pattern is None else system.pattern
+    if pivots is not None and system.kept is not None and "order" not in system.kept:
+        system.kept["order"] = Order(_entries(system, pattern), *pivots)
+
+
 def _entries(system: System, pattern: Any) -> Entries:
     kept = Kept() if system.kept is None else system.kept
     if "entries" not in kept:

@@ -83,6 +83,15 @@ class ContactGuards:
             found.append(self._durations[n, mass])
         contacts.hold(found, known, self._at, SAME * min(1.0, self._mechanics.model.length))
 
+    def memory(self) -> dict[str, Any]:
+        """The effective masses that are known, and where."""
+        return {"at": self._at.copy(), "places": list(self._masses), "masses": list(self._masses.values())}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Know the effective masses that `memory` told."""
+        self._at, self._last = memory["at"], None
+        self._masses = dict(zip(memory["places"], memory["masses"], strict=True))
+
     @property
     def names(self) -> tuple[str, ...]:
         """The joint of every place."""

@@ -30,7 +30,7 @@ class RowsInForce:
         self._number = {row: i for i, row in enumerate(all_rows.rows)}
         self.numbers = self._numbers(rows)
         self._units = all_rows.position_units
-        self._seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
+        self.seen: tuple[Array, float] | None = None  # positions at which the rows were looked at last, and their slack
 
     def smallest(self, t: float, q: Array) -> float:
         """Smallest singular value that counts of all rows: 0 in a singular position, whichever rows are in force."""
@@ -41,14 +41,14 @@ class RowsInForce:
 
     def better(self, t: float, q: Array) -> Rows | None:
         """Rows to go on with from positions q (nq,) of all nodes; None where those in force are good enough."""
-        if self._seen is not None and self._distance(q) < SHARE * self._seen[1]:
+        if self.seen is not None and self._distance(q) < SHARE * self.seen[1]:
             return None
         B = self._unit_rows(t, q)
         others = self._choice(B)
         reached = smallest(B[others], self.rank)
         slack = smallest(B[self.numbers], self.rank) - WORN * reached
         if slack >= 0 or reached <= DEPENDENT:  # the second: a singular position, where no choice is good
-            self._seen = q.copy(), max(slack, 0.0)
+            self.seen = q.copy(), max(slack, 0.0)
             return None
         for rows in self.known:
             if smallest(B[self._numbers(rows)], self.rank) >= GOOD * reached:
@@ -66,5 +66,5 @@ class RowsInForce:
 
     def _distance(self, q: Array) -> float:
         """How far positions are from those looked at last, over the scene's length, or rad."""
-        assert self._seen is not None
-        return float(np.max(np.abs(q - self._seen[0]) / self._units, initial=0.0))
+        assert self.seen is not None
+        return float(np.max(np.abs(q - self.seen[0]) / self._units, initial=0.0))

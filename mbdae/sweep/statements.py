@@ -11,11 +11,11 @@ import numpy as np
 import symengine as se
 
 from mbdae.errors import MbdaeError, OptionError
-from mbdae.extremes.pulses import varying
 from mbdae.inputs import timed
 from mbdae.scene.record import item_name
 from mbdae.scene.replay import Known, replay
 from mbdae.scene.scene import SceneData
+from mbdae.sweep.pulses import varying
 
 SHORTHANDS = "mass, stiffness, speed, clearance; begin, width, strength of a pulse"
 Statements = list[Any]
