@@ -160,7 +160,9 @@ class Solver(ABC):
     def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
-        line = system.timeline(system.t0, loop.run_end) if system.timeline is not None else None
+        line = None
+        if system.timeline is not None:
+            line = system.timeline(system.t0, loop.run_end, None if self.fixed else self.tolerance)
         if line is None:
             self._part(loop, h0)
             return
