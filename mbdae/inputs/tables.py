@@ -23,7 +23,7 @@ from mbdae.values import BadValueError, array, shown, word
 Array = NDArray[np.float64]
 
 KINDS, OUTSIDE = ("linear", "cubic", "step"), ("hold", "periodic", "error")
-MOST_POINTS = 20_000_000
+MOST_POINTS = 5_000_000
 CLOSEST = 1e-11  #: distance of two points over the largest time below which no step tells them apart
 #: times this near to a point, relative to the largest of the table, count as that point: the side decides
 SIDED = 1e3 * float(np.finfo(float).eps)
@@ -80,7 +80,14 @@ class Table:
 
     def of_order(self, order: int) -> Array:
         """Coefficients (4, n+1) of a derivative."""
-        return _differentiated(self.coefficients, order)
+        while order >= len(self._orders):
+            c = self._orders[-1]
+            self._orders.append(np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])]))
+        return self._orders[order]
+
+    @cached_property
+    def _orders(self) -> list[Array]:
+        return [self.coefficients]
 
     @cached_property
     def packed(self) -> Array:
@@ -105,12 +112,6 @@ class Table:
             raise BadValueError(f"is repeated {len(turns)} times between {x0:g} and {x1:g} s")
         all_points = (self.t[:-1] + self.period * turns[:, None]).ravel()
         return all_points[(all_points > x0) & (all_points < x1)]
-
-
-def _differentiated(c: Array, times: int) -> Array:
-    for _ in range(times):
-        c = np.stack([c[1], 2 * c[2], 3 * c[3], np.zeros(c.shape[1])])
-    return c
 
 
 def _checked(t: Any, values: Any, outside: str) -> tuple[Array, Array]:
@@ -211,6 +212,8 @@ def known(table: Table) -> Table:
 
 def from_data(name: str, data: Any) -> None:
     """Make a stored table known; BadValueError where its data is none, or not that of its name."""
+    if name in _KNOWN and data == _KNOWN[name].as_data:
+        return
     try:
         t, values = (np.frombuffer(base64.b64decode(data[key], validate=True), dtype="<f8") for key in ("t", "values"))
         table = Table(t, values, data["kind"], data["outside"])

@@ -32,30 +32,7 @@ typedef struct {
 typedef struct { const Operation *first; I count; } Part;
 
 #include "factors.inc"
-
-/* See `inputs/tables.py`: Table.segments and Table.lookup. The segment of the last call is looked at first, then its neighbours. */
-static void lookup(const double *table, I n, double x, double side, double *out) {
-  const double period = table[2], *t = table + 4, *base = t + n, *coefficients = base + n + 1;
-  const double near = fmax(table[3], fabs(x) * (1e3 * 2.220446049250313e-16));
-  const I least = (I)table[0], most = (I)table[1];
-  double seen = x + fmin(fmax(side - x, -near), near), turns = 0;
-  if (period > 0) turns = period * floor((seen - t[0]) / period);
-  seen -= turns;
-  I low = (I)out[3], high = low; /* t[low - 1] <= seen < t[high], with t[-1] and t[n] infinite */
-  for (I step = 1; high < n && seen >= t[high]; step *= 2) low = high + 1, high = high + step < n ? high + step : n;
-  for (I step = 1; low > 0 && seen < t[low - 1]; step *= 2) high = low - 1, low = low - step > 0 ? low - step : 0;
-  while (low < high) {
-    const I middle = (low + high) / 2;
-    if (seen >= t[middle]) low = middle + 1;
-    else high = middle;
-  }
-  const I i = low < least ? least : low > most ? most : low;
-  const double s = x - turns - base[i], *c = coefficients + 4 * i;
-  out[0] = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
-  out[1] = c[1] + s * (2 * c[2] + s * (3 * c[3]));
-  out[2] = 2 * c[2] + s * (6 * c[3]);
-  out[3] = (double)low;
-}
+#include "lookup.inc"
 
 /* Run the operations; x: room for the inputs of the widest; bad: the row of a matrix that depends on the others. */
 static int run(Part part, double *W, double *x, I *bad) {

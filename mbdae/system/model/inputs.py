@@ -15,7 +15,7 @@ from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.model import Model
 
-SHARE = 0.1  #: what a run may leave out of its tables, over its tolerance
+SHARE = 0.02  #: what a step may leave out of a table, part of its range, over the accuracy of the run
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ def by_rates(d: Derived) -> bool:
     return bool(d.rows) or any(rates & e.free_symbols for e in insert(d, [e for _, e in loads(d)]))
 
 
-def timeline(model: Model, t0: float, t1: float, tolerance: float | None = None) -> Timeline | None:
-    """Of a run from t0 to t1; None where no input switches or varies by itself. tolerance: of the run, None where its steps are
-    constant."""
+def timeline(model: Model, t0: float, t1: float, accuracy: float | None = None) -> Timeline | None:
+    """Of a run from t0 to t1; None where no input switches or varies by itself. accuracy: at which the run aims, None where its
+    steps are constant."""
     expressions = expressions_of(model)
     if not expressions:
         return None
-    found = Timeline(*resolved(expressions, t0, t1, TOLERANCE if tolerance is None else SHARE * tolerance))
+    found = Timeline(*resolved(expressions, t0, t1, TOLERANCE if accuracy is None else SHARE * accuracy))
     switching = any(switches(e) or split((sided(e),)).readings for e in expressions)
     return found if switching or found.varies else None
