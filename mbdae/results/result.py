@@ -14,11 +14,15 @@ from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
 from mbdae.results.beams import BeamSensor
 from mbdae.results.clearance import ClearanceSensor
+from mbdae.results.columns import to_csv, to_dataframe, to_xarray
 from mbdae.results.energy import Energy, energy
-from mbdae.results.sensors import BodySensor, ConnectionSensor, placed, split
+from mbdae.results.peaks import Peak, peak
+from mbdae.results.quantities import Quantity, value
+from mbdae.results.sensors import BodySensor, ConnectionSensor
 from mbdae.results.states import RunStates
 from mbdae.scene.components import Beam, BeamLoad, Body, Connection, Place
 from mbdae.scene.scene import SceneData
+from mbdae.scene.sensor_names import parsed, placed
 from mbdae.system.base import Array
 from mbdae.system.prepare import Prepared
 from mbdae.system.rank.rows import smallest, unit_rows
@@ -146,8 +150,8 @@ class Result(RunStates, ListsAttributes):
         return self._sensors[key]
 
     def read(self, path: str) -> Array:
-        """A sensor by its path, e.g. "C.angle", "crank.position" or "beam.at(0.5).position" (nt, ...)."""
-        name, quantity = split(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
+        """A sensor by its path, e.g. "C.angle", "crank.position", "crank.position[1]" or "beam.at(0.5).position" (nt, ...)."""
+        name, quantity, component = parsed(option("sensor", path, text, "name a sensor such as 'C.angle' or 'crank.position'"))
         try:
             sensor = self[name] if name and quantity else None
         except SceneError as error:
@@ -157,7 +161,35 @@ class Result(RunStates, ListsAttributes):
             items = self.prepared.model.scene._names()
             told = f"'{name}' has {known}" if known else f"give item.quantity of an item, such as {items}"
             raise SceneError([f"there is no sensor '{path}'; {told}"])
-        return np.asarray(getattr(sensor, quantity))
+        values = np.asarray(getattr(sensor, quantity))
+        if component is None:
+            return values
+        if values.ndim != 2 or component >= values.shape[1]:
+            count = values.shape[1] if values.ndim == 2 else 0
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {count or 'no'} components, counted from 0"])
+        return np.asarray(values[:, component])
+
+    def value(self, quantity: Quantity) -> Array:
+        """A quantity at the result's times, (nt,) or (nt, n): a sensor, an expression of sensors such as "J.torque[2]*J.rate" or
+        "norm(b.velocity)", or a function of the result."""
+        return value(self, quantity)
+
+    def peak(self, quantity: Quantity) -> Peak:
+        """The largest magnitude of a quantity (see `value`), between the result's times too, with its time: `.value`, `.t`."""
+        return peak(self, quantity)
+
+    def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is named.
+        further: quantities with names of their own. `attrs["units"]` has the units."""
+        return to_dataframe(self, sensors, further)
+
+    def to_xarray(self, *sensors: Quantity, **further: Quantity) -> Any:
+        """The same as an xarray.Dataset: vectors have the dimension "axis", units are attributes."""
+        return to_xarray(self, sensors, further)
+
+    def to_csv(self, path: Any, *sensors: Quantity, **further: Quantity) -> None:
+        """The same in a file: columns divided by commas, units in the first line; `mb.read_table` reads it."""
+        to_csv(self, path, sensors, further)
 
     # -- energy, drift and rank
 

@@ -36,6 +36,8 @@ class Section:
     mass_per_length: float
     rotary_inertia: Any
     damping: float = 0.0
+    E: float | None = None  #: Pa, where the section was made from a shape, for stresses at its fibres
+    shape: tuple[Any, ...] = ()  #: ("tube", outer, inner) or ("rectangle", width along axis 3, height along axis 2), m
 
     def __post_init__(self) -> None:
         given = self.rotary_inertia
@@ -100,7 +102,7 @@ class Section:
         m = (inner / outer) ** 2
         k = 6 * (1 + nu) * (1 + m) ** 2 / ((7 + 6 * nu) * (1 + m) ** 2 + (20 + 12 * nu) * m)
         A, I = math.pi * (outer**2 - inner**2), math.pi / 4 * (outer**4 - inner**4)
-        return cls._of_shape(A, (2 * I, I, I), k, 2 * I, E, nu, rho, damping)
+        return cls._of_shape(A, (2 * I, I, I), k, 2 * I, E, nu, rho, damping, ("tube", outer, inner))
 
     @classmethod
     def rectangular(cls, width: float, height: float, E: float, nu: float, rho: float, damping: float = 0.0) -> Section:
@@ -109,16 +111,17 @@ class Section:
         (width, height), nu = _positive(width=(width, "m"), height=(height, "m")), _poisson(nu)
         A, I2, I3 = width * height, height * width**3 / 12, width * height**3 / 12
         k = 10 * (1 + nu) / (12 + 11 * nu)
-        return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping)
+        return cls._of_shape(A, (I2 + I3, I2, I3), k, _torsion_of_rectangle(width, height), E, nu, rho, damping,
+                             ("rectangle", width, height))  # fmt: skip
 
     @classmethod
     def _of_shape(cls, A: float, I: tuple[float, float, float], k: float, J: float, E: float, nu: float, rho: float,
-                  damping: float) -> Section:  # fmt: skip
+                  damping: float, shape: tuple[Any, ...]) -> Section:  # fmt: skip
         """From area, polar and second moments, shear correction factor and torsion constant."""
         E, rho = _positive(E=(E, "Pa"), rho=(rho, "kg/m^3"))
         G = E / (2 * (1 + nu))
         inertia = tuple(rho * i for i in I)
-        return cls(E * A, k * G * A, k * G * A, G * J, E * I[1], E * I[2], rho * A, inertia, damping)
+        return cls(E * A, k * G * A, k * G * A, G * J, E * I[1], E * I[2], rho * A, inertia, damping, E, shape)
 
 
 def _torsion_of_rectangle(width: float, height: float) -> float:

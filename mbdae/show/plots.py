@@ -12,7 +12,7 @@ from mbdae.errors import OptionError, SceneError
 from mbdae.files import replacing
 from mbdae.notation import axis_label
 from mbdae.results.result import Result
-from mbdae.results.sensors import measured, placed, split
+from mbdae.scene.sensor_names import measured, placed, split
 from mbdae.scene.components import Array, Body, Connection, Place
 from mbdae.values import file_to_write, of_class, option, sequence, shown, text
 
