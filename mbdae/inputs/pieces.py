@@ -4,8 +4,8 @@ Neighbouring segments are joined as long as one polynomial of degree DEGREE foll
 range of the table in the run. A step that stays within the joined segments sees the polynomial and a rest of at most the
 tolerance, which acts like a load of that size: an error in proportion to the accuracy at which the run aims, and the companion
 run, which aims at a lower one, shows it like every other. A point between two joined pieces is landed on where no such polynomial
-goes across it; elsewhere it only bounds the steps. Where the value in use jumps there, accelerations and reactions do too, and the
-run begins anew; at a kink a step ends and the next one goes on.
+goes across it; elsewhere it only bounds the steps. Where the value in use jumps there, accelerations and reactions do too, and
+the run begins anew; at a kink a step ends and the next one goes on.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def pieces(table: Table, order: int, x0: float, x1: float, tolerance: float) -> 
 
 
 def _across(s: _Samples, point: Index, width: Array, most: int) -> Array:
-    """(k,) deviation in windows about points (k,), numbers in `at`, of half widths (k,); on each side `most` segments are looked at,
-    that beside the point among them."""
+    """(k,) deviation in windows about points (k,), numbers in `at`, of half widths (k,); on each side `most` segments are looked
+    at, that beside the point among them."""
     low, high = s.at[point] - width, s.at[point] + width
     first = np.searchsorted(s.at, low, side="right") - 1
     last = np.searchsorted(s.at, high, side="left") - 1

@@ -255,7 +255,7 @@ class BeamPlace(_OnBeam):
 
     @cached_property
     def _fibre(self) -> Fibre:
-        return Fibre(self._body.section, float(self.arm[1]), float(self.arm[2]), f"beam '{self._body.name}'")
+        return Fibre(self._line.beam.section, float(self.arm[1]), float(self.arm[2]), f"beam '{self._body.name}'")
 
     def _extrapolated(self, values: Array) -> Array:
         """(nt, 6) of the polynomial of order p - 1 through the Gauss points of the element."""

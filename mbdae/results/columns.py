@@ -74,7 +74,8 @@ def to_dataframe(result: Any, sensors: Sequence[Quantity], further: dict[str, Qu
 
 def to_xarray(result: Any, sensors: Sequence[Quantity], further: dict[str, Quantity]) -> Any:
     """An xarray.Dataset with the coordinate t; vectors have the dimension "axis" (x, y, z), units are attributes."""
-    xarray, data, axis = _library("xarray"), {}, {}
+    xarray, data = _library("xarray"), {}
+    axis: dict[str, list[str]] = {}
     for column in columns(result, sensors, further):
         names = ["axis" if n == 3 and i == 0 and column.values.ndim == 2 else f"{column.name}_{i}"
                  for i, n in enumerate(column.values.shape[1:])]  # fmt: skip

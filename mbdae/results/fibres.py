@@ -38,8 +38,8 @@ class Fibre:
         along2 = N2 * self._first_over_width(2, abs(self.x2)) * E / s.EI3
         along3 = N3 * self._first_over_width(3, abs(self.x3)) * E / s.EI2
         if np.any(M1) and not self._round:
-            raise OptionError(f"{self.called}: the shear stress of a torque is known for circles and tubes alone; read fibre_stress "
-                              f"and stress_resultants")  # fmt: skip
+            raise OptionError(f"{self.called}: the shear stress of a torque is known for circles and tubes alone; read "
+                              f"fibre_stress and stress_resultants")  # fmt: skip
         polar = M1 * E / (s.EI2 + s.EI3) if self._round else 0 * M1
         return np.stack([along2 - polar * self.x3, along3 + polar * self.x2], axis=1)
 
@@ -63,7 +63,8 @@ class Fibre:
             abs(self.x3) <= a / 2 * slack and abs(self.x2) <= b / 2 * slack)  # fmt: skip
         if not inside:
             told = f"a tube of radii {a:g} and {b:g} m" if kind == "tube" else f"a rectangle of {a:g} m by {b:g} m"
-            raise OptionError(f"{self.called}: the point x2 = {self.x2:g} m, x3 = {self.x3:g} m is outside of its section, {told}: "
+            where = f"x2 = {self.x2:g} m, x3 = {self.x3:g} m"
+            raise OptionError(f"{self.called}: the point {where} is outside of its section, {told}: "
                               f"name a point of it, such as beam.at((x, y, z))")  # fmt: skip
         return float(self.section.E)
 
@@ -72,6 +73,6 @@ class Fibre:
         kind, a, b = self.section.shape
         if kind == "rectangle":
             h = b if axis == 2 else a
-            return max((h / 2) ** 2 - x**2, 0.0) / 2
+            return float(max((h / 2) ** 2 - x**2, 0.0) / 2)
         outer, inner = max(a**2 - x**2, 0.0), max(b**2 - x**2, 0.0)
-        return (outer + np.sqrt(outer * inner) + inner) / 3
+        return float((outer + np.sqrt(outer * inner) + inner) / 3)

@@ -22,8 +22,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.true_divide, ast.Pow: np.power,
 }  # fmt: skip
-REMEDY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a function of the "
-          "result (lambda r: r[\"J\"].angle)")  # fmt: skip
+REMEDY = ("name a sensor (\"J.angle\", \"b.position[1]\"), give an expression of sensors (\"J.torque[2]*J.rate\"), or a function "
+          "of the result (lambda r: r[\"J\"].angle)")  # fmt: skip
 
 
 def value(result: Any, quantity: Quantity) -> Array:
@@ -89,7 +89,7 @@ def _evaluated(result: Any, node: Any) -> Any:
         return result.read(path)
     if isinstance(node, ast.Name) and node.id in ("t", "pi"):
         return result.t if node.id == "t" else np.pi
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         inner = _evaluated(result, node.operand)
@@ -98,5 +98,5 @@ def _evaluated(result: Any, node: Any) -> Any:
         return _SIGNS[type(node.op)](_evaluated(result, node.left), _evaluated(result, node.right))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS and not node.keywords:
         return FUNCTIONS[node.func.id](*(_evaluated(result, a) for a in node.args))
-    raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, the functions "
-                      f"{', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip
+    raise OptionError(f"{ast.unparse(node)!r} is no part of an expression of sensors: signs + - * / **, numbers, t, pi, "
+                      f"the functions {', '.join(FUNCTIONS)}, and sensors may appear")  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdae.display import rows, titled
 from mbdae.errors import ListsAttributes, OptionError, SceneError
 from mbdae.integrators.solution import Solution, Stats
 from mbdae.results.accuracy import Accuracy
@@ -166,7 +167,8 @@ class Result(RunStates, ListsAttributes):
             return values
         if values.ndim != 2 or component >= values.shape[1]:
             count = values.shape[1] if values.ndim == 2 else 0
-            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {count or 'no'} components, counted from 0"])
+            raise SceneError([f"there is no sensor {shown(path)}: '{name}.{quantity}' has {count or 'no'} components, "
+                              f"counted from 0"])  # fmt: skip
         return np.asarray(values[:, component])
 
     def value(self, quantity: Quantity) -> Array:
@@ -179,8 +181,8 @@ class Result(RunStates, ListsAttributes):
         return peak(self, quantity)
 
     def to_dataframe(self, *sensors: Quantity, **further: Quantity) -> Any:
-        """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is named.
-        further: quantities with names of their own. `attrs["units"]` has the units."""
+        """Quantities (see `value`) as a pandas.DataFrame over the time in s, vectors by component; every sensor where none is
+        named. further: quantities with names of their own. `attrs["units"]` has the units."""
         return to_dataframe(self, sensors, further)
 
     def to_xarray(self, *sensors: Quantity, **further: Quantity) -> Any:
@@ -231,19 +233,28 @@ class Result(RunStates, ListsAttributes):
         place: a body, a joint or their name, "hub.position", body.at(point) or "beam.at(0.5)"; other options as for `plot`."""
         return ATTACHED["orbit"](self, place, axes, against, labels, path)
 
-    def animate(self, path: Any, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
-                trail: Any = None) -> None:  # fmt: skip
-        """Write the motion as a .gif, or as an .html player that needs nothing but a browser.
+    def animate(self, path: Any = None, sensors: Sequence[str] = (), fps: float = 30.0, speed: float | None = None,
+                trail: Any = None) -> Any:  # fmt: skip
+        """The motion as a film, which a notebook plays; path: of a .gif, or of an .html player that needs nothing but a browser.
 
         sensors: drawn over time below the motion. fps: frames per s on the screen. speed: simulated s per s on the screen
         (default: 1, where that takes 1 to 60 s, else what takes about 8 s). trail: places whose path is drawn, as `orbit`
         takes them, one or a list."""
-        ATTACHED["animate"](self, path, sensors, fps, speed, trail)
+        return ATTACHED["animate"](self, path, sensors, fps, speed, trail)
 
     def save(self, path: Any) -> None:
         """Write scene and run to one .npz file; `mb.load(path, laws=[...])` reads it, with your own classes in `laws`."""
         place = option("path", path, file_to_write, "give the path of a file, such as 'run.npz', in a folder that exists")
         ATTACHED["save"](self, place)
+
+    def _repr_html_(self) -> str:
+        a, s, scene = self.accuracy, self.stats, self.prepared.model.scene
+        said = [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} outputs"),
+                ("solver", f"{self.info.solver.label}, {self.info.form}: {s.steps} steps, {self.info.cpu_s:.2f} s CPU"),
+                ("accuracy", f"asked {a.asked if a.asked is not None else 'none'}, estimated error "
+                             f"{'unknown' if a.estimated is None else f'{a.estimated:.1e}'}; {a.brief}"),
+                ("sensors", ", ".join(item.name for item in scene._items))]  # fmt: skip
+        return titled(f"result of '{scene.name}'", rows(said + [("warning", w) for w in self.warnings]))
 
     def __repr__(self) -> str:
         a, s = self.accuracy, self.stats

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdae.errors import ListsAttributes, OptionError, SceneError
+from mbdae.errors import ListsAttributes, OptionError
 from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.results.contacts import Contacts, contacts_at
 from mbdae.results.states import RunStates
@@ -22,7 +22,6 @@ from mbdae.symbolic.outputs import Target, power, reaction
 from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
 from mbdae.system.model.rotations import rotation_matrices
-
 
 
 def reaction_outputs(d: Derived) -> list[tuple[Target, Expr]]:

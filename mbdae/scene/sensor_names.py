@@ -1,7 +1,7 @@
 """Names of sensors: what a text such as "b.position[1]" means in a scene, with its unit.
 
-"item.quantity" reads a whole quantity, "item.quantity[i]" component i of it (0, 1, 2: x, y, z of vectors). The item may be a place:
-"beam.at(0.5).position", "hub.at(0.1, 0).velocity[0]"."""
+"item.quantity" reads a whole quantity, "item.quantity[i]" component i of it (0, 1, 2: x, y, z of vectors). The item may be a
+place: "beam.at(0.5).position", "hub.at(0.1, 0).velocity[0]"."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ def oscillator(force: Any) -> mb.Scene:
 def reference(force: Any, edges: Any) -> float:
     """The last displacement by SciPy, which stops at every edge; force(t, a time inside the segment)."""
     y = np.zeros(2)
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         rates = lambda x, y, m: [y[1], force(x, m) - 25 * y[0] - 0.5 * y[1]]  # noqa: E731
         y = solve_ivp(rates, (a, b), y, method="DOP853", rtol=1e-12, atol=1e-13, args=((a + b) / 2,)).y[:, -1]
     return float(y[0])
@@ -304,7 +305,8 @@ def written(path: Path, text: str) -> Path:
 
 @pytest.mark.parametrize("sign", [",", ";", "\t", "  "])
 def test_a_file_with_names_and_units(sign: str, tmp_path: Path) -> None:
-    text = "# measured\n" + "\n".join(sign.join(row) for row in (["t [s]", "F [N]", "M"], *([str(x), str(x * x), "0"] for x in range(4))))
+    rows = [["t [s]", "F [N]", "M"], *([str(x), str(x * x), "0"] for x in range(4))]
+    text = "# measured\n" + "\n".join(sign.join(row) for row in rows)
     file = written(tmp_path / "load.csv", text)
     for name in ("F", "F [N]"):
         e = timed.expression(mb.read_table(file, "t", name, kind="linear"))
