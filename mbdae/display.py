@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 STYLE = "text-align:left;vertical-align:top;padding:2px 12px 2px 0"
-PLAYER_HEIGHT = 560  #: px, of a page inside of a notebook
+PLAYER_HEIGHT = 660  #: px, of a page inside of a notebook
 
 
 def titled(title: str, *parts: str) -> str:

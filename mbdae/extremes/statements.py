@@ -97,7 +97,7 @@ def _set_stiffness(call: dict[str, Any], value: float, name: str) -> None:
     elif "section" in call:
         fields = _fields(call, "section", ("EA",), name)
         factor = value / fields["EA"]
-        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3"):
+        for key in ("EA", "GA2", "GA3", "GJ", "EI2", "EI3", *(["E"] if fields.get("E") else [])):
             fields[key] *= factor
     else:
         normal = _fields(call, "model", ("normal",), name)["normal"]
