@@ -3,6 +3,7 @@
     python examples/quarter_car.py
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ t_end, measure = 4.0, "strut.displacement"  # s; used by the commands of mbdae
 
 
 def scene() -> mb.Scene:
-    """Body and wheel slide along y, from where they rest under their weight; the tyre presses by its stiffness times the height of the road."""
+    """Body and wheel slide along y, from where they rest under their weight; the road pushes by the tyre's stiffness times its
+    height."""
     road = mb.read_table(ROAD, "t", "height", unit="m")
     s = mb.Scene("quarter car")
     wheel = s.rigid_body("wheel", WHEEL, (1, 1, 1), at=(0, 0.3, 0))
@@ -36,7 +38,7 @@ def reference() -> float:
         return [y[2], y[3], (TYRE * (np.interp(at, t, height) - y[0]) + strut) / WHEEL, -strut / BODY]
 
     y, largest = np.zeros(4), 0.0
-    for a, b in zip(t[:-1], t[1:], strict=True):
+    for a, b in pairwise(t):
         part = solve_ivp(rates, (a, b), y, rtol=1e-10, atol=1e-13, t_eval=np.linspace(a, b, 41))
         largest, y = max(largest, *(abs(rates(x, v)[3]) for x, v in zip(part.t, part.y.T, strict=True))), part.y[:, -1]
     return largest

@@ -44,7 +44,8 @@ def test_quantities(r: Any) -> None:
 @pytest.mark.parametrize(("bad", "words"), [
     ("A.foo", "no sensor 'A.foo'"), ("A.angle*B.rate", "no item 'B'"), ("a.position[7]", "3 components, counted from 0"),
     ("A.angle[0]", "has no components"), ("__import__('os').system", "no item"), ("open('x')*2", "no part of an expression"),
-    ("3*", "no sensor"), ("[A.angle]*2", "no part of an expression"), (3, "3 is no quantity"), (lambda r: 1.0, "not a quantity over"),
+    ("3*", "no sensor"), ("[A.angle]*2", "no part of an expression"), (3, "3 is no quantity"),
+    (lambda r: 1.0, "not a quantity over"),
     (lambda r: "x", "could not convert"), ("2*pi", "not a quantity over time"),
 ])  # fmt: skip
 def test_bad_quantities(bad: Any, words: str, r: Any) -> None:
