@@ -31,7 +31,7 @@ FORMATS = {"sympy": (text.sympy_text, ".py"), "c": (c.source, ".c"), "casadi": (
            "latex": (text.latex_text, ".tex")}  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Export:
     """Equations that left mbdae.
 
@@ -54,7 +54,9 @@ class Export:
     missing: Mapping[str, str]
 
     def __repr__(self) -> str:
-        return f"<Export of '{self.program.title}' as {self.format}: {', '.join(self.outputs)}>"
+        functions = ", ".join(f"{name} ({len(entries)})" for name, entries in self.outputs.items())
+        inputs = ", ".join(f"{name} ({len(entries)})" for name, entries in self.inputs.items())
+        return f"Export({self.program.title!r}, format '{self.format}': functions {functions or 'none'}; inputs {inputs})"
 
     def _repr_html_(self) -> str:
         found = [(name, ", ".join(self.arguments[name]), len(entries)) for name, entries in self.outputs.items()]
