@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import signature
@@ -90,6 +90,15 @@ def stored(e: Any) -> dict[str, Any]:
     """An expression of time as plain data: its text, and the tables that it names."""
     found = {lookup.table.name: lookup.table.as_data for node in nodes(e) if (lookup := lookup_of(node)) is not None}
     return {"expression": text.written(e)} | ({"tables": found} if found else {})
+
+
+def tables_in(data: Any) -> Iterator[tuple[str, Any]]:
+    """Names and data of all tables in nested plain data."""
+    if isinstance(data, dict) and set(data) == {"expression", "tables"}:
+        yield from data["tables"].items()
+    elif isinstance(data, dict | list):
+        for part in data.values() if isinstance(data, dict) else data:
+            yield from tables_in(part)
 
 
 def read(stored_: Any) -> Any:

@@ -9,6 +9,7 @@ import re
 from typing import Any, NamedTuple
 
 from mbdae.errors import SceneError
+from mbdae.laws.contact import Contact
 from mbdae.laws.forces.on_coordinate import OnCoordinate
 from mbdae.notation import QUANTITIES
 from mbdae.scene.components import Body, Connection
@@ -76,8 +77,9 @@ def loads_of(item: Connection) -> list[Any]:
 
 
 def has_length(item: Connection) -> bool:
-    """Whether it is a force between two points, whose distance is a length."""
-    return not item.is_joint and all(isinstance(law, Force) and not isinstance(law, OnCoordinate) for law in item.laws)
+    """Whether it is a force between two points, one named on each body, whose distance is a length."""
+    return not item.is_joint and all(isinstance(law, Force) and not isinstance(law, Contact) and law.at_l is not None
+                                     for law in item.laws)  # fmt: skip
 
 
 def measured(scene: Any, sensor: str) -> tuple[str, str]:

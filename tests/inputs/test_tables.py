@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import pickle
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from mbdae.inputs.enclosure import enclosure
 from mbdae.inputs.pieces import pieces
 from mbdae.inputs.tables import Table
 from mbdae.native.program import LOOKUP, Operations
+from mbdae.run.batch import run_batch
 from mbdae.scene.record import read, stored
 from mbdae.symbolic.variation import rate
 
@@ -170,6 +174,7 @@ def test_a_prescribed_table(model: Any) -> None:
     exact = PchipInterpolator(at, values)
     np.testing.assert_allclose(r["m"].position[:, 0], exact(r.t), atol=1e-7)
     np.testing.assert_allclose(r["p"].force[:, 0], 2 * exact(r.t, 2), atol=1e-6)
+    np.testing.assert_array_equal(s.system().timeline(0.0, 3.0, 1e-6).breaks, [1.0, 2.0])  # the acceleration jumps
     for kind, words in (("linear", r"its rate jumps by 0.1 m/s at t = 1 s"), ("step", r"jumps by 0.1 m at t = 1 s")):
         other = mb.Scene("driven")
         body = other.rigid_body("m", 2.0, (1, 1, 1), at=(0, 0, 0))
@@ -238,6 +243,25 @@ def test_scenes_keep_their_tables(tmp_path: Path) -> None:
     data["tables"][name]["t"] = "####"
     with pytest.raises(ValueError, match="cannot be read"):
         read(data)
+
+
+def test_a_scene_in_another_process(tmp_path: Path) -> None:
+    """Scenes that are handed to another process bring their tables."""
+    r = oscillator(mb.table(AT, VALUES, kind="cubic")).simulate(1.0, accuracy=1e-6)
+    (tmp_path / "scene").write_bytes(pickle.dumps(r.prepared.model.scene))
+    code = ("import pickle, sys; s = pickle.load(open(sys.argv[1], 'rb')); "
+            "print(float(s.simulate(1.0, accuracy=1e-6)['p'].displacement[-1]))")  # fmt: skip
+    found = subprocess.run([sys.executable, "-c", code, str(tmp_path / "scene")], capture_output=True, text=True, check=True)
+    assert float(found.stdout) == pytest.approx(r["p"].displacement[-1], rel=1e-12)
+
+
+def test_many_runs_in_one_call() -> None:
+    """A batch of starts lands on the points as single runs do."""
+    s = oscillator(mb.table(AT, VALUES)).recursive()
+    y0 = s.system().y0
+    found = run_batch(s, 5.0, starts=np.stack([y0, y0 + 0.1]), outputs=3)
+    alone = oscillator(mb.table(AT, VALUES)).simulate(5.0, accuracy=1e-9)
+    assert abs(found.batch.y[0, -1, 0] - alone["p"].displacement[-1]) < 1e-5
 
 
 BAD = [

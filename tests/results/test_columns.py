@@ -118,3 +118,14 @@ def test_a_library_that_is_missing(r: Any, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(mb.OptionError, match=r"pandas is not installed: pip install 'mbdae\[data\]'"):
         r.to_dataframe("A.angle")
+
+
+def test_only_forces_between_two_points_have_a_length() -> None:
+    s = mb.Scene("loads", gravity=(0, -9.81, 0))
+    a, b = s.rigid_body("a", 1.0, 0.1, at=(2, 1)), s.rigid_body("b", 1.0, 0.1, at=(0, 1))
+    s.force("F", b, (1.0, 0))
+    s.spring("k", a, b, (2, 1), (0, 1), 10.0, length=1.0)
+    s.contact("floor", s.ground, b, mb.Plane(at=(0, 0), normal=(0, 1)), mb.Sphere(at=(0, 1), radius=0.1), normal=mb.Hertz(1e7))
+    r = s.simulate(0.1)
+    assert [n for n in ("F", "k", "floor") if "length" in dir(r[n])] == ["k"]
+    assert {"floor.gap", "floor.normal_force", "floor.slip"} <= set(r.to_dataframe().columns)
