@@ -16,6 +16,8 @@ import numpy as np
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.disk.entries import keep, recall
+from mbdae.disk.exact import code_key
 from mbdae.inputs import tables
 from mbdae.inputs.numpy_functions import teach
 from mbdae.inputs.text import FUNCTIONS, canonical
@@ -341,4 +343,8 @@ def rate_at(e: Any, t: float) -> float:
 
 @lru_cache(maxsize=256)
 def _compiled(plain: Split) -> Any:
-    return se.Lambdify([TIME, SIDE, *plain.symbols], list(plain.expressions), backend="llvm")
+    inputs, outputs = [TIME, SIDE, *plain.symbols], list(plain.expressions)
+    key = code_key(inputs, outputs, None)
+    if (found := recall(key)) is None:
+        keep(key, found := se.Lambdify(inputs, outputs, backend="llvm"))
+    return found

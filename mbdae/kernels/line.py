@@ -10,10 +10,10 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 import symengine as se
 from numpy.typing import NDArray
 
+from mbdae.deferred import sp
 from mbdae.errors import LawError
 from mbdae.kernels.compile import Kernel
 from mbdae.kernels.element import Array, ElementKernel

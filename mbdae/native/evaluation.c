@@ -18,9 +18,10 @@ typedef void (*Kernel)(double *out, const double *in, void *data);
    LU        solves with the full matrix (count, count), row by row, at `first`, for `times` right-hand sides at
              W[outputs + r * count ...); the matrix is overwritten
    POSITIVE  ends with SINGULAR unless every W[from[k]] > 0
+   PASS      CALL, and its first `count` values are added to W[to[r * count + k]] before the next instance, which may read them
    LOOKUP    a table of `count` points (weight) at x = a W[inputs] + b, on the side of a W[outputs] + b: its value and first two
              derivatives to W[first ...); behind them the segment last found, a and b */
-enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, LOOKUP };
+enum { CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP };
 
 typedef struct {
   I kind, times, count, first, inputs, outputs, to_step, from_step, by_step, weight_step;
@@ -45,6 +46,14 @@ static int run(Part part, double *W, double *x, I *bad) {
       for (I r = 0; r < a->times; r++, from += a->inputs) {
         for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
         ((Kernel)a->function)(W + a->first + r * a->outputs, x, a->data);
+      }
+      break;
+    case PASS:
+      for (I r = 0; r < a->times; r++, from += a->inputs, to += a->count) {
+        double *values = W + a->first + r * a->outputs;
+        for (I j = 0; j < a->inputs; j++) x[j] = W[from[j]];
+        ((Kernel)a->function)(values, x, a->data);
+        for (I k = 0; k < a->count; k++) W[to[k]] += values[k];
       }
       break;
     case LOAD:

@@ -20,7 +20,7 @@ from mbdae.native.library import declared
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, LOOKUP = range(10)
+CALL, LOAD, SET, ADD, MULTIPLY, CHOLESKY, SOLVE, LU, POSITIVE, PASS, LOOKUP = range(11)
 READ = 3  #: a table and its first two derivatives
 
 
@@ -112,6 +112,18 @@ class Operations:
                   kernel=kernel)  # fmt: skip
         return block(first, points, width)
 
+    def hand_on(self, kernel: Any, gather: ArrayLike, to: ArrayLike, first: int | None = None) -> Index:
+        """The same point by point, whose first values are added to slots to (points, count) before the next point is read: what
+        an instance hands on another one behind it may read."""
+        slots, sums = np.asarray(gather, dtype=np.int64), np.asarray(to, dtype=np.int64)
+        (points, inputs), width, count = slots.shape, kernel.width, sums.shape[-1] if sums.ndim == 2 else -1
+        if sums.shape != (points, count) or count > width:
+            raise ValueError(f"slots {sums.shape} for {points} points of {width} values")
+        first = self.slots(points * width) if first is None else first
+        self._add(PASS, {"from_": slots, "to": sums}, (first, points * width), times=points, inputs=inputs, outputs=width,
+                  count=count, first=first, kernel=kernel)  # fmt: skip
+        return block(first, points, width)
+
     def load(self, first: int, values: ArrayLike) -> None:
         """Numbers into slots one after the other."""
         numbers = np.asarray(values, dtype=float).ravel()
@@ -192,7 +204,7 @@ class Operations:
     @property
     def widest(self) -> int:
         """Numbers that the inputs of a kernel take at most."""
-        return max((f["inputs"] for f, *_ in self.steps if f["kind"] == CALL), default=0)
+        return max((f["inputs"] for f, *_ in self.steps if f["kind"] in (CALL, PASS)), default=0)
 
     @property
     def reads(self) -> frozenset[int]:

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cython_lapack
-from scipy.sparse import csc_matrix
 
+from mbdae.deferred import csc_matrix, cython_lapack
 from mbdae.native.equations import Number, Pointer, Whole
 from mbdae.native.library import declared
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -47,19 +48,25 @@ def spanning_tree(scene: SceneItems, joints: Collection[Connection] | None = Non
     edges: list[tuple[Body, Connection, Body]] = []
     roots: list[Body] = []
     seen: set[Body] = set()
+    at: dict[Body, list[Connection]] = {}
+    for joint in chosen:
+        at.setdefault(joint.k, []).append(joint)
+        at.setdefault(joint.l, []).append(joint)
     for root in [scene.ground, *scene.bodies]:
         if root not in seen:
             roots.append(root)
             seen.add(root)
-            _grow(root, chosen, seen, edges)
+            _grow(root, at, seen, edges)
     return Tree(edges, roots, closing)
 
 
-def _grow(root: Body, joints: list[Connection], seen: set[Body], edges: list[tuple[Body, Connection, Body]]) -> None:
-    front = [root]
+def _grow(root: Body, joints: Mapping[Body, list[Connection]], seen: set[Body],
+          edges: list[tuple[Body, Connection, Body]]) -> None:  # fmt: skip
+    """joints: of every body."""
+    front = deque([root])
     while front:
-        parent = front.pop(0)
-        for joint in joints:
+        parent = front.popleft()
+        for joint in joints.get(parent, ()):
             for a, b in ((joint.k, joint.l), (joint.l, joint.k)):
                 if a is parent and b not in seen:
                     seen.add(b)

@@ -24,6 +24,10 @@ from mbdae.errors import LawError
 from mbdae.symbolic.quaternions import rotation_columns, rotation_per_component
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
+#: of every kind of node the number of position and of velocity unknowns
+SIZES = {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2), "ground": (0, 0), "planar ground": (0, 0),
+         "joint coordinate": (1, 1), "joint rotation": (4, 3)}  # fmt: skip
+
 
 class NodeKind(Enum):
     """Kind of the node a frame is fixed to."""
@@ -75,8 +79,7 @@ class NodeKind(Enum):
     @property
     def sizes(self) -> tuple[int, int]:
         """Number of position and velocity unknowns."""
-        return {"spatial": (7, 6), "planar": (3, 3), "point": (3, 3), "planar point": (2, 2),
-                "joint coordinate": (1, 1), "joint rotation": (4, 3)}.get(self.value, (0, 0))  # fmt: skip
+        return SIZES[self._value_]
 
 
 class Axes(Enum):

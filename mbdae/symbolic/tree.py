@@ -29,8 +29,7 @@ from mbdae.symbolic.quaternions import (
     rotation_per_component,
 )
 from mbdae.symbolic.rebuild import substituted
-from mbdae.symbolic.tree_motion import Coordinate, Moved, State, Way, moved, way
-from mbdae.symbolic.tree_structure import Link, Member, Numbers, TreeStructure
+from mbdae.symbolic.tree_motion import Coordinate, Link, Member, Moved, Numbers, State, TreeStructure, Way, moved, way
 from mbdae.symbolic.vectors import UNIT, ZERO, Expr, Vec
 
 OPERATIONS = 8500  #: steps of the Jacobian above which a tree is not built: compiling grows faster than the gain

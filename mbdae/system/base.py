@@ -102,10 +102,17 @@ class System:
     #: CSC pattern (n, n) of the Jacobian where it is known although `sparsity` may be None; see `jacobian_values`
     pattern: Any = None
 
+    @property
+    def has_pattern(self) -> bool:
+        """Whether there is one."""
+        return self.pattern is not None
+
+
     kept: Kept | None = None  #: None: solvers keep nothing
     #: optional parts of the interface; a system that has none of them leaves them None
     rhs: Any = None
     rate_jacobian: Any = None  #: (t, y) -> dy'/dy (n, n) of systems with a right-hand side that know it
+    rate_products: Any = None  #: (t, y, directions (k, n)) -> dy'/dy times each (k, n), where that is cheaper than dy'/dy
     partition: Any = None
     #: the equations as native methods call them (`mbdae.native.equations.Equations`); None: by calls of the functions here
     native: Any = None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.contact_guards import ContactGuards
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import OrderedAssembly, assembly_of
 from mbdae.system.assembled.right_hand_side import partition_of, rhs_of, state_rates
 from mbdae.system.assembled.switches import switches_of_model
 from mbdae.system.base import Array, Kept, Numbers, System
@@ -42,10 +44,12 @@ class SceneSystem(System):
         self.kept = Kept()
         self._prepared, self._asked, self._others = prepared, (spec, sparse), others if others is not None else {}
         mechanics, start, all_bodies = prepared.mechanics, prepared.start, prepared.all_bodies
-        made = assembly or Assembly(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
+        made = assembly or assembly_of(all_bodies.moved)(prepared.model, mechanics.rows, spec, sparse, all_bodies.moved)
         self.assembly, self.model, self.numbering, self.spec = made, made.model, made.numbering, made.spec
         self.n, self.names, self.equations, self.kinds, self.index = made.n, made.names, made.equations, made.kinds, made.index
-        self.label, self.sparsity, self.pattern = made.label, made.sparsity, made.pattern
+        self.label, self.sparsity = made.label, made.sparsity
+        if isinstance(made, OrderedAssembly) and not prepared.rows:
+            self.rate_jacobian, self.rate_products = made.rate_jacobian, made.products
         lines, stressed = prepared.model.lines, self.numbering.stresses
         z = np.concatenate([np.zeros(0), *(line.stress(start.q, start.u) for line in lines if stressed)])
         self.t0, (self.y0, self.yp0), self.scale = start.t, _values(prepared, made, start, z), _scales(prepared, made)
@@ -64,6 +68,15 @@ class SceneSystem(System):
             self.switches = switches_of_model(prepared.model, all_bodies.moved)
             self.timeline = partial(timeline, prepared.model)
         self._choice = _rows_in_force(prepared, self._others) if prepared.rank.dropped and prepared.rows else None
+
+    @property
+    def has_pattern(self) -> bool:
+        return self.assembly.has_pattern
+
+    @cached_property
+    def pattern(self) -> Any:
+        """CSC pattern of the Jacobian."""
+        return self.assembly.pattern
 
     def residual(self, t: float, y: Array, yp: Array, out: Array) -> None:
         self.assembly.residual(t, y, yp, out)

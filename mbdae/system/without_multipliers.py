@@ -24,6 +24,7 @@ from mbdae.system.assembled.acceleration_kernel import AccelerationKernel, accel
 from mbdae.system.assembled.assembly import Assembly
 from mbdae.system.assembled.form_spec import FormSpec
 from mbdae.system.assembled.numbers import numbers_of
+from mbdae.system.assembled.ordered_assembly import assembly_of
 from mbdae.system.assembled.right_hand_side import Rates, singular
 from mbdae.system.base import Array, Numbers, System
 from mbdae.system.prepare import Prepared
@@ -57,13 +58,15 @@ class WithoutMultipliers(SceneSystem):
     """A scene as y' = f(t, y); `multipliers` (m,) are those of the last evaluation."""
 
     strict = False  #: whether a run stops at singular positions
+    pattern = None  #: dy'/dy is full
+    has_pattern = False
 
     def __init__(self, prepared: Prepared, spec: FormSpec, sparse: bool | None = None,
                  others: dict[Rows, SceneSystem] | None = None) -> None:  # fmt: skip
         model, moved, bare = prepared.model, prepared.all_bodies.moved, replace(spec, eliminated=False)
-        self.full = Assembly(model, prepared.mechanics.rows, bare, sparse, moved)
-        super().__init__(prepared, spec, sparse, others, Assembly(model, [], replace(bare, blocks=()), False, moved))
-        self.pattern = None  # dy'/dy is full
+        kind = assembly_of(moved)
+        self.full = kind(model, prepared.mechanics.rows, bare, sparse, moved)
+        super().__init__(prepared, spec, sparse, others, kind(model, [], replace(bare, blocks=()), False, moved))
         linear = not any(group.derived.reactive for group in model.groups)
         self._rates = Accelerations(self.full, self.n, linear, (self.t0, self.y0))
         self._rate = np.zeros(self.n)

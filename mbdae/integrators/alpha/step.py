@@ -17,8 +17,8 @@ from math import inf, isfinite
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
+from mbdae.deferred import sp
 from mbdae.integrators.constant import StepFailedError
 from mbdae.integrators.dense import cubic
 from mbdae.integrators.matrices.iteration import as_csc, inverse_or_one

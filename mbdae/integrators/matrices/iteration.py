@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csc_matrix
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import bmat, csc_matrix, splu
 from mbdae.integrators.matrices.ordering import searches
 from mbdae.native.sparse import Entries, Matrix, Order, SingularMatrixError
 from mbdae.system.base import Array, Kept, System

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, identity
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import connected_components, csc_matrix, identity, splu
 from mbdae.native.sparse import Entries, Order, Searches
 
 #: unknowns with an easily inverted block of their own: stresses by their compliance, positions by q' = H u

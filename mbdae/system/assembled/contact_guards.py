@@ -12,11 +12,11 @@ import numpy as np
 from mbdae.kernels import plan
 from mbdae.native.contacts import SPEEDS, Contacts
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.workspace import Values
 from mbdae.system.base import Array
 from mbdae.system.motion.impacts import Place, approaches, effective_masses
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.motion.states import gap_outputs
+from mbdae.system.motion.workspace import Values
 from mbdae.system.start.contacts import ExpectedContact
 
 NEAR = 10.0  #: durations of an impact before it from which its effective mass is that of the present position

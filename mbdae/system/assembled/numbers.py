@@ -9,8 +9,8 @@ import numpy as np
 from mbdae.errors import OptionError
 from mbdae.kernels import linearised_plan
 from mbdae.system.assembled.assembly import Assembly
-from mbdae.system.assembled.workspace import Workspace
 from mbdae.system.base import Numbers
+from mbdae.system.motion.workspace import Workspace
 
 REMEDY = "build a scene for every value, and solve them one by one"
 

@@ -135,7 +135,11 @@ class Model:
 
     def coordinate_node(self, joint: str, coordinate: str) -> Node | None:
         """A joint's coordinate that is an unknown of its own; None where it is not."""
-        return next((n for n in self.joint_coordinates if (n.joint, n.coordinate) == (joint, coordinate)), None)
+        return self._coordinates.get((joint, coordinate))
+
+    @cached_property
+    def _coordinates(self) -> dict[tuple[str, str], Node]:
+        return {(n.joint, n.coordinate): n for n in self.joint_coordinates}
 
     @property
     def recursive(self) -> list[Connection]:
@@ -150,7 +154,11 @@ class Model:
 
     def node(self, body: Body) -> Node | None:
         """The node of a body, None for the ground and for a beam as a whole."""
-        return next((n for n in self.nodes if n.body is body), None)
+        return self._nodes_of_bodies.get(id(body))
+
+    @cached_property
+    def _nodes_of_bodies(self) -> dict[int, Node]:
+        return {id(n.body): n for n in self.nodes if n.body is not None}
 
 
 def build(scene: SceneData, kept: Mapping[str, str] | None = None) -> Model:
@@ -256,6 +264,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             nodes.append(Node(called, None, kind, q, u, unit, c.name, name))
             q, u = q + kind.sizes[0], u + kind.sizes[1]
     by_coordinate = {(n.joint, n.coordinate): n for n in nodes if n.body is None}
+    joints = {c.name: c for c in scene.joints}
     groups: dict[Any, Group] = {}
     vanished: list[str] = []
     undefined: list[str] = []
@@ -273,7 +282,7 @@ def _assemble(scene: SceneData, planar: bool, kept: dict[str, str], why: str) ->
             derived = derive(*key)
             vanished += [f"{item}.{row}" for row in derived.vanished]
             undefined += [f"{item}.{row}" for row in derived.undefined]
-            if isinstance(law, Joint) and not scene[item].loose:
+            if isinstance(law, Joint) and not joints[item].loose:
                 refused += without_rows(item, derived)
             if law.drives().keys() & set(derived.vanished):
                 refused.append(f"'{item}': the prescribed motion has no effect: a point mass has no orientation; "

@@ -81,7 +81,8 @@ class Numbering:
                  replaced: frozenset[tuple[int, int]] = frozenset(), constants: Sequence[float] = (),
                  sharing: Sharing | None = None, numbers: Mapping[str, float] | None = None) -> None:  # fmt: skip
         self.model, self.rows, self.derivatives, self.m = model, rows, derivatives, len(rows)
-        self.free = [node for node in model.nodes if node not in set(moved)]
+        carried = set(moved)
+        self.free = [node for node in model.nodes if node not in carried]
         self._place: dict[str, tuple[int, int]] = {}
         self.nq = self.nu = 0
         self._sharing = sharing or Sharing()

@@ -52,7 +52,8 @@ def joint_axes(law: Any, k: Body) -> Array:
         helper = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
         x = helper - (helper @ z) * z
         x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
+    return np.array([x, y, z]).T
 
 
 def pattern(Q: Array) -> Axes:

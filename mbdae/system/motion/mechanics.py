@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp, splu
 from mbdae.kernels import linearised_plan
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.law import Element
@@ -28,24 +27,36 @@ def _inertia(d: Derived) -> Any:
 class Mechanics(States):
     """Masses, forces, accelerations and multipliers of a model at states."""
 
+    carries_bodies = False  #: whether all rows are those of joints that carry bodies along
+
     @cached_property
     def mass(self) -> Any:
         """(nu, nu), constant: bodies carry their node at the centre of mass, spin in the body frame; sparse with beams."""
         M = np.zeros((self.nu, self.nu))
+        for (a, b), value in self.inertia.items():
+            M[a, b] = value
+        return M if not self.model.lines else sp.csc_matrix(M) + sparse_mass(self.model.lines, self.nu)
+
+    @cached_property
+    def inertia(self) -> dict[tuple[int, int], float]:
+        """Entries of the mass matrix of all but beams, by row and column."""
+        found: dict[tuple[int, int], float] = {}
         for g, group in enumerate(self.model.groups):
             p = linearised_plan(group.derived, _inertia)
             values = p.constants.once(self.numbering.numbers(g, p.constant_inputs))
             for i in range(len(group.instances)):
                 for (row, target), value in zip(p.constant_places, values[i], strict=False):
                     if target[0] == "up":
-                        a = self.numbering.velocity(p.targets[row], g, i)
-                        M[a, self.numbering.velocity(target, g, i)] += value
-        return M if not self.model.lines else sp.csc_matrix(M) + sparse_mass(self.model.lines, self.nu)
+                        place = self.numbering.velocity(p.targets[row], g, i), self.numbering.velocity(target, g, i)
+                        found[place] = found.get(place, 0.0) + float(value)
+        return found
 
     @cached_property
     def weight(self) -> Any:
         """The mass matrix made positive definite by a millionth of its largest entries: the metric of projections."""
         M, rotational = self.mass, self.rotational
+        if sp.issparse(M) and not self.model.lines:
+            M = M.toarray()
         d = M.diagonal()
         floor = np.where(rotational, _largest(d[rotational], self.model.length**2), _largest(d[~rotational], 1.0))
         return M + (sp.diags(1e-6 * floor, format="csc") if self.model.lines else np.diag(1e-6 * floor))

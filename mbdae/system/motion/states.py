@@ -24,6 +24,13 @@ from mbdae.system.model.numbering import Numbering, Row
 from mbdae.system.model.rotations import quaternion_product, turned
 
 Index = NDArray[np.intp]
+AT_ONCE = 4_000_000  #: numbers of states that are evaluated at once: bounded memory
+
+
+def blocks(count: int, width: int) -> list[slice]:
+    """States one after the other, so many at once that their rows of numbers take a bounded memory."""
+    size = max(1, AT_ONCE // max(width, 1))
+    return [slice(first, min(first + size, count)) for first in range(0, count, size)] or [slice(0, 0)]
 
 
 class States:
@@ -80,6 +87,11 @@ class States:
                  multipliers: Array | None = None, groups: Sequence[int] | None = None,
                  ) -> list[tuple[int, Any, Array]]:  # fmt: skip
         """(group, plan, values (nt, instances, outputs)) of every group, or of those named, that has such outputs."""
+        parts = blocks(len(t), self.numbering.width)
+        if len(parts) > 1:
+            found = [self.evaluate(outputs, t[part], q[part], u[part], None if s is None else s[part],
+                                   None if multipliers is None else multipliers[part], groups) for part in parts]  # fmt: skip
+            return [(g, p, np.concatenate([of[k][2] for of in found])) for k, (g, p, _) in enumerate(found[0])]
         W = self.workspace(t, q, u, s, multipliers)
         out = []
         for g in range(len(self.model.groups)) if groups is None else groups:
@@ -108,6 +120,14 @@ class States:
             places: Any = slice(None), rows, columns
             np.add.at(G, places, values.reshape(len(t), -1)[:, taken])
         return G
+
+    def rows_without_slope(self, t: Array, q: Array) -> Any:
+        """(m,) bool: rows of which an entry of G is not finite at positions q (nq,)."""
+        found = np.zeros(self.m, dtype=bool)
+        for g, p, values in self.evaluate(jacobian_G, t, q[None], np.zeros((1, self.nu))):
+            taken, rows, _ = self._places_in_G(g, p)
+            np.logical_or.at(found, rows, ~np.isfinite(values.reshape(-1)[taken]))
+        return found
 
     def _places_in_G(self, g: int, p: Any) -> tuple[Index, Index, Index]:
         """Numbers of the values of a group (instances times outputs) that belong to rows in force, their rows and columns."""

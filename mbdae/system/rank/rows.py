@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.linalg import qr
 
+from mbdae.deferred import qr
 from mbdae.system.base import Array
 from mbdae.system.model.numbering import Row
 from mbdae.system.motion.constrained import row_lengths

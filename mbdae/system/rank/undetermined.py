@@ -3,10 +3,12 @@ share."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import symengine as se
-from scipy.linalg import eigh
 
+from mbdae.deferred import eigh
 from mbdae.errors import SceneError
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.outputs import Target
@@ -41,6 +43,14 @@ def massless_coordinates(all_bodies: AllBodies, mass: Array, t: Array, q: Array)
     moved = np.ones(len(T), dtype=bool)
     moved[[n.u + i for n in all_bodies.model.joint_coordinates for i in range(n.kind.sizes[1])]] = False
     return [_no_inertia(names[int(np.argmax(np.abs(motion)))], joints, _is_still(T[moved], motion)) for motion in lost]
+
+
+def massless_unknowns(all_bodies: AllBodies, lost: Sequence[int]) -> list[str]:
+    """The same for velocities known to have no inertia, by their numbers."""
+    names, joints = all_bodies.numbering.names()[all_bodies.nq :], dict[str, list[str]]()
+    for node in all_bodies.model.joint_coordinates if lost else ():
+        joints.setdefault(node.joint, []).append(node.coordinate)
+    return [_no_inertia(names[k], joints, False) for k in lost]
 
 
 def _is_still(T: Array, motion: Array) -> bool:

@@ -11,9 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
+from mbdae.deferred import sp, splu
 from mbdae.system.base import Array
 from mbdae.system.motion.mechanics import Mechanics
 from mbdae.system.start.least_change import largest_violation

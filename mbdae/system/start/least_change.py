@@ -19,7 +19,7 @@ def least_change(A: Array, right: Array, root: Array, massless: Any, stated: Arr
     size; massless (n,) bool: joint coordinates, which have no mass and follow from the rows of A that contain them."""
     heavy, x = ~massless, np.zeros(len(massless))
     rows, values, pivots = _without(A, right, np.flatnonzero(massless))
-    left = np.setdiff1d(np.arange(len(A)), list(pivots.values()))
+    left = np.array([row for row in range(len(A)) if row not in set(pivots.values())], dtype=np.intp)
     scaled, wanted = (np.asarray(np.linalg.solve(root, part.T).T) for part in (rows[np.ix_(left, heavy)], stated[:, heavy]))
     sizes, lengths = row_lengths(scaled), row_lengths(wanted)
     scaled, wanted = scaled / sizes, wanted / lengths

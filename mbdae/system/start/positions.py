@@ -9,7 +9,7 @@ import numpy as np
 
 from mbdae.errors import StartError
 from mbdae.inputs import timed
-from mbdae.scene.components import Body, Connection
+from mbdae.scene.components import Connection
 from mbdae.scene.topology import spanning_tree
 from mbdae.symbolic.derive import Derived
 from mbdae.symbolic.frames import NodeKind
@@ -63,9 +63,16 @@ class ConsistentPositions:
     def placed(self) -> Array:
         """Positions of the tree with every held coordinate at its value."""
         motion = {b: (np.eye(4)[0], np.zeros(3)) for b in self.tree.roots}
+        turn = dict.fromkeys(self.tree.roots, 0.0)
         for parent, joint, child in self.tree.edges:
             P, r = motion[parent]
-            dP, dr = JointMotion(joint, self.t[0]).drawn(self.held_values(joint), joint.l is child)
+            held = self.held_values(joint)
+            if not held:  # as drawn
+                motion[child], turn[child] = motion[parent], turn[parent]
+                continue
+            own = JointMotion(joint, self.t[0])
+            dP, dr = own.drawn(held, joint.l is child)
+            turn[child] = turn[parent] + own.planar_turn(held) * (1 if joint.l is child else -1)
             motion[child] = (quaternion_product(P, dP), rotation_matrices(P) @ dr + r)
         q = np.zeros(self.model.nq)
         for node, body in self.model.bodies:
@@ -73,21 +80,13 @@ class ConsistentPositions:
             n = node.kind.translations
             q[node.q : node.q + n] = (rotation_matrices(P) @ body.position + r)[:n]
             if node.kind is NodeKind.PLANAR:
-                q[node.q + 2] = self._unwrapped_heading(body)
+                q[node.q + 2] = body.heading + turn[body.owner]  # whole turns along the tree included
             elif node.kind is NodeKind.SPATIAL:
                 q[node.q + 3 : node.q + 7] = quaternion_product(P, drawn_quaternion(body))
+        joints = {c.name: c for c in self.scene.joints}
         for node in self.model.joint_coordinates:
-            q[node.q] = self.held_values(self.scene[node.joint]).get(node.coordinate, float(node.kind is NodeKind.ROTATION))
+            q[node.q] = self.held_values(joints[node.joint]).get(node.coordinate, float(node.kind is NodeKind.ROTATION))
         return q
-
-    def _unwrapped_heading(self, body: Body) -> float:
-        """Heading as drawn plus the turn along the tree, whole turns included."""
-        turn, at = 0.0, body.owner
-        while at not in self.tree.roots:
-            parent, joint, _ = next(e for e in self.tree.edges if e[2] is at)
-            turn += JointMotion(joint, self.t[0]).planar_turn(self.held_values(joint)) * (1 if joint.l is at else -1)
-            at = parent
-        return body.heading + turn
 
     def held_values(self, joint: Connection) -> dict[str, float]:
         """Start values of a joint's coordinates that the user fixed."""

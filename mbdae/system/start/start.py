@@ -23,6 +23,8 @@ from mbdae.system.model.rotations import rotation_of
 from mbdae.system.start.bent_beams import Bending, can_bend
 from mbdae.system.start.positions import ConsistentPositions
 
+ROUNDING = 1e-11  #: of the largest speed: what velocities along a tree miss those of its joints by
+
 
 @dataclass
 class Start:
@@ -78,14 +80,17 @@ class Starter(ConsistentPositions):
                 u[node.u + 2] = w[2]
             elif node.kind is NodeKind.SPATIAL:
                 u[node.u + 3 : node.u + 6] = rotation_of(node.kind, q[node.q : node.q + 7]).T @ w
+        joints = {c.name: c for c in self.scene.joints}
         for node in self.model.joint_coordinates:
-            u[node.u] = self.held_rates(self.scene[node.joint]).get(node.coordinate, 0.0)
+            u[node.u] = self.held_rates(joints[node.joint]).get(node.coordinate, 0.0)
         return u
 
     def _twist_of(self, twist: tuple[Array, Array], parent: Body, joint: Connection, child: Body,
                place: dict[Body, tuple[Array, Array]]) -> tuple[Array, Array]:  # fmt: skip
         """Velocity of the centre of mass and angular velocity of a child that moves by its joint as held; its own where given."""
         (v, w), (r, R), (rc, _) = twist, place[parent], place[child]
+        if not (v.any() or w.any() or child.angular_velocity.any() or self.held_rates(joint)):
+            return child.velocity, child.angular_velocity
         motion, outwards = JointMotion(joint, self.t[0]), joint.l is child
         way, slide, spin = motion.rates(self.held_values(joint), self.held_rates(joint))
         _, Rk = place[joint.k.owner]
@@ -113,6 +118,8 @@ class Starter(ConsistentPositions):
     def project_velocities(self, q: Array, u: Array) -> Array:
         """The nearest velocities (mass-weighted) that satisfy the joints and the held rates. Velocities that the user states of a
         body stay where joints and held rates allow it; where they do not, they are changed like all others."""
+        if self.fits(q, u):
+            return u
         given = self.rigid.given(q) if self.holding else []
         projected, change = self._projected(q, u, given)
         fastest = max(float(np.max(np.abs(v) * self.mechanics.velocity_units, initial=0.0)) for v in (u, projected))
@@ -126,6 +133,14 @@ class Starter(ConsistentPositions):
             self.changes.append(f"the given velocity of '{body.name}' contradicts the joints: changed by {v:.4g} m/s and "
                                 f"{w:.4g} rad/s")  # fmt: skip
         return projected
+
+    def fits(self, q: Array, u: Array) -> bool:
+        """Whether velocities fit the joints but for rounding, of mechanics whose joints take the bodies along."""
+        if not self.mechanics.carries_bodies:
+            return False
+        off = self.mechanics.velocity_residual(self.t, q[None], u[None])[0]
+        speed = float(np.max(np.abs(u) * self.mechanics.velocity_units, initial=0.0))
+        return bool(np.max(np.abs(off), initial=0.0) <= ROUNDING * max(speed, 1e-300) * max(1.0, self.model.length))
 
     def _projected(self, q: Array, u: Array, given: list[tuple[Body, Array, Array]]) -> tuple[Array, Array]:
         """Velocities that satisfy the joints and the held rates, and their change in the coordinates of rigid motions: of given
