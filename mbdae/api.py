@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from mbdae.errors import with_text_when_interrupted
+from mbdae.display import picture, rows, titled
+from mbdae.errors import SceneError, with_text_when_interrupted
 from mbdae.formulations import Form, default_form, system_for
 from mbdae.formulations.named import form_of
 from mbdae.integrators.base import Asked, Solver, end_after, output_times
@@ -58,6 +59,17 @@ class Scene(SceneData):
         from mbdae.show.plots import checked
 
         return draw(prepare(self), checked(path, what="draw") if path is not None else None)
+
+    def __repr__(self) -> str:
+        forces = len(self._items) - len(self.bodies) - len(self.joints)
+        return f"<Scene '{self.name}': bodies {len(self.bodies)}, joints {len(self.joints)}, forces {forces}>"
+
+    def _repr_html_(self) -> str:
+        table = rows([(item.name, getattr(item, "kind", "body")) for item in self._items], ("item", "kind"))
+        try:
+            return titled(f"scene '{self.name}'", picture(self.draw()._repr_png_()), table)
+        except SceneError as error:
+            return titled(f"scene '{self.name}'", rows([("problem", text) for text in error.problems]), table)
 
     def equilibrium(self, frame: Any = None, progress: Callable[[float, int], None] | None = None) -> Equilibrium:
         """A state at rest in a frame: s.ground (default), or a body that turns steadily; see `mbdae.analysis.equilibrium`."""

@@ -19,6 +19,7 @@ from mbdae.compare.rows import with_front
 from mbdae.compare.run import Run, checked_runs, default_runs, progress_of_runs
 from mbdae.compare.split import Split
 from mbdae.compare.table import table
+from mbdae.display import picture, plain, titled
 from mbdae.errors import OptionError
 from mbdae.integrators.base import Solver
 from mbdae.run.environment import environment
@@ -46,6 +47,12 @@ class Comparison(ComparisonData):
         """Error over CPU time and over residual evaluations; returns the matplotlib figure, saved where `path` (.png, .svg)
         is given."""
         return work_precision(self, checked(path, what="compare") if path is not None else None)
+
+    def __repr__(self) -> str:
+        return f"<Comparison of '{self.scene}': {len(self.runs)} runs; print it for the table>"
+
+    def _repr_html_(self) -> str:
+        return titled(f"comparison of '{self.scene}'", picture(self.plot()._repr_png_()), plain(self.table()))
 
     def __str__(self) -> str:
         return self.table()

@@ -111,6 +111,12 @@ class Solver(ABC):
                               f"its rtol: give rtol, or state them in its class")  # fmt: skip
         return measured.get(form_label, min(measured.values()))
 
+    def aimed(self, form_label: str) -> float | None:
+        """The accuracy that its tolerance delivers in a form, where that is measured; None where the step is constant."""
+        if self.fixed:
+            return None
+        return self.tolerance / (self.factor(form_label) if self.factors else 1.0)
+
     def at_accuracy(self, accuracy: float, form_label: str) -> Self:
         """This solver with the rtol that delivers `accuracy` in the given form; itself where the step is fixed."""
         if self.fixed:
@@ -168,7 +174,9 @@ class Solver(ABC):
     def _between_breaks(self, loop: StepLoop, h0: float | None, share: float | None) -> None:
         """Integrate from break to break of the inputs of time, with consistent values at the beginning of each part."""
         system = loop.system
-        line = system.timeline(system.t0, loop.run_end) if system.timeline is not None else None
+        line = None
+        if system.timeline is not None:
+            line = system.timeline(system.t0, loop.run_end, self.aimed(system.label))
         if line is None:
             self._part(loop, h0)
             return

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from mbdae.display import lines, titled
 from mbdae.errors import ListsAttributes
 from mbdae.kernels.tree_plan import tree_plan
 from mbdae.laws.forces.on_coordinate import OnCoordinate
@@ -114,6 +115,15 @@ class Check(ListsAttributes):
             if c.kept and not isinstance(c.model, Classical | Recursive):
                 found[c.name] = why_kept(c, [o for o in self.prepared.model.scene.connections if isinstance(o.joint, Coupling)])
         return found
+
+    def __repr__(self) -> str:
+        scene = self.prepared.model.scene
+        return (f"<Check of '{scene.name}': bodies {len(scene.bodies)}, joints {len(scene.joints)}, "
+                f"degrees of freedom {self.degrees_of_freedom}; print it for more>")  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        title, _, rest = str(self).partition("\n")
+        return titled(title, lines(rest))
 
     def __str__(self) -> str:
         p, scene = self.prepared, self.prepared.model.scene

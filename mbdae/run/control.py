@@ -43,6 +43,7 @@ CLOSER = 0.4
 UNKNOWN = "the run attached (rtol = {:g}) is complete, its error is not known"
 UNTESTED = "the run attached is complete; what its steps may leave out is not known"
 CRAWL = 10  #: residual evaluations of a run over those of its companion above which it is stopped
+CUT = 100  #: the same for every step that inputs of time cut
 CHAOTIC = 2.0  #: with contact: a run is not repeated any more where two repeats lowered the estimate by less than this factor
 CHAOS = ("tighter tolerances changed the estimate from {:.1e} to {:.1e} only: the motion is chaotic, and its digits are lost at "
          "some time; trust energies, forces and statistics, or a shorter run")  # fmt: skip
@@ -128,7 +129,7 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
     while best.runs < most:
         loose, coarse = made[-1]
         try:
-            most_residuals = CRAWL * coarse.stats.residuals + 10000
+            most_residuals = CRAWL * coarse.stats.residuals + 10000 + CUT * _cuts(system, tight, asked.t_end)
             with keeping(best.solution, UNKNOWN.format(best.solver.rtol)):
                 fine = tight.run(system, replace(asked, max_residuals=most_residuals, share=CLOSER**count))
         except WallClockError as error:
@@ -161,6 +162,14 @@ def _controlled(system: System, prepared: Prepared | None, solver: Solver, accur
         wanted = tight.tolerance * float(np.clip(least, *(FINER if system.guards is None else FINER_WITH_IMPACTS)))
         tight = _with_rtol(tight, max(wanted, limit))
     return best
+
+
+def _cuts(system: System, solver: Solver, end: float) -> int:
+    """How many stretches the inputs of time divide a run into: a tighter run follows a table more closely than its companion."""
+    if system.timeline is None:
+        return 0
+    line = system.timeline(system.t0, end, solver.aimed(system.label))
+    return 0 if line is None else len(line.stretches.edges) + len(line.edges)
 
 
 def companions_of(system: System, tight: Solver, asked: Asked) -> tuple[Controlled, list[Run]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -13,12 +13,11 @@ import symengine as se
 from numpy.typing import NDArray
 
 from mbdae.inputs import timed
-from mbdae.kernels import Kernel
 from mbdae.kernels.plan import Inputs
 from mbdae.symbolic.frames import NodeKind
 from mbdae.symbolic.outputs import Target
-from mbdae.symbolic.vectors import Expr
 from mbdae.system.base import Array
+from mbdae.system.model.clock import clock
 from mbdae.system.model.model import Model
 from mbdae.system.model.nodes import Node
 from mbdae.system.model.shared_nodes import Sharing
@@ -64,12 +63,6 @@ def constraint_rows(model: Model) -> list[Row]:
     ]  # fmt: skip
     order = {c.name: n for n, c in enumerate(model.scene.connections)}
     return sorted(rows, key=lambda row: order[model.groups[row.group].instances[row.instance].item])
-
-
-@lru_cache(maxsize=64)
-def _clock(values: tuple[Expr, ...]) -> Kernel:
-    """The kernel of prescribed values: one for all numberings of a scene, which are several in a run."""
-    return Kernel([timed.TIME, timed.SIDE], values)
 
 
 class Numbering:
@@ -124,7 +117,7 @@ class Numbering:
         self.further = self._add(constants)
         self._at = {name: self._add(position) for name, position in self._sharing.fixed_position.items()}
         self._turned = {name: self._add(rotation) for name, rotation in self._sharing.fixed_rotation.items()}
-        self.clock = _clock(tuple(self._clock_values))
+        self.clock = clock(tuple(self._clock_values))
         self.width = self._first_constant + len(self._constants) + 1
 
     def _collect_prescribed(self) -> list[Any]:

@@ -30,7 +30,7 @@ class Workspace:
         self.at = self.operations.slots(2)
         self.clock = self.operations.part()
         if numbering.clock.expressions:
-            numbering.clock.emit(self.clock, np.array([[self.at, self.at + 1]]), numbering.first_input)
+            numbering.clock.emit(self.clock, self.at, numbering.first_input)
         self.motion = self.operations.part()
         for piece, gather, places in motion:
             self.motion.set(places, piece.kernel.emit(self.motion, gather))
