@@ -15,12 +15,14 @@ from mbdae.symbolic.outputs import dynamics, loads
 from mbdae.system.base import Array
 from mbdae.system.model.beams import ElementBatch, batches, nodal_inputs, sparse_mass
 from mbdae.system.motion.constrained import row_lengths, solve_constrained, solver_of, unique_multipliers
+from mbdae.system.motion.fixed_pattern import FixedPattern
 from mbdae.system.motion.reaction_friction import Solve, solve_with_friction
 from mbdae.system.motion.states import States
 from mbdae.threads import one_thread
 
 AT_ONCE = 100  #: rows whose mobility is computed together
 LARGE = 400  #: velocities from which on matrices of bodies are sparse
+MANY, TOGETHER = 4, 200  #: states from which on sparse matrices share one pattern, and states whose entries are stored at once
 
 
 def _inertia(d: Derived) -> Any:
@@ -217,7 +219,10 @@ class Mechanics(States):
 
     def _sparse(self, t: Array, q: Array, u: Array) -> Solve:
         """The same, one state after the other."""
-        matrices, gamma = self.sparse_constraint_jacobian(t, q), self.acceleration_bias(t, q, u)
+        gamma = self.acceleration_bias(t, q, u)
+        if len(t) >= MANY:
+            return self._of_many(t, q, gamma)
+        matrices = self.sparse_constraint_jacobian(t, q)
 
         def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
             a, multipliers = np.empty((len(t), self.nu)), np.empty((len(t), self.m))
@@ -225,6 +230,27 @@ class Mechanics(States):
                 own = None if slope is None else slope[i]
                 a[i], multipliers[i] = solver_of(self.mass, G, self._give(G), self.redundant > 0, own)(f[i], gamma[i])
             return a, multipliers
+
+        return solve
+
+    def _of_many(self, t: Array, q: Array, gamma: Array) -> Solve:
+        """The same in one pattern for all states."""
+        G, rows, columns = self.entries_of_G(t, q)
+        mass = float(np.max(self.mass.diagonal() * self.velocity_units**2))
+        give = np.zeros((len(t), self.m))
+        at: Any = slice(None), rows
+        np.add.at(give, at, (G * self.velocity_units[columns]) ** 2 / mass)
+        give[give == 0] = 1 / mass
+
+        def solve(f: Array, slope: Array | None) -> tuple[Array, Array]:
+            found = FixedPattern(self.mass, self.m, rows, columns, slope)
+            out, right = np.empty((len(t), self.nu + self.m)), np.hstack([f, -gamma])
+            for first in range(0, len(t), TOGETHER):
+                some = slice(first, first + TOGETHER)
+                values = found.values(G[some], None if slope is None else slope[some])
+                for i, of_state in enumerate(values, start=first):
+                    out[i] = found.solve(of_state, give[i], right[i], self.redundant > 0)
+            return out[:, : self.nu], out[:, self.nu :]
 
         return solve
 

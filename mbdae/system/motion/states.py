@@ -123,10 +123,14 @@ class States:
 
     def sparse_constraint_jacobian(self, t: Array, q: Array) -> list[sp.csr_matrix]:
         """G (m, nu) of every state."""
+        values, rows, columns = self.entries_of_G(t, q)
+        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+
+    def entries_of_G(self, t: Array, q: Array) -> tuple[Array, Index, Index]:
+        """Values (nt, k) of the entries of G with their rows and columns (k,); a place may come twice."""
         parts = self._entries_of_G(t, q)
         rows, columns = (np.concatenate([np.zeros(0, np.intp), *(part[i] for part in parts)]) for i in (1, 2))
-        values = np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1)
-        return [sp.csr_matrix((of_state, (rows, columns)), shape=(self.m, self.nu)) for of_state in values]
+        return np.concatenate([np.zeros((len(t), 0)), *(part[0] for part in parts)], axis=1), rows, columns
 
     def _entries_of_G(self, t: Array, q: Array) -> list[tuple[Array, Index, Index]]:
         """Values (nt, k) of the entries of G, group by group, with their rows and columns (k,)."""
