@@ -13,23 +13,24 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mbdae.errors import OptionError, StoppedError
-from mbdae.files import first_difference, path_of, write_file
+from mbdae.files import first_difference, write_file
 from mbdae.formulations import Form
 from mbdae.integrators.base import Solver
-from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, keeping_runs
+from mbdae.integrators.checkpoints.keeper import Keeper, Stopping, active, keeping_runs
 from mbdae.results.result import Result
 from mbdae.results.storable import statements
 from mbdae.results.storage import own_laws
 from mbdae.run.environment import environment
 from mbdae.scene.scene import SceneData
 from mbdae.system.prepare import modelled
-from mbdae.values import option, optional, shown, whole
+from mbdae.values import option, optional, path, shown, whole
 
+T = TypeVar("T")
 EVERY = 1000  #: accepted steps between two checkpoints
 FORMAT = "mbdae run in progress 1"
 STATEMENT = "statement.json"
@@ -45,7 +46,7 @@ def keeper_of(checkpoint: Any, every: Any) -> Keeper | None:
         if every is not None:
             raise OptionError(f"every = {shown(every)} without a checkpoint: name its folder by checkpoint=")
         return None
-    folder: Path = option("checkpoint", checkpoint, path_of, FOLDER)
+    folder: Path = option("checkpoint", checkpoint, path, FOLDER)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         strange = not (folder / STATEMENT).exists() and any(not name.name.startswith(".") for name in folder.iterdir())
@@ -126,3 +127,16 @@ def _ended_by_sigterm(keeper: Keeper) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before if before is not None else signal.SIG_DFL)
+
+
+def kept_value(make: Callable[[], T], plain: Callable[[T], Any], back: Callable[[Any], T]) -> T:
+    """What a long evaluation returns, read where the call under way made it before; plain, back: to plain values and back."""
+    keeper = active()
+    if keeper is None:
+        return make()
+    known, found = keeper.next_value()
+    if known:
+        return back(found)
+    made = make()
+    keeper.keep_value(plain(made))
+    return made

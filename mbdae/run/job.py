@@ -26,11 +26,11 @@ from functools import partial
 from mbdae.errors import AccuracyWarning, MbdaeError, OptionError, SolverError, WallClockError, keeping
 from mbdae.formulations import Form, system_for
 from mbdae.integrators.base import Asked, Solver
-from mbdae.integrators.checkpoints.keeper import kept_value
 from mbdae.integrators.runge_kutta.radau import RadauIIA
 from mbdae.integrators.solution import Solution
 from mbdae.results.result import Result, RunInfo
 from mbdae.run.assessment import assessed
+from mbdae.run.checkpoint import kept_value
 from mbdae.run.choice import Choice, alternatives
 from mbdae.run.contact_tolerances import refuse_unresolved
 from mbdae.run.control import UNTESTED, Controlled, cpu_of, run_controlled

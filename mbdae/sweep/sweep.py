@@ -144,8 +144,9 @@ def sweep(job: Any, grid: Any, executor: Executor | None = None, *, workers: int
     tell = optional("progress", progress, function, "give a function progress(done, all), or None", takes="done, all")
     if isinstance(job, SceneData):
         return sweep_scene(job, grid, executor, workers, resume, again, tell, t_end, accuracy, outputs)
-    if t_end is not None or outputs is not None:
-        raise OptionError("t_end and outputs are for a sweep of a scene; a function of yours takes what it needs itself")
+    for name, value, default in (("t_end", t_end, None), ("accuracy", accuracy, 1e-6), ("outputs", outputs, None)):
+        if value is not default and not (isinstance(value, float) and value == default):
+            raise OptionError(f"{name} = {shown(value)} is for sweeps of a scene; a function takes what it needs itself")
     points, axes = _points(grid)
     if not callable(job):
         raise OptionError(f"job = {shown(job)}: give a function that takes a point and returns a dict")

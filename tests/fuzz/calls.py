@@ -39,6 +39,9 @@ GIVEN = [mb.Scene, Solution, Result, Equilibrium, Linearization, Floquet, Mode, 
          mb.Export, Document]  # fmt: skip
 #: what other tests fuzz, or who writes a solver, a form or a system of his own provides
 ELSEWHERE = {
+    **dict.fromkeys(("Box", "Cylinder", "Plane", "Point", "Sphere"), "statements of a scene"),
+    **dict.fromkeys(("Result.to_csv", "Result.to_dataframe", "Result.to_xarray", "Result.value", "Result.peak"), "tests/results"),
+    "Solver.aimed": "interface", "System.remember": "interface", "table": "tests/inputs", "read_table": "tests/inputs",
     "SceneData.__getitem__": "statements of a scene", "params": "statements of a law", "load": "files",
     "Solver.dense": "interface", "Solver.integrate": "interface", "Solver.run": "between modules",
     "Solver.check": "interface", "Solver.factor": "interface", "_Alpha.run": "between modules",
@@ -234,7 +237,7 @@ CALLS: dict[str, Call] = {
                           "mbdae.analysis.multipliers.prepare"),
     "Scene.simulate": Call(lambda: scene().simulate, lambda: {
         "t_end": 0.1, "accuracy": 1e-6, "solver": mb.IDA(), "form": None, "outputs": 3, "start": None, "verify": False,
-        "max_wall": 60.0, "progress": None}, "mbdae.api.Job"),
+        "max_wall": 60.0, "progress": None, "checkpoint": None, "every": None}, "mbdae.api.Job"),
     "SceneData.replace": Call(lambda: scene().replace, lambda: {"names": "hinge", "model": mb.Recursive()}),
     "audit": Call(lambda: mb.audit, lambda: {
         "source": "claims:\nA: 3 = rows\n", "laws": None, "counts": None, "quantities": None}),
@@ -250,8 +253,8 @@ CALLS: dict[str, Call] = {
     "report": Call(lambda: mb.report, lambda: {"what": mb.FixedOrientation}),
     "selftest": Call(lambda: mb.selftest, lambda: {"law": mb.FixedOrientation}, "mbdae.contracts.selftest._of_law"),
     "sweep": Call(lambda: mb.sweep, lambda: {
-        "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None},
-        "mbdae.sweep.sweep.with_processes"),
+        "job": job, "grid": {"a": [1.0]}, "executor": None, "workers": 1, "resume": None, "again": False, "progress": None,
+        "t_end": None, "accuracy": 1e-6, "outputs": None}, "mbdae.sweep.sweep.with_processes"),
     "Solution.__call__": Call(lambda: result().solution, lambda: {"t": 0.1}),
     "Solution.derivative": Call(lambda: result().solution.derivative, lambda: {"t": 0.1}),
     "Result.__call__": Call(lambda: result().__call__, lambda: {"t": 0.1}),
@@ -313,6 +316,7 @@ LEGITIMATE: dict[tuple[str, str], tuple[set[str], str]] = {
     **{(c, "path"): (TEXT, "a file may have any ending") for c in (
         "Result.save", "ComparisonData.to_json", "Comparison.to_html", "ExtremesData.to_json", "Extremes.to_html",
         "Sweep.to_json", "Audit.to_json")},
+    ("Scene.simulate", "checkpoint"): (TEXT, "a folder may have any name"),
     **{(c, "resume"): (TEXT, "a file may have any ending") for c in ("compare", "extremes", "sweep")},
     ("Equilibrium.__call__", "t"): (LISTS, "rest goes on for ever"), ("Equilibrium.states", "t"): (LISTS, "the same"),
     **{(c, "vector"): ({"a range"}, "three numbers") for c in ("Linearization.shares", "Floquet.shares")},

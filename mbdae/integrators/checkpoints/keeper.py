@@ -8,7 +8,7 @@ folder holds what was kept last.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -41,16 +41,21 @@ class Keeper:
         self._runs += 1
         return RunFiles(self, f"run{self._runs:05d}")
 
-    def value(self, make: Callable[[], T], plain: Callable[[T], Tree], back: Callable[[Tree], T]) -> T:
-        """What a long evaluation returns, read where it was made before; plain, back: to a tree and from it."""
+    def next_value(self) -> tuple[bool, Tree]:
+        """Whether the next long evaluation of the call was made before, and what it returned, as a tree."""
         self._values += 1
-        place = self.folder / f"value{self._values:05d}.npz"
-        if place.exists():
-            found, self._runs = read_tree(place)
-            return back(found)
-        made = make()
-        write_tree(place, [plain(made), self._runs])
-        return made
+        if not self._place.exists():
+            return False, None
+        found, self._runs = read_tree(self._place)
+        return True, found
+
+    def keep_value(self, plain: Tree) -> None:
+        """Keep what the evaluation asked for last returned."""
+        write_tree(self._place, [plain, self._runs])
+
+    @property
+    def _place(self) -> Path:
+        return self.folder / f"value{self._values:05d}.npz"
 
     @property
     def due(self) -> bool:
@@ -99,12 +104,6 @@ _active: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
 def active() -> Keeper | None:
     """The keeper of the call under way in this thread."""
     return _active.get()
-
-
-def kept_value(make: Callable[[], T], plain: Callable[[T], Tree], back: Callable[[Tree], T]) -> T:
-    """`Keeper.value` of the call under way; without a keeper what `make` returns."""
-    keeper = active()
-    return make() if keeper is None else keeper.value(make, plain, back)
 
 
 @contextmanager
